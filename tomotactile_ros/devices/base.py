@@ -1,0 +1,175 @@
+"""What every source of frames has in common: the frame, the status and the life of a device.
+
+A device runs in a thread of its own and hands over complete frames; whoever opened it decides what
+becomes of them.  The thread never raises: whatever goes wrong ends in the device's status.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from tomotactile_ros.devices.health import Health
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One scan of the sheet: every electrode grounded in turn, all others read.
+
+    Attributes
+    ----------
+    voltages : (L, E) float32, V
+        One row per ground condition; NaN where there is no valid reading.
+    grounded : (L,) uint16
+        The grounded electrode of each row.
+    sequence : int
+        Counts frames at their source; gaps are lost frames.
+    stamp : float, s
+        Start of the frame's first row, Unix time.
+    drive_voltage : float, V
+    """
+
+    voltages: np.ndarray
+    grounded: np.ndarray
+    sequence: int
+    stamp: float
+    drive_voltage: float
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of a device at one moment.
+
+    Attributes
+    ----------
+    state : str
+        ``closed`` (not opened, or closed), ``disconnected`` (no port; trying again),
+        ``identifying`` (asking who is there), ``streaming`` (frames arrive), ``stopped`` (paused on
+        request), ``silent`` (port open, no data), ``garbled`` (data, but no valid packet),
+        ``refused`` (the device does not fit or rejects a setting), ``finished`` (end of a
+        recording), ``failed`` (an error in the source itself).
+    message : str
+        One line for people: what is wrong and what would be right.
+    counters : dict of str to float
+        Totals since ``open``, rates in 1/s, times in s; docs/protocol.md explains those of the line.
+    dead : tuple of int
+        Electrodes that look dead (rule: `tomotactile_ros.devices.health.DeadChannels`).
+    """
+
+    state: str
+    message: str
+    counters: dict[str, float] = field(default_factory=dict)
+    dead: tuple[int, ...] = ()
+
+
+class Device(Protocol):
+    """A source of frames."""
+
+    def open(self, on_frame: Callable[[Frame], None]) -> None:
+        """Start; `on_frame` is called from the device's thread, once per frame."""
+
+    def close(self) -> None:
+        """Stop and wait for the thread; no call of `on_frame` begins afterwards."""
+
+    def status(self) -> Status:
+        """State, message and counters; from any thread."""
+
+    def set_rate(self, rate: float) -> None:
+        """Ask for `rate` frames per second; takes effect soon, see `status`."""
+
+    def set_streaming(self, streaming: bool) -> None:
+        """Pause (False) or resume (True) the frames."""
+
+
+class ThreadedDevice:
+    """A device whose `_run` lives in one thread; delivery, health and status are done here.
+
+    Parameters
+    ----------
+    rate : float
+        Wanted frames per second; 0 leaves it to the source.
+    """
+
+    def __init__(self, rate: float = 0.0) -> None:
+        self.health = Health()
+        self._rate = float(rate)
+        self._streaming = True
+        self._on_frame: Callable[[Frame], None] | None = None
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._changed = threading.Event()
+        self._state = ("closed", "not opened")
+
+    def open(self, on_frame: Callable[[Frame], None]) -> None:
+        """Start the thread; a device that was closed can be opened again."""
+        if self._thread is not None:
+            raise RuntimeError("the device is open already")
+        self._on_frame = on_frame
+        self._stop.clear()
+        self.health.reset()
+        self._thread = threading.Thread(
+            target=self._guarded_run, name=type(self).__name__, daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread and join it; harmless when closed already."""
+        self._stop.set()
+        self._changed.set()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+            self._thread = None
+
+    def status(self) -> Status:
+        """State, message and counters of this moment."""
+        state, message = self._state
+        counters = {"rate_wanted": self._rate, **self.health.counters(), **self._counters()}
+        return Status(state, message, counters, self.health.dead_channels.dead)
+
+    def set_rate(self, rate: float) -> None:
+        """Ask for `rate` frames per second."""
+        self._rate = float(rate)
+        self._changed.set()
+
+    def set_streaming(self, streaming: bool) -> None:
+        """Pause or resume."""
+        self._streaming = bool(streaming)
+        self._changed.set()
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+    def _counters(self) -> dict[str, float]:
+        return {}
+
+    def _set_state(self, state: str, message: str) -> None:
+        self._state = (state, message)
+
+    def _pause(self, seconds: float) -> None:
+        """Wait until the time is over, a setting changes or the device is closed."""
+        if self._changed.wait(max(0.0, seconds)):
+            self._changed.clear()
+
+    def _deliver(self, frame: Frame, last_sample: float | None = None) -> None:
+        """Hand `frame` over; `last_sample` (s, monotonic clock) gives the latency its start."""
+        if self._stop.is_set():
+            return
+        try:
+            self._on_frame(frame)
+        except Exception as error:  # noqa: BLE001 - the receiver's mistake must not end the source
+            self.health.callback_failed(f"{type(error).__name__}: {error}")
+        self.health.frame_delivered(frame.voltages, frame.drive_voltage, last_sample)
+
+    def _guarded_run(self) -> None:
+        try:
+            self._run()
+        except Exception as error:  # noqa: BLE001 - nothing escapes from the thread
+            self._set_state("failed", f"{type(error).__name__}: {error}")
+        else:
+            if self._stop.is_set():
+                self._set_state("closed", "closed")

@@ -1,0 +1,108 @@
+"""Figures about a stream of frames for diagnostics: rate, latency, dead channels."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+
+import numpy as np
+
+
+class DeadChannels:
+    """Finds electrodes whose readings do not take part in what happens on the sheet.
+
+    The span of an electrode is its largest minus its smallest reading over all ground conditions of
+    `window` frames.  Something presses when the median span exceeds 5 % of the drive voltage; only
+    then can dead and idle be told apart.  An electrode is called dead while its span is below 2 % of
+    the median span, or if it had no valid reading in the window at all.  With nothing on the sheet
+    the verdict of the last window stays.
+    """
+
+    def __init__(self, window: int = 64) -> None:
+        self.dead: tuple[int, ...] = ()
+        self._window = window
+        self._frames = 0
+        self._low: np.ndarray | None = None
+        self._high: np.ndarray | None = None
+
+    def update(self, voltages: np.ndarray, drive_voltage: float) -> None:
+        """Take in the readings (L, E) of one frame, V, NaN where invalid."""
+        low, high = np.fmin.reduce(voltages, axis=0), np.fmax.reduce(voltages, axis=0)
+        if self._low is None or self._low.shape != low.shape:
+            self._low, self._high, self._frames = low, high, 0
+        else:
+            np.fmin(self._low, low, out=self._low)
+            np.fmax(self._high, high, out=self._high)
+        self._frames += 1
+        if self._frames >= self._window:
+            self._judge(drive_voltage)
+            self._low = None
+
+    def _judge(self, drive_voltage: float) -> None:
+        span = self._high - self._low
+        invalid = np.isnan(span)
+        dead = invalid
+        if not invalid.all():
+            median = np.median(span[~invalid])
+            if median > 0.05 * drive_voltage:
+                dead = invalid | (span < 0.02 * median)
+            else:
+                dead = invalid | np.isin(np.arange(span.size), self.dead)
+        self.dead = tuple(int(e) for e in np.flatnonzero(dead))
+
+
+class Health:
+    """Counts delivered frames, measures their rate and latency, and watches the channels."""
+
+    RATE_WINDOW = 5.0
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as at the start."""
+        with self._lock:
+            self.dead_channels = DeadChannels()
+            self.callback_error = ""
+            self._frames = 0
+            self._callback_errors = 0
+            self._times: deque[float] = deque(maxlen=1024)
+            self._latencies: deque[float] = deque(maxlen=4096)
+
+    def frame_delivered(
+        self, voltages: np.ndarray, drive_voltage: float, last_sample: float | None
+    ) -> None:
+        """Note a frame that has just been handed over; `last_sample` in s, monotonic clock."""
+        now = time.monotonic()
+        with self._lock:
+            self._frames += 1
+            self._times.append(now)
+            if last_sample is not None:
+                self._latencies.append(now - last_sample)
+        self.dead_channels.update(voltages, drive_voltage)
+
+    def callback_failed(self, message: str) -> None:
+        """Note that the receiver of a frame raised an exception."""
+        with self._lock:
+            self._callback_errors += 1
+            self.callback_error = message
+
+    def counters(self) -> dict[str, float]:
+        """Figures so far; latencies over the last 4096 frames, the rate over the last 5 s."""
+        now = time.monotonic()
+        with self._lock:
+            recent = [t for t in self._times if t > now - self.RATE_WINDOW]
+            latencies = np.array(self._latencies)
+            counters = {
+                "frames": float(self._frames),
+                "callback_errors": float(self._callback_errors),
+            }
+        span = recent[-1] - recent[0] if len(recent) > 1 else 0.0
+        counters["rate_seen"] = (len(recent) - 1) / span if span > 0 else 0.0
+        counters["latency_mean"] = float(latencies.mean()) if latencies.size else 0.0
+        counters["latency_p99"] = float(np.quantile(latencies, 0.99)) if latencies.size else 0.0
+        counters["latency_max"] = float(latencies.max()) if latencies.size else 0.0
+        counters["dead_channels"] = float(len(self.dead_channels.dead))
+        return counters
