@@ -1,0 +1,85 @@
+"""Checks of single values, shared by everything that is built from user input.
+
+Each takes the value, the key it came from and what it should be, and returns it in a plain type or
+raises :class:`InputError` with a line like ``radius: -0.1 is not a positive length in m``.
+"""
+
+import math
+from numbers import Integral, Real
+
+import numpy as np
+
+from tomotactile_ros.errors import InputError
+
+
+def show(value: object, width: int = 40) -> str:
+    """A short one-line text of any value, for error messages."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    text = repr(value) if isinstance(value, (str, int, float, list, tuple, dict)) else str(value)
+    text = " ".join(text[: 10 * width].split())
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def number(value: object, key: str, kind: str) -> float:
+    """A finite number."""
+    if isinstance(value, Real) and not isinstance(value, (bool, np.bool_)):
+        try:
+            result = float(value)
+        except OverflowError:
+            result = math.inf
+        if math.isfinite(result):
+            return result
+    raise InputError(f"{key}: {show(value)} is not a finite {kind}")
+
+
+def positive(value: object, key: str, kind: str) -> float:
+    """A finite number above 0."""
+    result = number(value, key, kind)
+    if result <= 0:
+        raise InputError(f"{key}: {show(value)} is not a positive {kind}")
+    return result
+
+
+def not_negative(value: object, key: str, kind: str) -> float:
+    """A finite number, 0 or above."""
+    result = number(value, key, kind)
+    if result < 0:
+        raise InputError(f"{key}: {show(value)} is negative, it must be 0 or a positive {kind}")
+    return result
+
+
+def integer(value: object, key: str, least: int, most: int) -> int:
+    """A whole number from ``least`` to ``most``."""
+    whole = isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
+    if not whole or not least <= value <= most:
+        raise InputError(f"{key}: {show(value)} is not a whole number from {least} to {most}")
+    return int(value)
+
+
+def points(value: object, key: str, least: int = 1) -> np.ndarray:
+    """``(N, 2)`` read-only float64 array of finite coordinates, N >= ``least``."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise InputError(f"{key}: {show(value)} is not a list of points [x, y] in m")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise InputError(
+            f"{key}[{bad[0]}]: {show(array[bad[0]].tolist())} is not a point [x, y] of finite m"
+        )
+    if len(array) < least:
+        raise InputError(f"{key}: {len(array)} points given, at least {least} are needed")
+    array.setflags(write=False)
+    return array
+
+
+def pair(value: object, key: str, kind: str) -> tuple[float, float]:
+    """Two finite numbers."""
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise InputError(f"{key}: {show(value)} is not a pair of numbers, {kind}") from None
+    return number(first, f"{key}[0]", kind), number(second, f"{key}[1]", kind)

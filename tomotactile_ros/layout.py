@@ -1,0 +1,186 @@
+"""Where the electrodes are: outline, positions, radius and sheet resistance; YAML in and out."""
+
+import os
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.surface import Surface
+from tomotactile_ros.yamlio import Reader, find_config, write_mapping
+
+FORMAT = "tomotactile-layout/1"
+MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
+_ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A sensor's electrodes on its sheet.
+
+    Parameters
+    ----------
+    name : identifies the layout in messages.
+    outline : the sheet.
+    sheet_resistance : of the probing layer, ohm/sq.
+    radius : of every electrode, m.
+    positions : (E, 2) centres, m, inside the outline or on its rim, more than 2 radius apart.
+    provenance : how the layout came about; free-form, kept in the file.
+    surface : how the sheet is bent, or None for flat.
+    """
+
+    name: str
+    outline: Outline
+    sheet_resistance: float
+    radius: float
+    positions: np.ndarray
+    provenance: dict = field(default_factory=dict)
+    surface: Surface | None = None
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InputError(f"name: {checks.show(self.name)} is not a text")
+        checks.positive(self.sheet_resistance, "sheet_resistance", "number in ohm/sq")
+        checks.positive(self.radius, "electrodes.radius", "length in m")
+        positions = checks.points(self.positions, "electrodes.positions", least=2)
+        object.__setattr__(self, "positions", positions)
+        self._check_inside()
+        self._check_apart()
+        if self.surface is not None:
+            self.surface.check(self.outline.size[0])
+
+    @property
+    def electrodes(self) -> int:
+        """Number of electrodes E."""
+        return len(self.positions)
+
+    @property
+    def id(self) -> str:
+        """What a voltage frame names to say which layout it was measured with."""
+        return self.name
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the layout as YAML; an existing file is replaced whole or not at all."""
+        content = {
+            "format": FORMAT,
+            "name": self.name,
+            "outline": self.outline.to_dict(),
+            "sheet_resistance": float(self.sheet_resistance),
+            "electrodes": {"radius": float(self.radius), "positions": self.positions},
+        }
+        if self.surface is not None:
+            content["surface"] = {"cylinder": {"radius": float(self.surface.radius)}}
+        if self.provenance:
+            content["provenance"] = self.provenance
+        write_mapping(path, content)
+
+    def _check_inside(self) -> None:
+        tolerance = _ON_RIM * max(self.outline.size)
+        outside = np.flatnonzero(~self.outline.contains(self.positions, tolerance))
+        if len(outside):
+            x, y = self.positions[outside[0]]
+            a, b = self.outline.size
+            raise InputError(
+                f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}] lies outside the outline "
+                f"({self.outline.kind}, {a:g} m x {b:g} m around the origin)"
+            )
+
+    def _check_apart(self) -> None:
+        if self.electrodes > MAX_ELECTRODES:
+            raise InputError(
+                f"electrodes.positions: {self.electrodes} electrodes, at most {MAX_ELECTRODES} work"
+            )
+        distance, neighbour = cKDTree(self.positions).query(self.positions, k=2)
+        first = int(np.argmin(distance[:, 1]))
+        nearest = distance[first, 1]
+        if nearest <= 2 * self.radius:
+            # coinciding points may each list the other or themselves first
+            second = int(next(n for n in neighbour[first] if n != first))
+            low, high = sorted((first, second))
+            raise InputError(
+                f"electrodes.positions: electrodes {low} and {high} overlap: {1e3 * nearest:.4g} mm"
+                f" apart, they need more than {2e3 * self.radius:.4g} mm"
+            )
+
+
+def load_layout(path: str | os.PathLike) -> Layout:
+    """Read a layout from a path, or by the name of an installed one."""
+    reader = Reader.open(find_config("layouts", path), FORMAT)
+    reader.only(
+        "format", "name", "outline", "sheet_resistance", "electrodes", "provenance", "surface"
+    )
+    electrodes = reader.section("electrodes")
+    electrodes.only("radius", "positions")
+    return reader.build(
+        Layout,
+        name=reader.text("name"),
+        outline=_read_outline(reader.section("outline")),
+        sheet_resistance=reader.number("sheet_resistance"),
+        radius=electrodes.number("radius"),
+        positions=electrodes.points("positions"),
+        provenance=reader.free("provenance"),
+        surface=_read_surface(reader.section("surface")) if "surface" in reader else None,
+    )
+
+
+def equal_grid(
+    rows: int,
+    cols: int,
+    size: tuple[float, float],
+    radius: float,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Electrodes on an equally spaced grid over a rectangle.
+
+    Parameters
+    ----------
+    rows, cols : number of electrodes along y and along x, each at least 2.
+    size : width (x) and height (y) of the sheet, m.
+    radius, sheet_resistance : as in :class:`Layout`.
+    margin : distance of the outermost centres from the rim, m.
+
+    The order is row by row from the lower left: electrode ``r * cols + c`` is in row ``r`` from
+    below and column ``c`` from the left.
+    """
+    rows = checks.integer(rows, "rows", 2, 256)
+    cols = checks.integer(cols, "cols", 2, 256)
+    width, height = checks.pair(size, "size", "length in m")
+    outline = Outline.rectangle(width, height)
+    margin = checks.not_negative(margin, "margin", "length in m")
+    if margin >= min(width, height) / 2:
+        raise InputError(f"margin: {margin:g} leaves no room, it must be below half the sheet")
+    x = np.linspace(-1, 1, cols) * (width / 2 - margin)
+    y = np.linspace(-1, 1, rows) * (height / 2 - margin)
+    positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
+    return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+
+
+def _read_outline(reader: Reader) -> Outline:
+    reader.only("rectangle", "circle", "polygon", "holes")
+    kinds = [kind for kind in ("rectangle", "circle", "polygon") if kind in reader]
+    if len(kinds) != 1:
+        found = " and ".join(kinds) or "none"
+        raise InputError(
+            f"{reader.place[:-1]}: exactly one of rectangle, circle, polygon is needed; "
+            f"found {found}"
+        )
+    holes = [
+        Reader({"hole": points}, reader.place).points("hole") for points in reader.items("holes", [])
+    ]
+    if kinds == ["rectangle"]:
+        return reader.build(Outline.rectangle, *reader.numbers("rectangle", 2), holes=holes)
+    if kinds == ["circle"]:
+        return reader.build(Outline.circle, reader.number("circle"), holes=holes)
+    return reader.build(Outline.polygon, reader.points("polygon"), holes=holes)
+
+
+def _read_surface(reader: Reader) -> Surface:
+    reader.only("cylinder")
+    cylinder = reader.section("cylinder")
+    cylinder.only("radius")
+    return reader.build(Surface, cylinder.number("radius"))

@@ -1,0 +1,318 @@
+"""Strict reading and safe writing of the project's YAML files.
+
+A :class:`Reader` wraps one mapping of a file and knows where it is, so that every complaint names
+file and key: ``scene.yaml: contacts[1].radius: 'big' is not a number``. It checks types; what a
+value may be is checked by the class that is built from it (see :meth:`Reader.build`).
+"""
+
+import difflib
+import math
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from tomotactile_ros.checks import show
+from tomotactile_ros.errors import InputError
+
+MAX_BYTES = 2_000_000
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_REQUIRED: Any = object()
+T = TypeVar("T")
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML without what only hides mistakes or bombs: repeated keys, aliases, merges."""
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.MarkedYAMLError(problem="aliases (*name) are not allowed", problem_mark=mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen if isinstance(key, yaml.ScalarNode) else False:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {key.value!r} appears twice", problem_mark=key.start_mark
+                )
+            if isinstance(key, yaml.ScalarNode):
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def read_mapping(path: str | os.PathLike) -> dict:
+    """The mapping at the top of a YAML file; InputError for anything else."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: the file is larger than {MAX_BYTES / 1e6:g} MB")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file in UTF-8") from None
+    try:
+        content = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise InputError(f"{path}: {line}not valid YAML: {error.problem}") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply") from None
+    except (yaml.YAMLError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: not valid YAML: {reason}") from None
+    if content is None:
+        raise InputError(f"{path}: the file is empty")
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: {show(content)} is not a mapping of keys to values")
+    return content
+
+
+class Reader:
+    """One mapping of a YAML file, read key by key.
+
+    Parameters
+    ----------
+    mapping : the keys and values.
+    place : where it is, the start of every error: ``"scene.yaml: "`` or ``"scene.yaml: adc."``.
+    """
+
+    def __init__(self, mapping: dict, place: str):
+        self.mapping = mapping
+        self.place = place
+
+    @classmethod
+    def open(cls, path: str | os.PathLike, file_format: str) -> "Reader":
+        """Read a file whose key ``format`` must be ``file_format``."""
+        reader = cls(read_mapping(path), f"{path}: ")
+        found = reader.mapping.get("format")
+        if found != file_format:
+            was = "is missing" if found is None else f"{show(found)} is not known here"
+            raise InputError(f"{path}: format: {was}, the file must say 'format: {file_format}'")
+        return reader
+
+    def __contains__(self, key: str) -> bool:
+        return self.mapping.get(key) is not None
+
+    def only(self, *allowed: str) -> None:
+        """Refuse every key that is not in ``allowed``."""
+        for key in self.mapping:
+            if key not in allowed:
+                close = difflib.get_close_matches(str(key), allowed, n=1)
+                hint = f"did you mean '{close[0]}'? " if close else ""
+                raise InputError(
+                    f"{self.place}{show(key).strip(chr(39))}: unknown key; {hint}"
+                    f"allowed are {', '.join(allowed)}"
+                )
+
+    def number(self, key: str, default: float | None = _REQUIRED, infinite: bool = False) -> float:
+        """A finite number (or, if ``infinite``, also an infinite one)."""
+        value = self._value(key, default)
+        return value if value is default else self._number(value, key, infinite)
+
+    def integer(self, key: str, default: int | None = _REQUIRED) -> int:
+        """A whole number."""
+        value = self._value(key, default)
+        return value if value is default else self._integer(value, key)
+
+    def text(self, key: str, default: str | None = _REQUIRED) -> str:
+        """A text that is not blank."""
+        value = self._value(key, default)
+        if value is not default and not (isinstance(value, str) and value.strip()):
+            self.refuse(key, value, "is not a text")
+        return value
+
+    def choice(self, key: str, options: Sequence[str]) -> str:
+        """One of a few words."""
+        value = self._value(key, _REQUIRED)
+        if value not in options:
+            self.refuse(key, value, f"is none of {', '.join(options)}")
+        return value
+
+    def numbers(self, key: str, length: int, default: Any = _REQUIRED) -> tuple[float, ...]:
+        """A list of ``length`` finite numbers."""
+        value = self._value(key, default)
+        return value if value is default else self._numbers(value, key, length)
+
+    def integers(self, key: str, default: Any = _REQUIRED) -> tuple[int, ...]:
+        """A list of whole numbers of any length."""
+        value = self._value(key, default)
+        if value is default:
+            return value
+        return tuple(self._integer(v, f"{key}[{i}]") for i, v in enumerate(self._list(key, value)))
+
+    def points(self, key: str) -> np.ndarray:
+        """A list of points [x, y]: ``(N, 2)`` float64."""
+        value = self._list(key, self._value(key, _REQUIRED))
+        rows = [self._numbers(point, f"{key}[{i}]", 2) for i, point in enumerate(value)]
+        return np.array(rows, dtype=np.float64).reshape(-1, 2)
+
+    def items(self, key: str, default: Any = _REQUIRED) -> list:
+        """A list of anything."""
+        value = self._value(key, default)
+        return value if value is default else self._list(key, value)
+
+    def free(self, key: str) -> dict:
+        """A mapping of anything; empty if the key is not there."""
+        value = self._value(key, {})
+        if not isinstance(value, dict):
+            self.refuse(key, value, "is not a mapping of keys to values")
+        return value
+
+    def section(self, key: str) -> "Reader":
+        """The mapping under a key."""
+        return self._reader(self._value(key, _REQUIRED), key)
+
+    def sections(self, key: str) -> list["Reader"]:
+        """The mappings in the list under a key; none if the key is not there."""
+        return [self._reader(v, f"{key}[{i}]") for i, v in enumerate(self.items(key, []))]
+
+    def build(self, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        """``make(...)``, with this mapping's place put before the complaint of a failure."""
+        try:
+            return make(*args, **kwargs)
+        except InputError as error:
+            raise InputError(f"{self.place}{error}") from None
+
+    def refuse(self, key: str, value: object, reason: str) -> None:
+        """Raise the InputError for a value."""
+        raise InputError(f"{self.place}{key}: {show(value)} {reason}")
+
+    def _value(self, key: str, default: Any) -> Any:
+        value = self.mapping.get(key)
+        if value is not None:
+            return value
+        if default is _REQUIRED:
+            raise InputError(f"{self.place}{key}: is missing")
+        return default
+
+    def _number(self, value: object, key: str, infinite: bool = False) -> float:
+        if isinstance(value, str) and _NUMBER.fullmatch(value):  # YAML 1.1 reads 1e-3 as a text
+            value = float(value)
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            self.refuse(key, value, "is not a number")
+        try:
+            result = float(value)
+        except OverflowError:
+            result = math.inf
+        if math.isnan(result) or (math.isinf(result) and not infinite):
+            self.refuse(key, value, "is not a finite number")
+        return result
+
+    def _integer(self, value: object, key: str) -> int:
+        if not isinstance(value, int) or isinstance(value, bool):
+            self.refuse(key, value, "is not a whole number")
+        return value
+
+    def _list(self, key: str, value: object) -> list:
+        if not isinstance(value, list):
+            self.refuse(key, value, "is not a list")
+        return value
+
+    def _numbers(self, value: object, key: str, length: int) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != length:
+            self.refuse(key, value, f"is not a list of {length} numbers")
+        return tuple(self._number(v, f"{key}[{i}]") for i, v in enumerate(value))
+
+    def _reader(self, value: object, key: str) -> "Reader":
+        if not isinstance(value, dict):
+            self.refuse(key, value, "is not a mapping of keys to values")
+        return Reader(value, f"{self.place}{key}.")
+
+
+def plain(value: Any) -> Any:
+    """The same value in plain Python types (numpy arrays as lists, tuples as lists)."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes every value in full where it is used (aliases are not read back)."""
+
+    def ignore_aliases(self, data):
+        return True
+
+
+def write_mapping(path: str | os.PathLike, content: dict) -> None:
+    """Write a mapping as YAML, whole or not at all: a reader never sees half a file."""
+    try:
+        text = yaml.dump(
+            plain(content),
+            Dumper=_Dumper,
+            default_flow_style=None,
+            sort_keys=False,
+            allow_unicode=True,
+            width=100,
+        )
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: cannot be written as YAML: {error.args[0]}") from None
+    write_atomic(path, text.encode())
+
+
+def write_atomic(path: str | os.PathLike, data: bytes) -> None:
+    """Write to a temporary file beside ``path`` and move it into place."""
+    path = Path(path)
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile(
+            dir=path.parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            temporary = file.name
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def config_folders(kind: str) -> list[Path]:
+    """Existing folders with installed ``layouts`` or ``scenes``: ROS, source tree, pip."""
+    share = Path("share/tomotactile_ros/config")
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    folders = [Path(prefix) / share for prefix in prefixes]
+    folders.append(Path(__file__).resolve().parent.parent / "config")
+    folders.append(Path(sys.prefix) / share)
+    return [folder / kind for folder in folders if (folder / kind).is_dir()]
+
+
+def find_config(kind: str, name: str | os.PathLike) -> Path:
+    """The file of a layout or scene.
+
+    Parameters
+    ----------
+    kind : ``"layouts"`` or ``"scenes"``.
+    name : a path, or the name of an installed file with or without ``.yaml``.
+    """
+    text = os.fspath(name)
+    if text and Path(text).is_file():
+        return Path(text)
+    folders = config_folders(kind)
+    for folder in folders:
+        for candidate in (folder / text, folder / f"{text}.yaml"):
+            if text and candidate.is_file():
+                return candidate
+    installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
+    raise InputError(
+        f"{text!r}: no such file, and none of the installed {kind}: {', '.join(installed) or '-'}"
+    )
