@@ -1,0 +1,33 @@
+# Everything works from a fresh clone: the setup script makes what is missing, then runs the command.
+DURATION ?= 20
+SETUP := scripts/setup
+PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
+
+.PHONY: help setup run test bench fuzz clean
+
+help:
+	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=)"
+	@echo "make test     all tests (PYTEST_ARGS=)"
+	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
+	@echo "make fuzz     random bytes against the wire protocol"
+	@echo "make setup    only set up and build; scripts/setup COMMAND runs any command there"
+	@echo "make clean    remove everything that was made"
+
+setup:
+	@$(SETUP)
+
+run:
+	@$(SETUP) $(PROGRAMS)/live --duration $(DURATION) \
+		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') $(if $(PROFILE),--profile '$(PROFILE)')
+
+test:
+	@$(SETUP) python3 -m pytest test $(PYTEST_ARGS)
+
+bench:
+	@$(SETUP) tomotactile bench $(BENCH_ARGS)
+
+fuzz:
+	@$(SETUP) python3 benchmark/fuzz_protocol.py
+
+clean:
+	rm -rf .venv build install log out

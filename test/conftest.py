@@ -1,0 +1,43 @@
+"""What every test process needs before the first import: its own ROS domain, the right package."""
+
+import os
+import sys
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def prefer_installed_package() -> None:
+    """Import tomotactile_ros as installed, with its messages; from the source tree otherwise."""
+    others = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT]
+    installed = PathFinder.find_spec("tomotactile_ros", others) is not None
+    sys.path[:] = others if installed else [str(ROOT), *others]
+
+
+def restrict_discovery() -> None:
+    """Keep ROS traffic on this machine (Humble knows only the older variable)."""
+    if os.environ.get("ROS_DISTRO") == "humble":
+        os.environ.setdefault("ROS_LOCALHOST_ONLY", "1")
+    else:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+prefer_installed_package()
+restrict_discovery()
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_ros_domain():
+    """Give this test process a ROS domain that no other test process on the machine uses."""
+    try:
+        from domain_coordinator import domain_id
+    except ImportError:
+        yield
+        return
+    with domain_id() as number:
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        yield
