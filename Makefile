@@ -21,7 +21,7 @@ run:
 		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') $(if $(PROFILE),--profile '$(PROFILE)')
 
 test:
-	@$(SETUP) python3 -m pytest test $(PYTEST_ARGS)
+	@$(SETUP) python3 -m pytest $(PYTEST_ARGS)
 
 bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)

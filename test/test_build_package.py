@@ -1,0 +1,72 @@
+"""The package itself: its manifest, its version and the messages it generates."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+CONTRACT = {
+    "VoltageFrame": {
+        "header": "std_msgs/Header",
+        "sequence": "uint32",
+        "layout_id": "string",
+        "drive_voltage": "float",
+        "electrodes": "uint16",
+        "grounded": "sequence<uint16>",
+        "voltages": "sequence<float>",
+    },
+    "Contact": {
+        "position": "geometry_msgs/Point",
+        "force": "float",
+        "pressure": "float",
+        "area": "float",
+        "radius": "float",
+    },
+    "ContactArray": {
+        "header": "std_msgs/Header",
+        "contacts": "sequence<tomotactile_ros/Contact>",
+    },
+}
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_messages_have_the_fields_of_the_contract(name):
+    pytest.importorskip("rclpy")
+    messages = pytest.importorskip("tomotactile_ros.msg")
+    assert getattr(messages, name).get_fields_and_field_types() == CONTRACT[name]
+
+
+def test_manifest_names_package_licence_and_message_group():
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert package.attrib["format"] == "3"
+    assert package.findtext("name") == "tomotactile_ros"
+    assert package.findtext("license") == "Apache-2.0"
+    assert package.findtext("member_of_group") == "rosidl_interface_packages"
+    assert package.findtext("export/build_type") == "ament_cmake"
+
+
+def test_manifest_names_every_message_package_in_use():
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    named = {element.text for element in package if element.tag.endswith("depend")}
+    imports = re.compile(r"^\s*(?:from|import) (\w+(?:_msgs|_interfaces|_srvs))\b", re.MULTILINE)
+    used = set()
+    for source in (ROOT / "tomotactile_ros").rglob("*.py"):
+        used.update(imports.findall(source.read_text(encoding="utf-8")))
+    assert used <= named
+
+
+def test_version_is_the_same_everywhere():
+    manifest = ElementTree.parse(ROOT / "package.xml").findtext("version")
+    setup = re.search(r'version="([^"]+)"', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    changelog = re.search(
+        r"^(\d+\.\d+\.\d+)\b", (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert manifest == setup.group(1) == changelog.group(1)
+
+
+def test_every_message_is_generated():
+    listed = set(re.findall(r"msg/(\w+)\.msg", (ROOT / "CMakeLists.txt").read_text("utf-8")))
+    assert listed == {path.stem for path in (ROOT / "msg").glob("*.msg")} == set(CONTRACT)
