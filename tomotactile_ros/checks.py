@@ -16,7 +16,10 @@ def show(value: object, width: int = 40) -> str:
     """A short one-line text of any value, for error messages."""
     if isinstance(value, np.generic):
         value = value.item()
-    text = repr(value) if isinstance(value, (str, int, float, list, tuple, dict)) else str(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of more digits than Python agrees to print
+        text = "a huge number"
     text = " ".join(text[: 10 * width].split())
     return text if len(text) <= width else text[: width - 1] + "…"
 

@@ -83,9 +83,10 @@ class Layout:
         if len(outside):
             x, y = self.positions[outside[0]]
             a, b = self.outline.size
+            hole = ", with holes" if self.outline.holes else ""
             raise InputError(
                 f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}] lies outside the outline "
-                f"({self.outline.kind}, {a:g} m x {b:g} m around the origin)"
+                f"({self.outline.kind}, {a:g} m x {b:g} m around the origin{hole})"
             )
 
     def _check_apart(self) -> None:
@@ -154,10 +155,15 @@ def equal_grid(
     margin = checks.not_negative(margin, "margin", "length in m")
     if margin >= min(width, height) / 2:
         raise InputError(f"margin: {margin:g} leaves no room, it must be below half the sheet")
-    x = np.linspace(-1, 1, cols) * (width / 2 - margin)
-    y = np.linspace(-1, 1, rows) * (height / 2 - margin)
+    x = _equal_steps(cols) * (width / 2 - margin)
+    y = _equal_steps(rows) * (height / 2 - margin)
     positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
     return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+
+
+def _equal_steps(count: int) -> np.ndarray:
+    """(count,) equally spaced numbers from -1 to 1, mirrored without rounding."""
+    return (2 * np.arange(count) - (count - 1)) / (count - 1)
 
 
 def _read_outline(reader: Reader) -> Outline:
@@ -169,9 +175,7 @@ def _read_outline(reader: Reader) -> Outline:
             f"{reader.place[:-1]}: exactly one of rectangle, circle, polygon is needed; "
             f"found {found}"
         )
-    holes = [
-        Reader({"hole": points}, reader.place).points("hole") for points in reader.items("holes", [])
-    ]
+    holes = [entry.points(key) for key, entry in reader.entries("holes")]
     if kinds == ["rectangle"]:
         return reader.build(Outline.rectangle, *reader.numbers("rectangle", 2), holes=holes)
     if kinds == ["circle"]:

@@ -72,7 +72,7 @@ class Region:
         return xmax - xmin, ymax - ymin
 
     def contains(self, points: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
-        """Which of the (P, 2) points lie in the region, on its rim or within ``tolerance`` of it."""
+        """Which of (P, 2) points lie in the region, on its rim or within ``tolerance`` of it."""
         points = np.asarray(points, dtype=np.float64)
         inside = shapely.intersects_xy(self._polygon, points[:, 0], points[:, 1])
         if tolerance > 0:

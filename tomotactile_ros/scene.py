@@ -69,8 +69,8 @@ class Contact:
         if self.pressure is not None:
             checks.not_negative(self.pressure, "pressure", "pressure in Pa")
         checks.number(self.start, "from", "time in s")
-        if not self.end > self.start:
-            raise InputError(f"to: {self.end!r} is not after 'from' ({self.start:g} s)")
+        if self.end != math.inf and checks.number(self.end, "to", "time in s") <= self.start:
+            raise InputError(f"to: {self.end:g} is not after 'from' ({self.start:g} s)")
         self._set("_cells", {})
         self._set("velocity", np.array(checks.pair(self.velocity, "velocity", "speed in m/s")))
         self._set_form()
@@ -156,6 +156,7 @@ class Contact:
             if columns * rows > MAX_CELLS:
                 raise InputError(_too_fine(spacing))
             points, areas = self._form.cells(columns, rows)
+            areas.setflags(write=False)
             self._cells[spacing] = self._turned(points), areas
         return self._cells[spacing]
 
@@ -471,10 +472,10 @@ def _read_adc(reader: Reader) -> Adc | None:
 def _read_defects(reader: Reader) -> Defects:
     reader.only("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
     swapped = []
-    for i, wires in enumerate(reader.items("swapped", [])):
-        if not isinstance(wires, list) or len(wires) != 2:
-            reader.refuse(f"swapped[{i}]", wires, "is not a pair of electrodes")
-        swapped.append(Reader({f"swapped[{i}]": wires}, reader.place).integers(f"swapped[{i}]"))
+    for key, entry in reader.entries("swapped"):
+        swapped.append(entry.integers(key))
+        if len(swapped[-1]) != 2:
+            reader.refuse(key, list(swapped[-1]), "is not a pair of electrodes")
     return reader.build(
         Defects,
         dead=reader.integers("dead", ()),

@@ -21,7 +21,7 @@ import yaml
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError
 
-MAX_BYTES = 2_000_000
+MAX_BYTES = 1_000_000
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _REQUIRED: Any = object()
 T = TypeVar("T")
@@ -39,12 +39,13 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node, deep=False):
         seen = set()
         for key, _ in node.value:
-            if key.value in seen if isinstance(key, yaml.ScalarNode) else False:
+            name = key.value if isinstance(key, yaml.ScalarNode) else None
+            if name in seen:
                 raise yaml.MarkedYAMLError(
-                    problem=f"key {key.value!r} appears twice", problem_mark=key.start_mark
+                    problem=f"key {show(name)} appears twice", problem_mark=key.start_mark
                 )
-            if isinstance(key, yaml.ScalarNode):
-                seen.add(key.value)
+            if name is not None:
+                seen.add(name)
         return super().construct_mapping(node, deep)
 
 
@@ -160,6 +161,11 @@ class Reader:
         value = self._value(key, default)
         return value if value is default else self._list(key, value)
 
+    def entries(self, key: str) -> list[tuple[str, "Reader"]]:
+        """The list under a key, if any: each entry's name, and a reader that knows it by that."""
+        named = [(f"{key}[{i}]", value) for i, value in enumerate(self.items(key, []))]
+        return [(name, Reader({name: value}, self.place)) for name, value in named]
+
     def free(self, key: str) -> dict:
         """A mapping of anything; empty if the key is not there."""
         value = self._value(key, {})
@@ -195,9 +201,8 @@ class Reader:
         return default
 
     def _number(self, value: object, key: str, infinite: bool = False) -> float:
-        if isinstance(value, str) and _NUMBER.fullmatch(value):  # YAML 1.1 reads 1e-3 as a text
-            value = float(value)
-        if not isinstance(value, (int, float)) or isinstance(value, bool):
+        is_text = isinstance(value, str) and _NUMBER.fullmatch(value)  # YAML 1.1 on 1e-3
+        if not (is_text or isinstance(value, (int, float))) or isinstance(value, bool):
             self.refuse(key, value, "is not a number")
         try:
             result = float(value)
