@@ -1,0 +1,151 @@
+"""Outlines, equal grids and the checks of a layout at its limits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, Outline, equal_grid
+from tomotactile_ros.surface import Surface
+
+HOLE = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]
+
+
+def test_equal_grid_counts_row_by_row_from_the_lower_left():
+    layout = equal_grid(2, 3, (0.4, 0.2), 0.01, 1e4)
+    assert layout.name == "equal-2x3"
+    np.testing.assert_array_equal(
+        layout.positions,
+        [[-0.2, -0.1], [0, -0.1], [0.2, -0.1], [-0.2, 0.1], [0, 0.1], [0.2, 0.1]],
+    )
+
+
+def test_margin_moves_the_outer_electrodes_inwards():
+    positions = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, margin=0.02).positions
+    assert np.abs(positions).max() == pytest.approx(0.08)
+
+
+@given(n=st.integers(2, 16), side=st.floats(1e-3, 10.0), aspect=st.floats(0.01, 1.0))
+def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspect):
+    pitch = side * aspect / (n - 1)
+    layout = equal_grid(n, n, (side, side * aspect), 0.499 * pitch, 1e4)
+    grid = layout.positions.reshape(n, n, 2)
+    np.testing.assert_array_equal(grid[:, ::-1] * [-1, 1], grid)
+    np.testing.assert_array_equal(grid[::-1] * [1, -1], grid)
+
+
+@pytest.mark.parametrize(
+    ("bad", "line"),
+    [
+        ({"rows": 1}, "rows: 1 is not a whole number from 2 to 256"),
+        ({"cols": 2.5}, "cols: 2.5 is not"),
+        ({"size": (0.2, -1)}, r"rectangle\[1\]: -1.0 is not a positive length in m"),
+        ({"size": 0.2}, "size: 0.2 is not a pair"),
+        ({"margin": 0.1}, "margin: 0.1 leaves no room"),
+        ({"margin": -0.1}, "margin: -0.1 is negative"),
+        ({"radius": 0.1}, "overlap: 200 mm apart, they need more than 200 mm"),
+        ({"radius": float("nan")}, "electrodes.radius: nan is not a finite length"),
+    ],
+)
+def test_impossible_grids_are_refused(bad, line):
+    good = dict(rows=2, cols=2, size=(0.2, 0.2), radius=0.005, sheet_resistance=1e4)
+    with pytest.raises(InputError, match=line):
+        equal_grid(**{**good, **bad})
+
+
+def test_electrodes_may_all_but_touch_and_sit_on_any_rim():
+    gap = 0.01 * (1 + 1e-9)
+    Layout("near", Outline.rectangle(0.2, 0.2), 1e4, 0.005, [[0.0, 0.0], [gap, 0.0]])
+    angle = np.linspace(0, 2 * np.pi, 37)[:-1] + 0.01
+    rim = 0.1 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert Layout("round", Outline.circle(0.1), 1e4, 0.002, rim).electrodes == 36
+    with pytest.raises(InputError, match=r"positions\[0\].*lies outside the outline \(circle"):
+        Layout("out", Outline.circle(0.1), 1e4, 0.002, rim * (1 + 1e-6))
+    corners = np.array([[-2, -1], [0, -2], [2, -1], [2, 1], [0.5, 2], [-2, 1]])
+    assert Layout("corners", Outline.polygon(corners), 1e4, 0.1, corners).electrodes == 6
+
+
+def test_electrodes_in_a_hole_are_outside():
+    outline = Outline.rectangle(1.0, 1.0, holes=[HOLE])
+    with pytest.raises(InputError, match=r"positions\[1\].*outside the outline.*with holes"):
+        Layout("hole", outline, 1e4, 0.01, [[0.4, 0.4], [0.0, 0.0]])
+
+
+def test_positions_cannot_be_changed_and_do_not_follow_their_source():
+    source = np.array([[0.0, 0.0], [0.1, 0.0]])
+    layout = Layout("fixed", Outline.rectangle(0.3, 0.3), 1e4, 0.005, source)
+    source[0] = 5
+    assert layout.positions[0, 0] == 0
+    with pytest.raises(ValueError, match="read-only"):
+        layout.positions[0] = 5
+
+
+def test_rectangle_circle_and_polygon_measure_up():
+    rectangle = Outline.rectangle(0.4, 0.2, holes=[np.array(HOLE) / 4])
+    assert rectangle.size == (0.4, 0.2) and rectangle.bounds == (-0.2, -0.1, 0.2, 0.1)
+    assert rectangle.area == pytest.approx(0.08 - 0.01, rel=1e-14)
+    assert not rectangle.is_uniform_rectangle
+    assert Outline.rectangle(0.4, 0.2).is_uniform_rectangle
+    circle = Outline.circle(0.1)
+    assert circle.area == pytest.approx(np.pi * 0.01, rel=1e-14)
+    assert circle.size == pytest.approx((0.2, 0.2), rel=1e-14)
+    assert len(circle.shell) >= 128
+    assert np.linalg.norm(circle.shell, axis=1).max() < 0.1 * 1.0001
+
+
+def test_shell_is_counter_clockwise_whatever_the_user_wrote():
+    clockwise = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1], [-1, -1]])
+    shell = Outline.polygon(clockwise).shell
+    assert len(shell) == 4  # the closing point is the first one
+    x, y = shell.T
+    assert np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == pytest.approx(2 * 4)
+
+
+def test_contains_and_rim_distance():
+    outline = Outline.rectangle(1.0, 1.0, holes=[HOLE])
+    points = np.array([[0.0, 0.0], [0.3, 0.0], [0.5, 0.5], [0.2, 0.0], [0.5001, 0.0], [9, 9]])
+    assert outline.contains(points).tolist() == [False, True, True, True, False, False]
+    assert outline.contains(points, 2e-4).tolist() == [False, True, True, True, True, False]
+    np.testing.assert_allclose(outline.rim_distance(points[:5]), [0.2, 0.1, 0, 0, 1e-4], atol=1e-15)
+    circle = Outline.circle(1.0, holes=[HOLE])
+    points = np.array([[0.0, 0.0], [0.6, 0.8], [0.0, 0.9], [0.0, 1.5], [1.00005, 0.0]])
+    assert circle.contains(points, 1e-12).tolist() == [False, True, True, False, False]
+    np.testing.assert_allclose(circle.rim_distance(points), [0.2, 0, 0.1, 0.5, 5e-5], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("holes", "line"),
+    [
+        ([np.array(HOLE) * 5], r"holes\[0\]: does not lie wholly inside"),
+        ([np.array(HOLE) + 0.3], r"holes\[0\]: does not lie wholly inside"),
+        ([HOLE, np.array(HOLE) / 2], r"holes\[1\]: touches or overlaps holes\[0\]"),
+        ([HOLE[:2]], r"holes\[0\]: 2 points given, at least 3 are needed"),
+    ],
+)
+def test_bad_holes_are_refused(holes, line):
+    with pytest.raises(InputError, match=line):
+        Outline.rectangle(1.0, 1.0, holes=holes)
+
+
+@given(scale=st.floats(1e-3, 1e3))
+def test_polygon_must_be_centred_to_a_millionth(scale):
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    assert Outline.polygon(scale * (square + 1e-6)).size[0] == pytest.approx(2 * scale)
+    with pytest.raises(InputError, match="move all points"):
+        Outline.polygon(scale * (square + 4e-6))
+
+
+def test_cylinder_keeps_lengths_and_points_outwards():
+    surface = Surface(0.05)
+    x = np.linspace(-0.1, 0.1, 2001)
+    points = np.column_stack([x, np.full_like(x, 0.03)])
+    space = surface.to_3d(points)
+    np.testing.assert_allclose(space[1000], [0, 0.03, 0], atol=1e-15)
+    steps = np.linalg.norm(np.diff(space, axis=0), axis=1)
+    np.testing.assert_allclose(steps, 1e-4, rtol=1e-6)
+    normals = surface.normals(points)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    axis = np.column_stack([0 * x, points[:, 1], 0 * x - 0.05])
+    np.testing.assert_allclose(space, axis + 0.05 * normals, atol=1e-15)
+    np.testing.assert_allclose(Surface(1e6).to_3d(points)[:, :2], points, rtol=1e-12)

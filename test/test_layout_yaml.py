@@ -1,0 +1,251 @@
+"""Layout files: round trip, one clear line for every mistake, atomic saving, installed names."""
+
+import os
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tomotactile_ros import yamlio
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, Outline, equal_grid, load_layout
+from tomotactile_ros.surface import Surface
+
+GOOD = """\
+format: tomotactile-layout/1
+name: square
+outline: {rectangle: [0.2, 0.2]}
+sheet_resistance: 1e4
+electrodes:
+  radius: 0.005
+  positions: [[-0.1, -0.1], [0.1, -0.1], [-0.1, 0.1], [0.1, 0.1]]
+"""
+
+
+def write(tmp_path, text, name="layout.yaml"):
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def complaint(path, load=load_layout):
+    """The one line that a bad file gets, without the folder."""
+    with pytest.raises(InputError) as error:
+        load(path)
+    text = str(error.value)
+    assert "\n" not in text
+    assert text.startswith(f"{path}: ")
+    return text.removeprefix(f"{path.parent}/")
+
+
+def test_good_file_is_read(tmp_path):
+    layout = load_layout(write(tmp_path, GOOD))
+    assert layout.name == layout.id == "square"
+    assert layout.sheet_resistance == 1e4  # YAML 1.1 alone would read a text
+    assert layout.electrodes == 4
+    assert layout.outline.is_uniform_rectangle
+    assert layout.positions.dtype == np.float64 and not layout.positions.flags.writeable
+    assert layout.provenance == {} and layout.surface is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("/1", "/2", "format: 'tomotactile-layout/2' is not known here"),
+        ("format: tomotactile-layout/1\n", "", "format: is missing"),
+        ("name: square\n", "", "name: is missing"),
+        ("name: square", "name: [1]", "name: [1] is not a text"),
+        ("name: square", "name: ''", "name: '' is not a text"),
+        ("name:", "nam:", "nam: unknown key; did you mean 'name'? allowed are format, name,"),
+        ("name: square", "name: a\nname: b", "line 3: not valid YAML: key 'name' appears twice"),
+        ("1e4", "-5.0", "sheet_resistance: -5.0 is not a positive number in ohm/sq"),
+        ("1e4", "many", "sheet_resistance: 'many' is not a number"),
+        ("1e4", "true", "sheet_resistance: True is not a number"),
+        ("1e4", ".nan", "sheet_resistance: nan is not a finite number"),
+        ("1e4", "1e999", "sheet_resistance: '1e999' is not a finite number"),
+        ("1e4", "0x" + "f" * 5000, "sheet_resistance: a huge number is not a finite number"),
+        ("radius: 0.005", "radius: 0", "electrodes.radius: 0.0 is not a positive length in m"),
+        ("  radius: 0.005\n", "", "electrodes.radius: is missing"),
+        ("radius", "radus", "electrodes.radus: unknown key; did you mean 'radius'?"),
+        ("[0.1, 0.1]]", "[0.1]]", "electrodes.positions[3]: [0.1] is not a list of 2 numbers"),
+        ("[0.1, 0.1]]", "[0.1, .inf]]", "electrodes.positions[3][1]: inf is not a finite number"),
+        ("[0.1, 0.1]]", "[0.1, x]]", "electrodes.positions[3][1]: 'x' is not a number"),
+        ("[0.1, 0.1]]", "[0.2, 0.1]]", "electrodes.positions[3]: [0.2, 0.1] lies outside"),
+        (
+            "[0.1, 0.1]]",
+            "[-0.1, 0.0959]]",
+            "electrodes 2 and 3 overlap: 4.1 mm apart, they need more than 10 mm",
+        ),
+        ("[0.1, 0.1]]", "[-0.1, 0.1]]", "electrodes 2 and 3 overlap: 0 mm apart"),
+        (", [0.1, -0.1], [-0.1, 0.1], [0.1, 0.1]", "", "at least 2 are needed"),
+        ("{rectangle: [0.2, 0.2]}", "{}", "outline: exactly one of rectangle, circle, polygon"),
+        ("{rectangle: [0.2, 0.2]}", "5", "outline: 5 is not a mapping"),
+        ("0.2]}", "0.2], circle: 1}", "outline: exactly one of rectangle, circle, polygon"),
+        ("[0.2, 0.2]}", "[0.2, 0]}", "outline.rectangle[1]: 0.0 is not a positive length in m"),
+        ("[0.2, 0.2]}", "[0.2]}", "outline.rectangle: [0.2] is not a list of 2 numbers"),
+        ("rectangle: [0.2, 0.2]", "circle: -1", "outline.circle: -1.0 is not a positive radius"),
+        (
+            "rectangle: [0.2, 0.2]",
+            "polygon: [[0, 0], [1, 0], [0, 1]]",
+            "outline.polygon: its bounding box is not centred on the origin; "
+            "move all points (and electrodes) by [-0.5, -0.5] m",
+        ),
+        (
+            "rectangle: [0.2, 0.2]",
+            "polygon: [[-1, -1], [1, 1], [1, -1], [-1, 2]]",
+            "outline.polygon: not a simple polygon: Self-intersection",
+        ),
+        ("rectangle: [0.2, 0.2]", "polygon: [[0, 0], [1, 0], [2, 0]]", "enclose no area"),
+        ("rectangle: [0.2, 0.2]", "polygon: [[0, 0], [1, 0]]", "at least 3 are needed"),
+        (
+            "[0.2, 0.2]}",
+            "[0.2, 0.2], holes: [[[0, 0], [1, 0], [0, 1]]]}",
+            "outline.holes[0]: does not lie wholly inside",
+        ),
+        ("name: square", "name: s\nprovenance: 5", "provenance: 5 is not a mapping"),
+        (
+            "name: square",
+            "name: s\nsurface: {cylinder: {radius: 0.01}}",
+            "cylinder.radius: 0.01 is too small for a sheet 0.2 m wide, "
+            "it must be at least 0.03183 m",
+        ),
+        ("name: square", "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
+        ("name: square", "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),
+        ("name: square", "name: [", "not valid YAML"),
+        ("name: square", "name: 2020-13-45", "not valid YAML: month must be in 1..12"),
+        (GOOD, "", "the file is empty"),
+        (GOOD, "# nothing\n", "the file is empty"),
+        (GOOD, "- 1\n", "[1] is not a mapping"),
+        (GOOD, "[" * 100000, "nested too deeply"),
+        (GOOD, "a" * 1_000_001, "the file is larger than 1 MB"),
+    ],
+)
+def test_mistake_gets_one_line_with_file_and_key(tmp_path, old, new, expected):
+    assert old in GOOD
+    line = complaint(write(tmp_path, GOOD.replace(old, new, 1)))
+    assert line.startswith("layout.yaml: ")
+    assert expected in line
+
+
+def test_binary_file_and_folder_are_refused(tmp_path):
+    assert "is not a text file in UTF-8" in complaint(write(tmp_path, b"\xff\xfe\x00"))
+    with pytest.raises(InputError, match="no such file, and none of the installed layouts"):
+        load_layout(tmp_path)
+
+
+def test_missing_name_lists_what_is_installed():
+    with pytest.raises(InputError, match="'equal-9x9'.*installed layouts: .*equal-4x4, equal-8x8"):
+        load_layout("equal-9x9")
+
+
+@pytest.mark.parametrize(("count", "radius"), [(4, 0.005), (8, 0.0025)])
+def test_installed_layouts_are_the_equal_grids(count, radius):
+    layout = load_layout(f"equal-{count}x{count}")
+    expected = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
+    assert layout.name == expected.name
+    assert (layout.radius, layout.sheet_resistance) == (radius, 1e4)
+    assert layout.outline.size == (0.2, 0.2)
+    np.testing.assert_array_equal(layout.positions, expected.positions)
+
+
+def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
+    folder = tmp_path / "share/tomotactile_ros/config/layouts"
+    folder.mkdir(parents=True)
+    write(folder, GOOD, "equal-8x8.yaml")
+    write(folder, GOOD, "mine.yaml")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path / "no"), str(tmp_path)]))
+    assert load_layout("mine").name == "square"
+    assert load_layout("mine.yaml").name == "square"
+    assert load_layout("equal-8x8").name == "square"
+    assert load_layout("equal-4x4").electrodes == 16
+
+
+def outlines():
+    size = st.floats(1e-3, 10.0)
+    holes = st.sampled_from([(), ([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.2]],)])
+
+    def scaled(pair):
+        a, holes = pair
+        return [np.array(hole) * a / 2 for hole in holes]
+
+    rectangles = st.tuples(size, st.floats(0.01, 1.0), holes).map(
+        lambda v: Outline.rectangle(v[0], v[0] * v[1], scaled((v[0] * v[1], v[2])))
+    )
+    circles = st.tuples(size, holes).map(lambda v: Outline.circle(v[0], scaled(v)))
+    hexagon = np.array([[-2, -1], [0, -2], [2, -1], [2, 1], [0.5, 2], [-2, 1]])
+    polygons = st.tuples(size, holes).map(lambda v: Outline.polygon(hexagon * v[0], scaled(v)))
+    return st.one_of(rectangles, circles, polygons)
+
+
+@given(
+    outline=outlines(),
+    rho=st.lists(st.floats(0.3, 1.0), min_size=2, max_size=12),
+    sheet_resistance=st.floats(1e-3, 1e9),
+    bent=st.booleans(),
+)
+def test_every_layout_survives_its_file(tmp_path_factory, outline, rho, sheet_resistance, bent):
+    angle = 0.1 + 2 * np.pi * np.arange(len(rho)) / len(rho)
+    half = min(outline.size) / 2
+    positions = half * np.array(rho)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    positions = positions[outline.contains(positions)]
+    if len(positions) < 2:
+        positions = half * np.array([[-0.5, 0.0], [0.5, 0.0]])
+    surface = Surface(outline.size[0]) if bent else None
+    provenance = {"algorithm": "équalize", "metrics": {"hwhm": [0.1, np.float64(0.2)]}, "n": 3}
+    layout = Layout(
+        "any", outline, sheet_resistance, 1e-3 * half, positions, provenance, surface
+    )
+    path = tmp_path_factory.mktemp("layout") / "any.yaml"
+    layout.save(path)
+    again = load_layout(path)
+    assert (again.name, again.sheet_resistance, again.radius) == (
+        layout.name,
+        layout.sheet_resistance,
+        layout.radius,
+    )
+    np.testing.assert_array_equal(again.positions, layout.positions)
+    assert again.outline.kind == outline.kind
+    np.testing.assert_array_equal(again.outline.shell, outline.shell)
+    for mine, theirs in zip(again.outline.holes, outline.holes, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert again.surface == surface
+    assert again.provenance == {
+        "algorithm": "équalize", "metrics": {"hwhm": [0.1, 0.2]}, "n": 3
+    }
+
+
+def test_saving_twice_gives_the_same_bytes_and_the_contract_keys(tmp_path):
+    layout = equal_grid(3, 4, (0.3, 0.2), 0.002, 1e4)
+    layout.save(tmp_path / "a.yaml")
+    load_layout(tmp_path / "a.yaml").save(tmp_path / "b.yaml")
+    assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
+    content = yaml.safe_load((tmp_path / "a.yaml").read_text())
+    assert list(content) == ["format", "name", "outline", "sheet_resistance", "electrodes"]
+    assert content["outline"] == {"rectangle": [0.3, 0.2]}
+    assert list(content["electrodes"]) == ["radius", "positions"]
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_a_failing_write_leaves_the_old_file(tmp_path, monkeypatch, step):
+    path = write(tmp_path, GOOD)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(yamlio.os, step, full)
+    with pytest.raises(InputError, match="layout.yaml: cannot be written: No space left"):
+        equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save(path)
+    assert path.read_text() == GOOD
+    assert os.listdir(tmp_path) == ["layout.yaml"]
+
+
+def test_saving_into_a_missing_folder_or_what_yaml_cannot_hold(tmp_path):
+    layout = equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4)
+    with pytest.raises(InputError, match="cannot be written"):
+        layout.save(tmp_path / "no" / "layout.yaml")
+    layout.provenance["tool"] = object()
+    with pytest.raises(InputError, match="cannot be written as YAML"):
+        layout.save(tmp_path / "layout.yaml")
+    assert not (tmp_path / "layout.yaml").exists()
