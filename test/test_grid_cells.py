@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tomotactile_ros.errors import InputError
@@ -10,6 +10,7 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Outline
 
 
+@settings(deadline=None)
 @given(
     a=st.floats(1e-3, 10),
     b=st.floats(1e-3, 10),
@@ -66,6 +67,7 @@ def test_cells_of_a_holed_circle():
     np.testing.assert_array_equal(grid.inside, grid.inside.T)
 
 
+@settings(deadline=None)
 @given(resolution=st.integers(1, 40), seed=st.integers(0, 99))
 def test_gather_undoes_fill(resolution, seed):
     grid = Grid.for_outline(Outline.circle(0.1), resolution)

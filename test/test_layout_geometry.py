@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tomotactile_ros.errors import InputError
@@ -26,6 +26,7 @@ def test_margin_moves_the_outer_electrodes_inwards():
     assert np.abs(positions).max() == pytest.approx(0.08)
 
 
+@settings(deadline=None)
 @given(n=st.integers(2, 16), side=st.floats(1e-3, 10.0), aspect=st.floats(0.01, 1.0))
 def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspect):
     pitch = side * aspect / (n - 1)
@@ -49,7 +50,7 @@ def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspe
     ],
 )
 def test_impossible_grids_are_refused(bad, line):
-    good = dict(rows=2, cols=2, size=(0.2, 0.2), radius=0.005, sheet_resistance=1e4)
+    good = {"rows": 2, "cols": 2, "size": (0.2, 0.2), "radius": 0.005, "sheet_resistance": 1e4}
     with pytest.raises(InputError, match=line):
         equal_grid(**{**good, **bad})
 
@@ -128,6 +129,7 @@ def test_bad_holes_are_refused(holes, line):
         Outline.rectangle(1.0, 1.0, holes=holes)
 
 
+@settings(deadline=None)
 @given(scale=st.floats(1e-3, 1e3))
 def test_polygon_must_be_centred_to_a_millionth(scale):
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tomotactile_ros import yamlio
@@ -85,12 +85,16 @@ def test_good_file_is_read(tmp_path):
         ("0.2]}", "0.2], circle: 1}", "outline: exactly one of rectangle, circle, polygon"),
         ("[0.2, 0.2]}", "[0.2, 0]}", "outline.rectangle[1]: 0.0 is not a positive length in m"),
         ("[0.2, 0.2]}", "[0.2]}", "outline.rectangle: [0.2] is not a list of 2 numbers"),
-        ("rectangle: [0.2, 0.2]", "circle: -1", "outline.circle: -1.0 is not a positive radius"),
+        ("rectangle: [0.2, 0.2]", "circle: -1", "outline.circle: -1.0 is not a positive length"),
+        ("rectangle: [0.2, 0.2]", "circle: 1e300", "outline.circle: 1e+300 m is no length of a"),
+        ("[0.2, 0.2]}", "[0.2, 1e-300]}", "outline.rectangle[1]: 1e-300 m is no length of a"),
         (
             "rectangle: [0.2, 0.2]",
             "polygon: [[0, 0], [1, 0], [0, 1]]",
-            "outline.polygon: its bounding box is not centred on the origin; "
-            "move all points (and electrodes) by [-0.5, -0.5] m",
+            (
+                "outline.polygon: its bounding box is not centred on the origin; "
+                "move all points (and electrodes) by [-0.5, -0.5] m"
+            ),
         ),
         (
             "rectangle: [0.2, 0.2]",
@@ -108,8 +112,10 @@ def test_good_file_is_read(tmp_path):
         (
             "name: square",
             "name: s\nsurface: {cylinder: {radius: 0.01}}",
-            "cylinder.radius: 0.01 is too small for a sheet 0.2 m wide, "
-            "it must be at least 0.03183 m",
+            (
+                "cylinder.radius: 0.01 is too small for a sheet 0.2 m wide, "
+                "it must be at least 0.03183 m"
+            ),
         ),
         ("name: square", "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
         ("name: square", "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),
@@ -155,7 +161,9 @@ def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
     folder.mkdir(parents=True)
     write(folder, GOOD, "equal-8x8.yaml")
     write(folder, GOOD, "mine.yaml")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path / "no"), str(tmp_path)]))
+    before = os.environ.get("AMENT_PREFIX_PATH", "")
+    prefixes = [str(tmp_path / "no"), str(tmp_path), before]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(prefixes))
     assert load_layout("mine").name == "square"
     assert load_layout("mine.yaml").name == "square"
     assert load_layout("equal-8x8").name == "square"
@@ -179,6 +187,7 @@ def outlines():
     return st.one_of(rectangles, circles, polygons)
 
 
+@settings(deadline=None)
 @given(
     outline=outlines(),
     rho=st.lists(st.floats(0.3, 1.0), min_size=2, max_size=12),
@@ -194,9 +203,7 @@ def test_every_layout_survives_its_file(tmp_path_factory, outline, rho, sheet_re
         positions = half * np.array([[-0.5, 0.0], [0.5, 0.0]])
     surface = Surface(outline.size[0]) if bent else None
     provenance = {"algorithm": "équalize", "metrics": {"hwhm": [0.1, np.float64(0.2)]}, "n": 3}
-    layout = Layout(
-        "any", outline, sheet_resistance, 1e-3 * half, positions, provenance, surface
-    )
+    layout = Layout("any", outline, sheet_resistance, 1e-3 * half, positions, provenance, surface)
     path = tmp_path_factory.mktemp("layout") / "any.yaml"
     layout.save(path)
     again = load_layout(path)
@@ -211,9 +218,7 @@ def test_every_layout_survives_its_file(tmp_path_factory, outline, rho, sheet_re
     for mine, theirs in zip(again.outline.holes, outline.holes, strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert again.surface == surface
-    assert again.provenance == {
-        "algorithm": "équalize", "metrics": {"hwhm": [0.1, 0.2]}, "n": 3
-    }
+    assert again.provenance == {"algorithm": "équalize", "metrics": {"hwhm": [0.1, 0.2]}, "n": 3}
 
 
 def test_saving_twice_gives_the_same_bytes_and_the_contract_keys(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tomotactile_ros.errors import InputError
@@ -34,6 +34,7 @@ def contacts(draw):
     return Contact("polygon", points=points)
 
 
+@settings(deadline=None)
 @given(contact=contacts(), share=st.floats(0.04, 3.0))
 def test_cells_fill_the_contact_and_lie_in_it(contact, share):
     spacing = share * np.sqrt(contact.area)
@@ -46,6 +47,7 @@ def test_cells_fill_the_contact_and_lie_in_it(contact, share):
     assert distance.max() <= 1e-12 * np.abs(contact.vertices).max()
 
 
+@settings(deadline=None)
 @given(share=st.floats(0.05, 1e6), radius=st.floats(1e-5, 10))
 def test_disc_sample_is_symmetric_and_never_poor(share, radius):
     contact = Contact("disc", (0.0, 0.0), radius=radius)
@@ -89,9 +91,9 @@ def test_cells_of_a_u_are_not_between_its_arms():
 @pytest.mark.parametrize("shape", ["disc", "rectangle", "polygon"])
 def test_sample_moves_rigidly_with_the_contact(shape):
     form = {
-        "disc": dict(center=(0.01, 0.02), radius=0.008),
-        "rectangle": dict(center=(0.01, 0.02), size=(0.03, 0.01), angle=20.0),
-        "polygon": dict(points=np.array(L_SHAPE) / 100),
+        "disc": {"center": (0.01, 0.02), "radius": 0.008},
+        "rectangle": {"center": (0.01, 0.02), "size": (0.03, 0.01), "angle": 20.0},
+        "polygon": {"points": np.array(L_SHAPE) / 100},
     }[shape]
     contact = Contact(shape, **form, start=1.0, end=9.0, velocity=(0.02, -0.01))
     points, areas = contact.at(1.0).sample(0.003)
@@ -151,7 +153,7 @@ def test_contact_is_there_from_start_until_just_before_end():
         (Contact("disc", (1.0, 0), radius=0.01, velocity=(-0.1, 0), end=8.8), False),
         (Contact("disc", (1.0, 0), radius=0.01, velocity=(-0.1, 0), end=9.2), True),
         (Contact("disc", (1.0, 0), radius=0.01, velocity=(0.1, 0)), False),
-        (Contact("disc", (9.0, 0.3), radius=0.01, velocity=(-1e9, 0)), False),
+        (Contact("disc", (9.0, 0.3), radius=0.01, velocity=(-1e6, 0)), False),
         (Contact("disc", (9.0, 0.3), radius=0.201, velocity=(-1e-9, 0)), True),
         (Contact("rectangle", (0.15, 0.15), size=(0.2, 0.02), angle=-45), False),
         (Contact("rectangle", (0.15, 0.15), size=(0.2, 0.02), angle=134), False),
@@ -190,7 +192,7 @@ def test_truth_is_what_touches_now():
     (disc,) = scene.truth(1.0)
     area = np.pi * 1e-4
     assert disc == pytest.approx(
-        dict(x=0.01, y=0.0, force=1e4 * area, pressure=1e4, area=area, radius=0.01)
+        {"x": 0.01, "y": 0.0, "force": 1e4 * area, "pressure": 1e4, "area": area, "radius": 0.01}
     )
     bare = scene.truth(6.0)[0]
     assert (bare["force"], bare["pressure"]) == (None, None)
@@ -202,14 +204,23 @@ def test_truth_is_what_touches_now():
 @pytest.mark.parametrize(
     ("wrong", "line"),
     [
-        (dict(shape="disc", center=(0, 0)), "radius: is missing, a disc needs it"),
-        (dict(shape="disc", radius=1.0), "center: is missing, a disc needs it"),
-        (dict(shape="polygon"), "points: is missing, a polygon needs it"),
-        (dict(shape="disc", center=(0, 0), radius=1, size=(1, 1)), "size: a disc has none"),
-        (dict(shape="blob"), "shape: 'blob' is none of disc, rectangle, polygon"),
-        (dict(shape="disc", center=(0, np.nan), radius=1), r"center\[1\]: nan is not a finite"),
-        (dict(shape="disc", center=(0, 0), radius=1, end="x"), "to: 'x' is not a finite time"),
-        (dict(shape="disc", center=(0, 0), radius=1, start=np.inf), "from: inf is not a finite"),
+        ({"shape": "disc", "center": (0, 0)}, "radius: is missing, a disc needs it"),
+        ({"shape": "disc", "radius": 1.0}, "center: is missing, a disc needs it"),
+        ({"shape": "polygon"}, "points: is missing, a polygon needs it"),
+        ({"shape": "disc", "center": (0, 0), "radius": 1, "size": (1, 1)}, "size: a disc has none"),
+        ({"shape": "blob"}, "shape: 'blob' is none of disc, rectangle, polygon"),
+        (
+            {"shape": "disc", "center": (0, np.nan), "radius": 1},
+            r"center\[1\]: nan is not a finite",
+        ),
+        (
+            {"shape": "disc", "center": (0, 0), "radius": 1, "end": "x"},
+            "to: 'x' is not a finite time",
+        ),
+        (
+            {"shape": "disc", "center": (0, 0), "radius": 1, "start": np.inf},
+            "from: inf is not a finite",
+        ),
     ],
 )
 def test_contacts_made_in_python_are_checked_too(wrong, line):
@@ -217,6 +228,7 @@ def test_contacts_made_in_python_are_checked_too(wrong, line):
         Contact(**wrong)
 
 
+@settings(deadline=None)
 @given(
     coefficient=st.floats(1e-9, 1e3),
     exponent=st.floats(0.3, 3),

@@ -11,6 +11,8 @@ import numpy as np
 
 from tomotactile_ros.errors import InputError
 
+SHORTEST, LONGEST = 1e-9, 1e6  # m
+
 
 def show(value: object, width: int = 40) -> str:
     """A short one-line text of any value, for error messages."""
@@ -44,6 +46,17 @@ def positive(value: object, key: str, kind: str) -> float:
     return result
 
 
+def length(value: object, key: str) -> float:
+    """A length in m, not so small or large that areas and squares of it lose their meaning."""
+    result = positive(value, key, "length in m")
+    if not SHORTEST <= result <= LONGEST:
+        raise InputError(
+            f"{key}: {show(value)} m is no length of a sensor, "
+            f"it must be from {SHORTEST:g} m to {LONGEST:g} m"
+        )
+    return result
+
+
 def not_negative(value: object, key: str, kind: str) -> float:
     """A finite number, 0 or above."""
     result = number(value, key, kind)
@@ -61,17 +74,18 @@ def integer(value: object, key: str, least: int, most: int) -> int:
 
 
 def points(value: object, key: str, least: int = 1) -> np.ndarray:
-    """``(N, 2)`` read-only float64 array of finite coordinates, N >= ``least``."""
+    """(N, 2) read-only float64 array of coordinates in m, N >= ``least``."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.ndim != 2 or array.shape[1] != 2:
         raise InputError(f"{key}: {show(value)} is not a list of points [x, y] in m")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(array) <= LONGEST).all(axis=1))
     if len(bad):
         raise InputError(
-            f"{key}[{bad[0]}]: {show(array[bad[0]].tolist())} is not a point [x, y] of finite m"
+            f"{key}[{bad[0]}]: {show(array[bad[0]].tolist())} is not a point [x, y], "
+            f"finite and at most {LONGEST:g} m from the origin"
         )
     if len(array) < least:
         raise InputError(f"{key}: {len(array)} points given, at least {least} are needed")

@@ -44,7 +44,7 @@ class Layout:
         if not isinstance(self.name, str) or not self.name.strip():
             raise InputError(f"name: {checks.show(self.name)} is not a text")
         checks.positive(self.sheet_resistance, "sheet_resistance", "number in ohm/sq")
-        checks.positive(self.radius, "electrodes.radius", "length in m")
+        checks.length(self.radius, "electrodes.radius")
         positions = checks.points(self.positions, "electrodes.positions", least=2)
         object.__setattr__(self, "positions", positions)
         self._check_inside()

@@ -31,15 +31,15 @@ class Outline(Region):
     @classmethod
     def rectangle(cls, a: float, b: float, holes: Sequence = ()) -> "Outline":
         """``a`` wide (x) and ``b`` high (y), m."""
-        a = checks.positive(a, "rectangle[0]", "length in m")
-        b = checks.positive(b, "rectangle[1]", "length in m")
+        a = checks.length(a, "rectangle[0]")
+        b = checks.length(b, "rectangle[1]")
         shell = np.array([[-a, -b], [a, -b], [a, b], [-a, b]]) / 2
         return cls(shell, tuple(holes), "rectangle")
 
     @classmethod
     def circle(cls, radius: float, holes: Sequence = ()) -> "Outline":
         """A disc of the given radius, m."""
-        radius = checks.positive(radius, "circle", "radius in m")
+        radius = checks.length(radius, "circle")
         return cls(regular_polygon(radius), tuple(holes), "circle", radius)
 
     @classmethod

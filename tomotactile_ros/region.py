@@ -31,8 +31,8 @@ class Region:
     holes: tuple[np.ndarray, ...] = ()
 
     def __post_init__(self):
-        shell = _ring(self.shell, "polygon")
-        holes = tuple(_ring(hole, f"holes[{i}]") for i, hole in enumerate(self.holes))
+        shell = ring(self.shell, "polygon")
+        holes = tuple(ring(hole, f"holes[{i}]") for i, hole in enumerate(self.holes))
         object.__setattr__(self, "shell", shell)
         object.__setattr__(self, "holes", holes)
         for i, hole in enumerate(holes):
@@ -128,21 +128,24 @@ def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:
     return radius / np.cos(np.pi / vertices) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _ring(vertices: Sequence | np.ndarray, key: str) -> np.ndarray:
-    """Checked vertices of one closed line: simple, with an area, counter-clockwise, read-only."""
-    ring = checks.points(vertices, key, least=3)
-    if np.array_equal(ring[0], ring[-1]):
-        ring = ring[:-1]
-    if len(ring) < 3:
+def ring(vertices: Sequence | np.ndarray, key: str) -> np.ndarray:
+    """Vertices (V, 2) of one closed line, m: checked to be simple and to have an area.
+
+    They come back read-only, counter-clockwise, without a last point that repeats the first.
+    """
+    corners = checks.points(vertices, key, least=3)
+    if np.array_equal(corners[0], corners[-1]):
+        corners = corners[:-1]
+    if len(corners) < 3:
         raise InputError(f"{key}: fewer than 3 different points")
-    span = np.ptp(ring, axis=0).max()
-    polygon = shapely.Polygon(ring)
+    span = np.ptp(corners, axis=0).max()
+    polygon = shapely.Polygon(corners)
     if not span > 0 or not polygon.area > 1e-12 * span**2:
         raise InputError(f"{key}: the points enclose no area")
     if not polygon.is_valid:
         raise InputError(f"{key}: not a simple polygon: {shapely.is_valid_reason(polygon)}")
     if not polygon.exterior.is_ccw:
-        ring = ring[::-1]
-    ring = np.ascontiguousarray(ring)
-    ring.setflags(write=False)
-    return ring
+        corners = corners[::-1]
+    corners = np.ascontiguousarray(corners)
+    corners.setflags(write=False)
+    return corners

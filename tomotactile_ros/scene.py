@@ -16,7 +16,7 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.region import MAX_CELLS, Region, regular_polygon
+from tomotactile_ros.region import MAX_CELLS, Region, regular_polygon, ring
 from tomotactile_ros.yamlio import Reader, find_config, write_mapping
 
 FORMAT = "tomotactile-scene/1"
@@ -25,6 +25,7 @@ SHAPES = {
     "rectangle": ("center", "size", "angle"),
     "polygon": ("points",),
 }
+FASTEST = 1e6  # m/s
 _LEAST_CELLS = 3  # along each side of a contact's bounding box; a disc keeps all 9
 
 
@@ -72,7 +73,10 @@ class Contact:
         if self.end != math.inf and checks.number(self.end, "to", "time in s") <= self.start:
             raise InputError(f"to: {self.end:g} is not after 'from' ({self.start:g} s)")
         self._set("_cells", {})
-        self._set("velocity", np.array(checks.pair(self.velocity, "velocity", "speed in m/s")))
+        velocity = np.array(checks.pair(self.velocity, "velocity", "speed in m/s"))
+        if np.abs(velocity).max() > FASTEST:
+            raise InputError(f"velocity: {velocity.tolist()} is faster than {FASTEST:g} m/s")
+        self._set("velocity", velocity)
         self._set_form()
 
     def _set(self, name: str, value: object) -> None:
@@ -81,20 +85,21 @@ class Contact:
     def _set_form(self) -> None:
         """Keep the contact's region about its own centre: it is the same wherever it moves."""
         if self.shape == "polygon":
-            points = Region(self.points).shell
+            points = ring(self.points, "points")
             self._set("points", points)
             self._set("center", (points.min(axis=0) + points.max(axis=0)) / 2)
             self._set("_form", Region(points - self.center))
             return
-        self._set("center", np.array(checks.pair(self.center, "center", "position in m")))
+        center = checks.pair(self.center, "center", "position in m")
+        self._set("center", checks.points([center], "center")[0])
         if self.shape == "disc":
-            radius = checks.positive(self.radius, "radius", "length in m")
+            radius = checks.length(self.radius, "radius")
             self._set("_form", None)
             self._set("radius", radius)
             return
         size = checks.pair(self.size, "size", "length in m")
         for i, side in enumerate(size):
-            checks.positive(side, f"size[{i}]", "length in m")
+            checks.length(side, f"size[{i}]")
         self._set("size", size)
         self._set("_form", Region(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 * size))
         checks.number(self.angle, "angle", "number of degrees")
@@ -296,7 +301,7 @@ class SheetVariation:
     def __post_init__(self):
         if checks.not_negative(self.relative, "relative", "number") > 1:
             raise InputError(f"relative: {self.relative:g} is above 1")
-        checks.positive(self.length, "length", "length in m")
+        checks.length(self.length, "length")
         _check_seed(self.seed)
 
 
@@ -491,13 +496,14 @@ def _read_defects(reader: Reader) -> Defects:
 
 def _reaches(contact: Contact, layout: Layout) -> bool:
     """Whether the contact touches the sheet at any time."""
+    vertices = contact.vertices
     speed = float(np.linalg.norm(contact.velocity))
     path = np.zeros(2)
     if speed > 0:
-        vertices = contact.vertices
         farthest = np.linalg.norm(vertices, axis=1).max() + np.linalg.norm(layout.outline.size)
-        path = contact.velocity * min(contact.end - contact.start, 2 * farthest / speed)
-    return layout.outline.is_met_by(contact.vertices, path)
+        distance = min(speed * (contact.end - contact.start), 2 * farthest)
+        path = contact.velocity / speed * distance
+    return layout.outline.is_met_by(vertices, path)
 
 
 def _describe(contact: Contact) -> dict:

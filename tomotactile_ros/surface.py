@@ -22,7 +22,7 @@ class Surface:
     radius: float
 
     def __post_init__(self):
-        checks.positive(self.radius, "cylinder.radius", "length in m")
+        checks.length(self.radius, "cylinder.radius")
 
     def check(self, width: float) -> None:
         """Refuse a sheet of this width (m) that would go around the cylinder more than once."""
