@@ -1,0 +1,159 @@
+"""What is wrong with a measurement: noise, conversion, drift, hum, wiring, uneven sheet.
+
+Only the descriptions, and how they are read from a scene file; the simulation applies them.
+"""
+
+from dataclasses import dataclass
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.yamlio import Reader
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Gaussian noise of every reading: ``rms`` in V, and the seed of the random numbers."""
+
+    rms: float
+    seed: int = 0
+
+    def __post_init__(self):
+        checks.not_negative(self.rms, "rms", "voltage in V")
+        _check_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Adc:
+    """Analog-digital conversion: 2^bits steps from 0 V to ``range`` V."""
+
+    bits: int
+    range: float
+
+    def __post_init__(self):
+        checks.integer(self.bits, "bits", 1, 32)
+        checks.positive(self.range, "range", "voltage in V")
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Slow wandering of the readings: ``amplitude`` in V, ``period`` in s, seed of its phases."""
+
+    amplitude: float
+    period: float
+    seed: int = 0
+
+    def __post_init__(self):
+        checks.not_negative(self.amplitude, "amplitude", "voltage in V")
+        checks.positive(self.period, "period", "time in s")
+        _check_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Hum:
+    """Mains hum on the readings: ``amplitude`` in V, ``frequency`` in Hz."""
+
+    amplitude: float
+    frequency: float
+
+    def __post_init__(self):
+        checks.not_negative(self.amplitude, "amplitude", "voltage in V")
+        checks.positive(self.frequency, "frequency", "number of Hz")
+
+
+@dataclass(frozen=True)
+class SheetVariation:
+    """Random field of the sheet resistance.
+
+    Parameters
+    ----------
+    relative : standard deviation in parts of the mean, 0 to 1.
+    length : correlation length, m.
+    seed : of the random numbers.
+    """
+
+    relative: float
+    length: float
+    seed: int = 0
+
+    def __post_init__(self):
+        if checks.not_negative(self.relative, "relative", "number") > 1:
+            raise InputError(f"relative: {self.relative:g} is above 1")
+        checks.length(self.length, "length")
+        _check_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Defects:
+    """What is wrong with the sensor; each part is modelled only if it is named.
+
+    Parameters
+    ----------
+    dead : electrodes without a valid reading.
+    swapped : pairs of electrodes whose wires are exchanged.
+    drift, hum, sheet_variation : see there; None for none.
+    switch_resistance : between the grounded electrode and ground, ohm.
+    """
+
+    dead: tuple[int, ...] = ()
+    swapped: tuple[tuple[int, int], ...] = ()
+    drift: Drift | None = None
+    hum: Hum | None = None
+    switch_resistance: float = 0.0
+    sheet_variation: SheetVariation | None = None
+
+    def __post_init__(self):
+        checks.not_negative(self.switch_resistance, "switch_resistance", "resistance in ohm")
+        wires = [wire for pair in self.swapped for wire in pair]
+        for key, numbers in (("dead", self.dead), ("swapped", wires)):
+            if len(set(numbers)) < len(numbers):
+                raise InputError(f"{key}: {checks.show(list(numbers))} names an electrode twice")
+            if min(numbers, default=0) < 0:
+                raise InputError(f"{key}: {min(numbers)} is not an electrode, they count from 0")
+
+
+def _check_seed(seed: int) -> None:
+    checks.integer(seed, "seed", 0, 2**32 - 1)
+
+
+def read_section(
+    reader: Reader, key: str, kind: type, numbers: tuple[str, ...], seed: bool = False
+):
+    """An object of numbers (and a seed) under a key, or None if the key is not there."""
+    if key not in reader:
+        return None
+    section = reader.section(key)
+    section.only(*numbers, *(["seed"] if seed else []))
+    values = {name: section.number(name) for name in numbers}
+    if seed:
+        values["seed"] = section.integer("seed", 0)
+    return section.build(kind, **values)
+
+
+def read_adc(reader: Reader) -> Adc | None:
+    """The converter of a scene file, or None if it names none."""
+    if "adc" not in reader:
+        return None
+    section = reader.section("adc")
+    section.only("bits", "range")
+    return section.build(Adc, section.integer("bits"), section.number("range"))
+
+
+def read_defects(reader: Reader) -> Defects:
+    """The defects in a mapping of a scene file."""
+    reader.only("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
+    swapped = []
+    for key, entry in reader.entries("swapped"):
+        swapped.append(entry.integers(key))
+        if len(swapped[-1]) != 2:
+            reader.refuse(key, list(swapped[-1]), "is not a pair of electrodes")
+    return reader.build(
+        Defects,
+        dead=reader.integers("dead", ()),
+        swapped=tuple(swapped),
+        drift=read_section(reader, "drift", Drift, ("amplitude", "period"), seed=True),
+        hum=read_section(reader, "hum", Hum, ("amplitude", "frequency")),
+        switch_resistance=reader.number("switch_resistance", 0.0),
+        sheet_variation=read_section(
+            reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
+        ),
+    )
