@@ -1,0 +1,110 @@
+"""Sources of frames: `make_device` makes the one that the settings name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tomotactile_ros.devices.base import Device, Frame, Status
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.scene import Scene
+
+__all__ = ["Device", "DeviceSettings", "Frame", "Status", "make_device"]
+
+KINDS = ("fake", "serial", "replay")
+
+
+@dataclass(frozen=True)
+class DeviceSettings:
+    """What a device needs to know.
+
+    Attributes
+    ----------
+    layout : Layout
+    device : str
+        ``fake``, ``serial`` or ``replay``.
+    rate : float
+        Frames/s; 0 leaves it to the device (fake: 15.625, replay: as recorded).
+    scene : Scene or None
+        For ``fake``.
+    port, baud : str, int
+        For ``serial``; see `tomotactile_ros.devices.line.find_port`.
+    partial_frames : bool
+        For ``serial``: deliver incomplete frames, with NaN in the missing rows.
+    recording, loop : str, bool
+        For ``replay``: file or bag, and whether to start over at its end.
+    drive_voltage : float, V
+        For ``replay`` of recordings that do not hold it.
+    """
+
+    layout: Layout
+    device: str = "fake"
+    rate: float = 0.0
+    scene: Scene | None = None
+    port: str = ""
+    baud: int = 2_000_000
+    partial_frames: bool = False
+    recording: str = ""
+    loop: bool = False
+    drive_voltage: float = 3.3
+
+
+def make_device(settings: DeviceSettings) -> Device:
+    """Make the device; nothing is opened yet.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, a missing or impossible setting, an unreadable recording.
+    """
+    if not 0.0 <= settings.rate <= 1e5:
+        raise InputError(f"rate: {settings.rate:g} is no rate; expected 0 (default) or frames/s")
+    if settings.device == "fake":
+        return _make_fake(settings)
+    if settings.device == "serial":
+        return _make_serial(settings)
+    if settings.device == "replay":
+        return _make_replay(settings)
+    raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
+
+
+def _make_fake(settings: DeviceSettings) -> Device:
+    from tomotactile_ros.devices.fake import FakeDevice
+    from tomotactile_ros.simulation import Simulator
+
+    if settings.scene is None:
+        raise InputError("scene: missing; the fake device needs to know what touches the sheet")
+    simulator = Simulator(settings.layout, settings.scene)
+    return FakeDevice(
+        simulator.frame, simulator.grounded, settings.scene.drive_voltage, rate=settings.rate
+    )
+
+
+def _make_serial(settings: DeviceSettings) -> Device:
+    from tomotactile_ros.devices.serial import SerialDevice
+
+    if not settings.port:
+        raise InputError("port: missing; expected a tty, usb:VID:PID or a URL such as socket://")
+    if settings.baud <= 0:
+        raise InputError(f"baud: {settings.baud} is no bit rate; expected e.g. 2000000")
+    return SerialDevice(
+        settings.port,
+        settings.layout.electrodes,
+        baud=settings.baud,
+        rate=settings.rate,
+        partial_frames=settings.partial_frames,
+    )
+
+
+def _make_replay(settings: DeviceSettings) -> Device:
+    from tomotactile_ros.devices.replay import ReplayDevice
+
+    if not settings.recording:
+        raise InputError("recording: missing; expected frames.npz or a rosbag2")
+    return ReplayDevice(
+        settings.recording,
+        settings.layout.electrodes,
+        rate=settings.rate,
+        loop=settings.loop,
+        drive_voltage=settings.drive_voltage,
+    )

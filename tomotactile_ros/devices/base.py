@@ -55,7 +55,7 @@ class Status:
     message : str
         One line for people: what is wrong and what would be right.
     counters : dict of str to float
-        Totals since ``open``, rates in 1/s, times in s; docs/protocol.md explains those of the line.
+        Totals since ``open``, rates in 1/s, times in s; docs/protocol.md explains each.
     dead : tuple of int
         Electrodes that look dead (rule: `tomotactile_ros.devices.health.DeadChannels`).
     """

@@ -12,11 +12,11 @@ import numpy as np
 class DeadChannels:
     """Finds electrodes whose readings do not take part in what happens on the sheet.
 
-    The span of an electrode is its largest minus its smallest reading over all ground conditions of
-    `window` frames.  Something presses when the median span exceeds 5 % of the drive voltage; only
-    then can dead and idle be told apart.  An electrode is called dead while its span is below 2 % of
-    the median span, or if it had no valid reading in the window at all.  With nothing on the sheet
-    the verdict of the last window stays.
+    The span of an electrode is its largest minus its smallest reading over all ground conditions
+    of `window` frames.  Something presses when the median span exceeds 5 % of the drive voltage;
+    only then can dead and idle be told apart.  An electrode is called dead while its span is below
+    2 % of the median span, or if it had no valid reading in the window at all.  With nothing on the
+    sheet the verdict of the last window stays.
     """
 
     def __init__(self, window: int = 64) -> None:

@@ -56,8 +56,8 @@ class SetRate(NamedTuple):
 class Row(NamedTuple):
     """ROW, device to host: the readings of one ground condition.
 
-    `readings` are the bytes on the wire; `counts` turns them into numbers.  Times in µs: `frame_time`
-    is the device time of the frame's start, `row_end` the row's last sample after that.
+    `readings` are the bytes on the wire, see `unpack_counts`.  Times in µs: `frame_time` is the
+    device time of the frame's start, `row_end` the row's last sample after that.
     """
 
     count: int
@@ -75,8 +75,8 @@ class Row(NamedTuple):
 class Identity(NamedTuple):
     """IDENTITY, device to host: the answer to IDENTIFY.
 
-    `range` is the voltage of a full-scale reading (V), rates in frames/s, `line_rate` in bit/s (0 if
-    the line has none, as with native USB).
+    `range` is the voltage of a full-scale reading (V), rates in frames/s, `line_rate` in bit/s (0
+    if the line has none, as with native USB).
     """
 
     tag: int
@@ -261,6 +261,10 @@ class Parser:
     def pending(self) -> int:
         """Bytes kept until the packet they belong to is complete."""
         return len(self._rest)
+
+    def reset(self) -> None:
+        """Forget the packet under way, as on a new connection; the counters go on."""
+        self._rest, self._overlong = b"", False
 
     def feed(self, data: bytes) -> list[Packet]:
         """Take in `data`, return the packets that are complete now, in order."""

@@ -1,0 +1,108 @@
+"""Maps the clock of a device to the host's monotonic clock, from pairs of device and arrival time.
+
+A packet can arrive late, never early: of each second only the smallest difference between arrival
+and device time is used.  A line through the minima of the last 30 s, with the median of the
+pairwise slopes (Theil 1950, Sen 1968), gives offset and drift; a few seconds of delayed packets do
+not move it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+
+class DeviceClock:
+    """Offset and drift of one device clock; all times in s.
+
+    Parameters
+    ----------
+    window : int
+        Number of one-second minima the line goes through.
+    tolerance : float
+        An arrival this much before its predicted time, or all arrivals of two seconds this much
+        after, mean that the device clock has jumped.
+    """
+
+    MAX_DRIFT = 2e-3
+    LATE_PERIOD = 2.0
+
+    def __init__(self, window: int = 30, tolerance: float = 0.05) -> None:
+        self.jumps = 0
+        self._tolerance = tolerance
+        self._minima: deque[tuple[float, float]] = deque(maxlen=window)
+        self._device0: float | None = None
+        self._last_mapped = -np.inf
+
+    @property
+    def drift(self) -> float:
+        """Relative speed of the device clock: 1e-6 means 1 µs per second too fast."""
+        return -self._slope / (1.0 + self._slope) if self._device0 is not None else 0.0
+
+    def update(self, device: float, host: float) -> None:
+        """Take in that what happened at `device` arrived at `host`."""
+        if self._device0 is None:
+            self._begin(device, host)
+            return
+        late = host - self.to_host(device)
+        if self._has_jumped(device, host, late):
+            self.jumps += 1
+            self._begin(device, host)
+            return
+        self._last_device = device
+        self._intercept += min(late, 0.0)
+        elapsed = device - self._device0
+        difference = (host - self._host0) - elapsed
+        if difference < self._least[1]:
+            self._least = (elapsed, difference)
+        if elapsed >= self._bucket_end:
+            self._minima.append(self._least)
+            self._least = (elapsed, np.inf)
+            self._bucket_end = elapsed + 1.0
+            self._fit()
+
+    def to_host(self, device: float) -> float:
+        """Host time of the `device` time; needs one `update` before."""
+        elapsed = device - self._device0
+        return self._host0 + elapsed * (1.0 + self._slope) + self._intercept
+
+    def stamp(self, device: float) -> float:
+        """Host time of `device`, later than every stamp before."""
+        self._last_mapped = max(self.to_host(device), self._last_mapped + 1e-6)
+        return self._last_mapped
+
+    def successor(self) -> DeviceClock:
+        """A fresh mapping, for a device that may have restarted, whose stamps go on from here."""
+        clock = DeviceClock(self._minima.maxlen, self._tolerance)
+        clock._last_mapped = self._last_mapped
+        return clock
+
+    def _has_jumped(self, device: float, host: float, late: float) -> bool:
+        if late <= self._tolerance:
+            self._late_since = None
+        elif self._late_since is None:
+            self._late_since = host
+        return (
+            device < self._last_device
+            or late < -self._tolerance
+            or (self._late_since is not None and host - self._late_since > self.LATE_PERIOD)
+        )
+
+    def _begin(self, device: float, host: float) -> None:
+        self._device0 = self._last_device = device
+        self._host0 = host
+        self._late_since: float | None = None
+        self._slope = self._intercept = 0.0
+        self._minima.clear()
+        self._least = (0.0, 0.0)
+        self._bucket_end = 1.0
+
+    def _fit(self) -> None:
+        if len(self._minima) < 5:
+            return
+        elapsed, difference = np.array(self._minima).T
+        first, second = np.triu_indices(elapsed.size, k=1)
+        slopes = (difference[second] - difference[first]) / (elapsed[second] - elapsed[first])
+        self._slope = float(np.clip(np.median(slopes), -self.MAX_DRIFT, self.MAX_DRIFT))
+        self._intercept = float(np.min(difference - self._slope * elapsed))

@@ -1,0 +1,173 @@
+"""A byte line to a device: finds and opens the port, reads what is there, tells why it cannot.
+
+Everything here is pyserial; `serial_for_url` gives ttys, `socket://host:port` and `rfc2217://`.
+"""
+
+from __future__ import annotations
+
+import errno
+import glob
+import os
+import select
+import time
+
+import serial
+from serial.tools import list_ports
+
+
+class LineFault(Exception):
+    """The line or the device behind it is not usable now; `state` is that of `base.Status`."""
+
+    def __init__(self, state: str, message: str) -> None:
+        super().__init__(message)
+        self.state = state
+
+
+def find_port(port: str) -> str:
+    """Turn what the user wrote into what pyserial opens.
+
+    Parameters
+    ----------
+    port : str
+        ``usb:VID:PID`` or ``usb:VID:PID:SERIAL`` (hexadecimal ids), a URL, a path, a pattern such
+        as ``/dev/serial/by-id/*skin*``, or a bare name such as ``ttyUSB0``.
+
+    Raises
+    ------
+    LineFault
+        Nothing or more than one thing fits.
+    """
+    if port.lower().startswith("usb:"):
+        return _the_only(_usb_ports(port), port)
+    if "://" in port:
+        return port
+    path = port if os.sep in port else os.path.join("/dev", port)
+    if any(c in path for c in "*?["):
+        return _the_only(sorted(glob.glob(path)), port)
+    return path
+
+
+def _usb_ports(port: str) -> list[str]:
+    parts = port.split(":", 3)[1:]
+    try:
+        vendor, product = int(parts[0], 16), int(parts[1], 16)
+    except (ValueError, IndexError):
+        raise LineFault(
+            "refused", f"port: {port!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"
+        ) from None
+    return [
+        found.device
+        for found in list_ports.comports()
+        if (found.vid, found.pid) == (vendor, product)
+        and (len(parts) < 3 or found.serial_number == parts[2])
+    ]
+
+
+def _the_only(found: list[str], port: str) -> str:
+    if not found:
+        raise LineFault("disconnected", f"port: nothing that fits {port!r} is plugged in")
+    if len(found) > 1:
+        raise LineFault("refused", f"port: {port!r} fits {', '.join(found)}; name one of them")
+    return found[0]
+
+
+class Line:
+    """An open port with non-blocking writes and reads that wait for the first byte only.
+
+    After the first byte a read waits `GATHER` seconds more, so that a fast device costs a thousand
+    wake-ups a second and not one per packet.
+    """
+
+    GATHER = 0.0005
+    CHUNK = 1 << 16
+
+    def __init__(self, port: serial.SerialBase) -> None:
+        self._port = port
+        try:
+            self._fd: int | None = port.fileno()
+        except OSError:
+            self._fd = None
+        self.low_latency = _ask_low_latency(port)
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes that have arrived, waiting up to `timeout` s for the first; b"" if none came."""
+        try:
+            return self._read_fd(timeout) if self._fd is not None else self._read_port(timeout)
+        except (OSError, ValueError, TypeError) as error:
+            raise LineFault("disconnected", f"port: connection lost ({_reason(error)})") from None
+
+    def write(self, data: bytes) -> None:
+        """Send `data`; commands are short, a line that does not take them in time is lost."""
+        try:
+            self._port.write(data)
+        except (OSError, ValueError, TypeError) as error:
+            raise LineFault("disconnected", f"port: connection lost ({_reason(error)})") from None
+
+    def close(self) -> None:
+        """Close the port, whatever state it is in."""
+        try:
+            self._port.close()
+        except (OSError, ValueError, TypeError):
+            pass
+
+    def _read_fd(self, timeout: float) -> bytes:
+        if not select.select([self._fd], [], [], timeout)[0]:
+            return b""
+        time.sleep(self.GATHER)
+        data = os.read(self._fd, self.CHUNK)
+        if not data:
+            raise OSError(errno.EIO, "end of the stream")
+        return data
+
+    def _read_port(self, timeout: float) -> bytes:
+        deadline = time.monotonic() + timeout
+        while True:
+            data = self._port.read(1)
+            if data:
+                return data + self._port.read(self._port.in_waiting)
+            if time.monotonic() >= deadline:
+                return b""
+
+
+def open_line(port: str, baud: int) -> Line:
+    """Open `port` (see `find_port`) at `baud` bit/s; `LineFault` says why it could not be."""
+    name = find_port(port)
+    options = {"exclusive": True} if "://" not in name else {}
+    try:
+        return Line(
+            serial.serial_for_url(name, baudrate=baud, timeout=0.02, write_timeout=0.5, **options)
+        )
+    except Exception as error:  # noqa: BLE001 - pyserial lets termios.error and others through
+        raise _why_not(name, error) from None
+
+
+def _why_not(name: str, error: Exception) -> LineFault:
+    code = getattr(error, "errno", None)
+    if code == errno.ENOENT:
+        return LineFault(
+            "disconnected", f"port: {name} does not exist; plug the sensor in or correct `port`"
+        )
+    if code in (errno.EACCES, errno.EPERM):
+        return LineFault(
+            "disconnected",
+            f"port: no permission to open {name}; add the user to its group (often dialout)",
+        )
+    if code == errno.EBUSY or "exclusively lock" in str(error):
+        return LineFault("disconnected", f"port: {name} is in use by another program")
+    if isinstance(error, ValueError):
+        return LineFault("refused", f"port: {name} cannot be opened: {error}")
+    return LineFault("disconnected", f"port: {name} cannot be opened ({_reason(error)})")
+
+
+def _reason(error: Exception) -> str:
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(text).split())
+
+
+def _ask_low_latency(port: serial.SerialBase) -> bool:
+    """Ask the system to hand bytes over at once (ASYNC_LOW_LATENCY); False where it cannot."""
+    try:
+        port.set_low_latency_mode(True)
+    except (AttributeError, OSError, ValueError, NotImplementedError):
+        return False
+    return True

@@ -1,0 +1,112 @@
+"""Plays a recording as if the sensor were there."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Iterator
+
+from tomotactile_ros.devices.base import Frame, ThreadedDevice
+from tomotactile_ros.devices.recording import read_frames
+from tomotactile_ros.errors import InputError
+
+
+class ReplayDevice(ThreadedDevice):
+    """Frames of a recording, stamped anew with the time at which they are played.
+
+    Parameters
+    ----------
+    path : path
+        See `tomotactile_ros.devices.recording.read_frames`.
+    electrodes : int
+        Electrodes of the layout; a recording with another number is refused.
+    rate : float
+        Frames/s; 0 keeps the recorded distances in time.
+    loop : bool
+        Start over at the end, instead of finishing.
+    drive_voltage : float, V
+        For recordings that do not hold it.
+
+    Raises
+    ------
+    InputError
+        At construction, when the recording cannot be read or does not fit.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        electrodes: int,
+        *,
+        rate: float = 0.0,
+        loop: bool = False,
+        drive_voltage: float = 3.3,
+    ) -> None:
+        super().__init__(rate)
+        self._path, self._electrodes = path, electrodes
+        self._loop, self._drive_voltage = loop, drive_voltage
+        self._rounds = 0
+        first = next(self._frames(), None)
+        if first is None:
+            raise InputError(f"{path}: holds no frame")
+
+    def _counters(self) -> dict[str, float]:
+        return {"rounds": float(self._rounds)}
+
+    def _frames(self) -> Iterator[Frame]:
+        for frame in read_frames(self._path, self._drive_voltage):
+            found = frame.voltages.shape[1]
+            if found != self._electrodes:
+                raise InputError(
+                    f"{self._path}: frame {frame.sequence} has {found} electrodes, "
+                    f"the layout {self._electrodes}"
+                )
+            yield frame
+
+    def _run(self) -> None:
+        sequences = itertools.count()
+        due = time.monotonic()
+        self._rounds = 0
+        while not self._stop.is_set():
+            due = self._play_once(sequences, due)
+            self._rounds += 1
+            if not self._loop:
+                break
+        if not self._stop.is_set():
+            self._set_state("finished", f"{self._path}: played to the end")
+
+    def _play_once(self, sequences: Iterator[int], due: float) -> float:
+        """Play all frames, the first at `due` (s, monotonic); return when a next one would be."""
+        recorded, distance = None, 0.0
+        for frame in self._frames():
+            if recorded is not None:
+                distance = max(0.0, frame.stamp - recorded)
+                due += 1.0 / self._rate if self._rate > 0 else distance
+            recorded = frame.stamp
+            due = self._wait_until(due)
+            if self._stop.is_set():
+                return due
+            self._set_state("streaming", f"playing {self._path}")
+            self._deliver(
+                Frame(
+                    frame.voltages, frame.grounded, next(sequences), time.time(),
+                    frame.drive_voltage,
+                ),
+                time.monotonic(),
+            )  # fmt: skip
+        return due + (1.0 / self._rate if self._rate > 0 else distance)
+
+    def _wait_until(self, due: float) -> float:
+        """Wait for `due`; a pause (`set_streaming`) moves it by its length."""
+        while not self._stop.is_set():
+            left = due - time.monotonic()
+            if not self._streaming:
+                self._set_state("stopped", "stopped on request")
+                self._pause(1.0)
+                due = time.monotonic()
+            elif left <= 0:
+                break
+            else:
+                self._pause(left)
+        return due

@@ -1,0 +1,289 @@
+"""The real sensor: the host's side of docs/protocol.md over a serial line, with recovery.
+
+connect -> identify -> set the rate, start -> stream, and from the beginning after every fault.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+
+from tomotactile_ros.devices import protocol
+from tomotactile_ros.devices.assembly import FrameAssembler, RowsOfFrame
+from tomotactile_ros.devices.base import Frame, Status, ThreadedDevice
+from tomotactile_ros.devices.clock import DeviceClock
+from tomotactile_ros.devices.line import Line, LineFault, open_line
+
+FIRST_RETRY, LAST_RETRY = 0.05, 0.5
+ANSWER_TIME, ATTEMPTS = 0.3, 5
+SILENCE, SILENT_FRAMES = 1.0, 3.0
+RATE_TOLERANCE = 1.5
+
+
+def retry_delays(first: float = FIRST_RETRY, last: float = LAST_RETRY):
+    """Yield the waits between attempts to connect, s: doubled each time, never above `last`."""
+    delay = first
+    while True:
+        yield delay
+        delay = min(2.0 * delay, last)
+
+
+class SerialDevice(ThreadedDevice):
+    """Frames from hardware that speaks the wire protocol.
+
+    Parameters
+    ----------
+    port : str
+        See `tomotactile_ros.devices.line.find_port`.
+    electrodes : int
+        Electrodes of the layout; a device with another number is refused.
+    baud : int
+        Bit rate, for ports that have one.
+    rate : float
+        Wanted frames/s; 0 leaves the device's own rate.
+    partial_frames : bool
+        Deliver incomplete frames with NaN rows, instead of dropping them.
+    opener : callable
+        How a port is opened; for tests.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        electrodes: int,
+        *,
+        baud: int = 2_000_000,
+        rate: float = 0.0,
+        partial_frames: bool = False,
+        opener: Callable[[str, int], Line] = open_line,
+    ) -> None:
+        super().__init__(rate)
+        self.identity: protocol.Identity | None = None
+        self._port, self._baud, self._electrodes = port, baud, electrodes
+        self._partial = partial_frames
+        self._opener = opener
+        self._reset()
+
+    def _reset(self) -> None:
+        self._parser = protocol.Parser()
+        self._assembler: FrameAssembler | None = None
+        self._clock = DeviceClock()
+        self._lost = dict.fromkeys(
+            ("packets_lost", "frames_incomplete", "frames_lost", "rows_ignored"), 0
+        )
+        self._connections = 0
+        self._clock_jumps = 0
+        self._low_latency = False
+        self._device_rate = 0.0
+        self._tag = 0
+        self._note = ""
+
+    def open(self, on_frame: Callable[[Frame], None]) -> None:
+        """Start; returns at once, the port is opened by the thread."""
+        if self._thread is None:
+            self._reset()
+        super().open(on_frame)
+
+    def status(self) -> Status:
+        """As for every device; while streaming the message tells a wrong rate or a refused wish."""
+        status = super().status()
+        if status.state != "streaming":
+            return status
+        seen, due = status.counters["rate_seen"], self._device_rate
+        remarks = [status.message, self._note]
+        if due > 0 and status.counters["frames"] >= 20 and seen > RATE_TOLERANCE * due:
+            remarks.append(f"sends {seen:.4g} frames/s instead of {due:.4g}")
+        return Status(
+            status.state, "; ".join(r for r in remarks if r), status.counters, status.dead
+        )
+
+    def _counters(self) -> dict[str, float]:
+        lost = dict(self._lost)
+        if self._assembler is not None:
+            for name, value in asdict(self._assembler.counters).items():
+                lost[name] += value
+        return {
+            **{k: float(v) for k, v in asdict(self._parser.counters).items()},
+            **{k: float(v) for k, v in lost.items()},
+            "rate_device": self._device_rate,
+            "reconnects": float(max(0, self._connections - 1)),
+            "clock_jumps": float(self._clock_jumps + self._clock.jumps),
+            "clock_drift_ppm": 1e6 * self._clock.drift,
+            "low_latency": float(self._low_latency),
+        }
+
+    def _run(self) -> None:
+        delays = retry_delays()
+        while not self._stop.is_set():
+            connections = self._connections
+            try:
+                self._one_connection()
+            except LineFault as fault:
+                self._set_state(fault.state, str(fault))
+            if self._connections > connections:
+                delays = retry_delays()
+            if not self._stop.is_set():
+                self._stop.wait(next(delays))
+
+    def _one_connection(self) -> None:
+        line = self._opener(self._port, self._baud)
+        try:
+            self._low_latency = line.low_latency
+            if self._state[0] in ("closed", "disconnected"):
+                self._set_state("identifying", f"asking {self._port} for its identity")
+            while not self._stop.is_set():
+                self._identify(line)
+                self._stream(line)
+        finally:
+            line.close()
+
+    def _identify(self, line: Line) -> None:
+        self._parser.reset()
+        before = asdict(self._parser.counters)
+        line.write(b"\0")
+        for _ in range(ATTEMPTS):
+            identity = self._ask(line, protocol.IDENTIFY, protocol.Identity)
+            if identity is not None:
+                self._accept(identity)
+            if identity is not None or self._stop.is_set():
+                return
+        raise self._why_no_identity(before)
+
+    def _accept(self, identity: protocol.Identity) -> None:
+        if identity.rows > identity.electrodes:
+            raise LineFault(
+                "refused",
+                f"port: {identity.name} on {self._port} announces {identity.rows} ground "
+                f"conditions for {identity.electrodes} electrodes; at most one each is possible",
+            )
+        if identity.electrodes != self._electrodes:
+            raise LineFault(
+                "refused",
+                f"port: {identity.name} on {self._port} has {identity.electrodes} electrodes, "
+                f"the layout {self._electrodes}; choose the layout that fits the sensor",
+            )
+        if self._assembler is not None:
+            for name, value in asdict(self._assembler.counters).items():
+                self._lost[name] += value
+        self.identity = identity
+        self._device_rate = identity.rate
+        self._assembler = FrameAssembler(identity.electrodes, identity.rows, self._partial)
+        self._clock_jumps += self._clock.jumps
+        self._clock = self._clock.successor()
+        self._connections += 1
+
+    def _why_no_identity(self, before: dict[str, int]) -> LineFault:
+        now = asdict(self._parser.counters)
+        if now["packets"] > before["packets"]:
+            return LineFault(
+                "refused", f"port: {self._port} sends packets but does not answer IDENTIFY"
+            )
+        if now["malformed"] > before["malformed"]:
+            return LineFault("refused", f"port: {self._port}: {self._parser.last_complaint}")
+        received = now["bytes"] - before["bytes"]
+        if received:
+            return LineFault(
+                "garbled",
+                f"port: {received} bytes from {self._port} at {self._baud} bit/s and no valid "
+                "packet; wrong baud rate or another kind of device",
+            )
+        return LineFault(
+            "silent",
+            f"port: {self._port} is open but nothing answers; is the sensor powered?",
+        )
+
+    def _ask(self, line: Line, command: int, answer: type) -> protocol.Packet | None:
+        """Send a command and wait for its `answer` (or Error); rows that come are not used."""
+        tag = self._send(line, command)
+        deadline = time.monotonic() + ANSWER_TIME
+        while not self._stop.is_set() and (left := deadline - time.monotonic()) > 0:
+            for packet in self._parser.feed(line.read(min(left, 0.1))):
+                if isinstance(packet, (answer, protocol.Error)) and packet.tag == tag:
+                    return packet if isinstance(packet, answer) else None
+        return None
+
+    def _send(self, line: Line, command: int) -> int:
+        self._tag = self._tag % 0xFFFF + 1
+        if command == protocol.SET_RATE:
+            line.write(protocol.encode(protocol.SetRate(self._tag, self._rate)))
+        else:
+            line.write(protocol.encode(protocol.Command(command, self._tag)))
+        return self._tag
+
+    def _stream(self, line: Line) -> None:
+        """Take in packets until the line falls silent (returns) or is lost (raises)."""
+        if self._stop.is_set():
+            return
+        self._apply_settings(line)
+        self._heard = self._framed = time.monotonic()
+        last_bytes = self._parser.counters.bytes
+        while not self._stop.is_set():
+            if self._changed.is_set():
+                self._apply_settings(line)
+            data = line.read(0.1)
+            arrival = time.monotonic()
+            packets = self._parser.feed(data)
+            for packet in packets:
+                self._take(packet, arrival)
+            if packets:
+                self._heard, last_bytes = arrival, self._parser.counters.bytes
+                self._report_rows_without_frames(arrival)
+            elif self._streaming and arrival - self._heard > self._patience():
+                self._report_silence(self._parser.counters.bytes - last_bytes)
+                return
+        line.write(protocol.encode(protocol.Command(protocol.STOP, self._tag)))
+
+    def _patience(self) -> float:
+        return max(SILENCE, SILENT_FRAMES / self._device_rate if self._device_rate > 0 else 0.0)
+
+    def _report_silence(self, garbage: int) -> None:
+        if garbage:
+            self._set_state("garbled", f"port: {garbage} bytes from {self._port}, no valid packet")
+        else:
+            self._set_state("silent", f"port: {self._port} stopped sending")
+
+    def _report_rows_without_frames(self, now: float) -> None:
+        if not self._streaming or now - self._framed <= self._patience():
+            return
+        lost = self._assembler.counters
+        self._set_state(
+            "garbled",
+            f"port: packets from {self._port} but no complete frame ({lost.packets_lost} packets "
+            f"lost, {lost.rows_ignored} that fit no frame); check the line or set partial_frames",
+        )
+
+    def _apply_settings(self, line: Line) -> None:
+        self._changed.clear()
+        self._note = ""
+        if self._rate > 0:
+            self._send(line, protocol.SET_RATE)
+        self._send(line, protocol.START if self._streaming else protocol.STOP)
+        if not self._streaming:
+            self._set_state("stopped", f"{self._describe()}; stopped on request")
+
+    def _describe(self) -> str:
+        i = self.identity
+        return f"{i.name} {i.serial} (firmware {i.firmware}) on {self._port}"
+
+    def _take(self, packet: protocol.Packet, arrival: float) -> None:
+        if isinstance(packet, protocol.Row):
+            for rows in self._assembler.feed(packet):
+                self._publish(rows, arrival, len(packet.readings))
+        elif isinstance(packet, protocol.Ack):
+            self._device_rate = packet.rate
+        elif isinstance(packet, protocol.Error):
+            self._note = f"device: {packet.message or f'error {packet.code}'}"
+
+    def _publish(self, rows: RowsOfFrame, arrival: float, row_bytes: int) -> None:
+        line_rate = self.identity.line_rate
+        on_the_line = 10.0 * (row_bytes + 40) / line_rate if line_rate else 0.0
+        self._clock.update(1e-6 * rows.last_sample, arrival - on_the_line)
+        stamp = self._clock.stamp(1e-6 * rows.frame_time) + time.time() - time.monotonic()
+        self._framed = arrival
+        if self._state[0] != "streaming" and self._streaming:
+            self._set_state("streaming", self._describe())
+        self._deliver(
+            Frame(rows.voltages, rows.grounded, rows.sequence, stamp, rows.drive_voltage),
+            self._clock.to_host(1e-6 * rows.last_sample),
+        )
