@@ -82,6 +82,15 @@ def test_rectangle_cells_are_equal_and_turned():
     np.testing.assert_allclose(points.mean(axis=0), [1, 2])
     tilted = Contact("rectangle", (0, 0), size=(0.4, 0.3), angle=30.0).sample(0.1)[0]
     np.testing.assert_allclose(tilted[3] - tilted[0], 0.3 * np.array([np.cos(np.pi / 6), 0.5]))
+    np.testing.assert_allclose(tilted[4] - tilted[0], 0.1 * np.array([-0.5, np.cos(np.pi / 6)]))
+
+
+def test_slivers_are_left_out_but_not_their_area():
+    e = 5e-5  # cuts corners of e²/2 from the cells beside the diagonal
+    contact = Contact("polygon", points=[[0, 0], [1, 0], [1, e], [e, 1], [0, 1]])
+    points, areas = contact.sample(0.1)
+    assert len(points) == 55
+    assert areas.sum() == pytest.approx(contact.area, rel=1e-12)
 
 
 def test_cells_of_a_u_are_not_between_its_arms():
