@@ -1,0 +1,33 @@
+"""The physics of the sheet: models that fill a `Transfer`, and what is computed from one."""
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.sheet.closed_form import ClosedFormSheet
+from tomotactile_ros.sheet.fem import FemSheet
+
+MODELS = ("auto", "fem", "closed_form")
+
+
+def make_sheet(layout, model: str = "auto", *, resistance=None, shunting: bool = True, h=None):
+    """The cheapest model of `layout` that can do what is asked, or the one that `model` names.
+
+    Parameters
+    ----------
+    layout : Layout
+    model : `auto` takes the closed form for a uniform rectangle and finite elements otherwise
+    resistance : function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
+    shunting : electrodes as equipotentials; without it, points with a radius as in Kojima et al. 2023
+    h : element size of the mesh, m
+
+    Returns
+    -------
+    ClosedFormSheet or FemSheet: `model` (its name), `electrode_electrode`, `transfer(points, radius)` and
+    `contact_points(points, areas, conductance)`.
+    """
+    if model not in MODELS:
+        raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
+    uniform = layout.outline.is_uniform_rectangle and resistance is None
+    if model == "closed_form" and resistance is not None:
+        raise InputError("model: the closed form needs a uniform sheet resistance; use model fem")
+    if model == "closed_form" or (model == "auto" and uniform):
+        return ClosedFormSheet(layout, shunting=shunting)
+    return FemSheet(layout, h=h, shunting=shunting, resistance=resistance)

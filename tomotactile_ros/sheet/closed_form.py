@@ -1,0 +1,150 @@
+"""The uniform rectangle with electrodes of finite radius, without a mesh.
+
+Each electrode is a ring of point charges on its rim. A floating electrode is an equipotential without
+net current, so its charges move: to leading order an induced dipole, which shunts the sheet (64 discs of
+radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 = 5 %). The charges are
+eliminated once; four to a ring give dipole moments within 4 %. Without shunting every electrode is a point
+source whose distance never falls below its radius.
+
+A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the potential
+of the continuous ring, because the distances between n points on a circle multiply to n r^(n - 1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
+from tomotactile_ros.sheet.transfer import Transfer
+
+PATCH_RADIUS = np.exp(-0.5) / np.sqrt(np.pi)  # times sqrt(area): mean log distance of a patch to its centre
+
+
+class ClosedFormSheet:
+    """Closed-form model of `layout`, a uniform rectangle.
+
+    shunting       model the floating electrodes as equipotentials (True) or as points with a radius
+    ring           charges on the rim of each electrode
+    """
+
+    model = "closed_form"
+
+    def __init__(self, layout: Layout, *, shunting: bool = True, ring: int = 4):
+        if not layout.outline.is_uniform_rectangle:
+            raise InputError(
+                f"layout {layout.name!r}: the closed form needs a rectangle without holes, "
+                f"this outline is a {layout.outline.kind}; use model fem"
+            )
+        self.layout = layout
+        self.shunting = shunting
+        self._size = layout.outline.size
+        if shunting:
+            self._charges, self._owner = _rings(layout, ring)
+            self._radius = layout.radius / ring
+        else:
+            self._charges, self._owner = layout.positions, np.arange(layout.electrodes)
+            self._radius = layout.radius
+        between = self._green(self._charges, self._charges, self._radius * np.eye(len(self._charges)))
+        if shunting:
+            self._tie(between)
+        else:
+            self.electrode_electrode = between
+
+    def _green(self, points, sources, radius):
+        scale = self.layout.sheet_resistance
+        return scale * green_rectangle(points, sources, self._size, radius)
+
+    def _tie(self, between):
+        """Equal potential and no net current on each ring: eliminate the charges."""
+        inverse = np.linalg.inv(between)
+        ties = np.eye(self.layout.electrodes)[self._owner]
+        self.electrode_electrode = np.linalg.inv(ties.T @ inverse @ ties)
+        self._average = self.electrode_electrode @ ties.T @ inverse  # (E, charges)
+        self._induced = inverse - inverse @ ties @ self._average  # (charges, charges)
+
+    def transfer(self, points, radius) -> Transfer:
+        """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
+        points = np.asarray(points, float).reshape(-1, 2)
+        radius = np.broadcast_to(np.asarray(radius, float), len(points))
+        on_electrode = self._electrode_of(points)
+        charges = self._green(self._charges, points, self._radius)
+        self_term = self.layout.sheet_resistance * green_rectangle_self(points, self._size, radius)
+        if self.shunting:
+            to_electrodes = self._average @ charges
+            self_term = self_term - np.einsum("pk,pk->k", charges, self._induced @ charges)
+        else:
+            to_electrodes = charges
+        covered = np.flatnonzero(on_electrode >= 0)
+        owner = on_electrode[covered]
+        to_electrodes[:, covered] = self.electrode_electrode[:, owner]
+        self_term[covered] = self.electrode_electrode[owner, owner]
+
+        def green(i, j):
+            reach = np.maximum(radius[i][:, None], radius[j])
+            block = self._green(points[i], points[j], reach)
+            if self.shunting:
+                block -= charges[:, i].T @ (self._induced @ charges[:, j])
+            first, second = on_electrode[i], on_electrode[j]
+            block[first >= 0] = to_electrodes[first[first >= 0]][:, j]
+            block[:, second >= 0] = to_electrodes[second[second >= 0]][:, i].T
+            return block
+
+        return Transfer(
+            self.model,
+            points,
+            self.electrode_electrode,
+            to_electrodes,
+            self_term,
+            on_electrode,
+            green,
+        )
+
+    def _electrode_of(self, points):
+        distance = np.linalg.norm(points[:, None] - self.layout.positions, axis=2)
+        nearest = distance.argmin(axis=1)
+        inside = distance[np.arange(len(points)), nearest] < self.layout.radius
+        return np.where(inside, nearest, -1)
+
+    def contact_points(self, points, areas, conductance):
+        """Where the cells of a contact (or several) meet the sheet.
+
+        Parameters
+        ----------
+        points : (Q, 2) centres of the cells, m; areas : (Q,), m^2; conductance : (Q,), S/m^2, may be inf
+
+        Returns
+        -------
+        Transfer of the cells, (n,) resistance of each to the drive, ohm.
+        """
+        points = np.asarray(points, float).reshape(-1, 2)
+        points, inverse = _merge(points, areas, self._electrode_of(points))
+        area = np.bincount(inverse, areas)
+        with np.errstate(divide="ignore"):
+            resistance = 1 / np.bincount(inverse, np.asarray(areas) * conductance)
+        return self.transfer(points, PATCH_RADIUS * np.sqrt(area)), resistance
+
+
+def _rings(layout, ring):
+    angle = 2 * np.pi * (np.arange(ring) + 0.5) / ring
+    circle = layout.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    charges = (layout.positions[:, None] + circle).reshape(-1, 2)
+    owner = np.repeat(np.arange(layout.electrodes), ring)
+    half = np.array(layout.outline.size) / 2
+    inside = (np.abs(charges) <= half).all(axis=1)
+    return charges[inside], owner[inside]
+
+
+def _merge(points, areas, owner):
+    """Cells closer than half a cell, and all cells on one electrode, become one."""
+    inverse = np.arange(len(points))
+    if len(points) > 1:
+        close = cKDTree(points).query_pairs(0.5 * np.sqrt(np.min(areas)), output_type="ndarray")
+        for first, second in close[np.lexsort(close.T[::-1])]:
+            inverse[second] = inverse[first]
+    for electrode in np.unique(owner[owner >= 0]):
+        inverse[owner == electrode] = np.flatnonzero(owner == electrode)[0]
+    kept, inverse = np.unique(inverse, return_inverse=True)
+    return points[kept], inverse

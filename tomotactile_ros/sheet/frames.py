@@ -1,0 +1,82 @@
+"""Voltage frames of a sheet with any number of contacts, their mutual effect exact.
+
+For each ground condition l, contacts C with resistances r_C to the driving layer at V0 obey
+
+    (Z_l(C, C) + diag(r_C)) I_C = V0 1,        v_n = Z_l(n, C) I_C  (+ r_s sum(I_C) behind a switch)
+
+`Z_l` differs from the ungrounded `G` by a matrix of rank two, so one factorisation of
+`A = G(C, C) + diag(r_C)` serves every l. With `a = A^-1 1`, `B = A^-1 G(C, E)`, `alpha = sum(a)`,
+`beta = G(E, C) a` and `gamma = G(E, C) B` the remaining 2 x 2 system is solved by hand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.sheet.transfer import Transfer
+
+
+def frame(
+    transfer: Transfer,
+    resistance,
+    drive_voltage: float,
+    *,
+    grounded=None,
+    switch_resistance: float = 0.0,
+) -> np.ndarray:
+    """Voltages of one frame.
+
+    Parameters
+    ----------
+    transfer : the contacts are all of its K points
+    resistance : (K,) contact resistance of each point, ohm; 0 is a bare conductor at the drive
+        voltage, infinity is no contact
+    grounded : (L,) grounded electrode of each row; all electrodes in turn without it
+    switch_resistance : between the grounded electrode and ground, ohm
+
+    Returns
+    -------
+    (L, E) array, V; NaN where the electrode is the grounded one. 0 V without contact. A bare
+    conductor on the very electrode that is grounded is a short circuit: ground wins there.
+    """
+    electrodes = transfer.electrodes
+    grounded = np.arange(electrodes) if grounded is None else np.asarray(grounded, int)
+    resistance = np.asarray(resistance, float)
+    touching = np.flatnonzero(np.isfinite(resistance))
+    out = np.zeros((len(grounded), electrodes))
+    touching = np.flatnonzero(np.isfinite(resistance))
+    contacts, resistance = transfer.at(touching), resistance[touching]
+    green = contacts.among(np.arange(len(touching)))
+    ideal = (resistance == 0) & (switch_resistance == 0)
+    shorted = np.unique(contacts.electrode_of[ideal & (contacts.electrode_of >= 0)])
+    for electrode in (None, *shorted):
+        if electrode is None:
+            rows = np.flatnonzero(~np.isin(grounded, shorted))
+            kept = np.arange(len(touching))
+        else:
+            rows = np.flatnonzero(grounded == electrode)
+            kept = np.flatnonzero(~(ideal & (contacts.electrode_of == electrode)))
+        if len(rows) and len(kept):
+            system = green[np.ix_(kept, kept)] + np.diag(resistance[kept])
+            coupling = contacts.electrode_point[:, kept]
+            between = transfer.electrode_electrode
+            out[rows] = _rows(
+                system, coupling, between, grounded[rows], drive_voltage, switch_resistance
+            )
+    out[np.arange(len(grounded)), grounded] = np.nan
+    return out
+
+
+def _rows(system, coupling, between, grounded, drive_voltage, switch_resistance):
+    """(L, E) for A = `system` (n, n), G(E, C) = `coupling` (E, n) and G(E, E) = `between`."""
+    solved = np.linalg.solve(system, np.column_stack([np.ones(len(system)), coupling.T]))
+    alpha = solved[:, 0].sum()
+    beta = coupling @ solved[:, 0]
+    gamma = coupling @ solved[:, 1:]
+    open_loop = 1 - beta[grounded]
+    back = between[grounded, grounded] + switch_resistance - gamma[grounded, grounded]
+    ground_voltage = drive_voltage / (open_loop**2 + alpha * back)
+    total = ground_voltage * alpha  # the current through the grounded electrode
+    drop = ground_voltage * open_loop  # drive voltage minus the reference potential
+    columns = gamma[:, grounded] - between[:, grounded]
+    return drop[:, None] * (beta - 1) + total[:, None] * columns.T + drive_voltage

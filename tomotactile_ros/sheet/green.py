@@ -1,0 +1,90 @@
+"""Neumann Green function of a uniform rectangle in closed form.
+
+`G(p; q)` is the potential at `p` of a unit current fed into a sheet of unit sheet resistance at `q`
+and drained evenly over the whole sheet; its mean over the sheet is zero. Cosine series across the
+short side, summed exactly: three image terms in logarithms (the only singular part) and a remainder
+that is a short sum of products, `exp(-pi long/short) < 0.05` to the power of the mode.
+
+Distances below `radius` count as `radius`: the mean of `ln |p - q|` over a circle around `p` is
+`ln max(|p - q|, radius)`, so a source of finite radius keeps its exact far field and gets its
+self term from the same formula, also where its mirror image in a near rim falls inside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_SMALLEST = 1e-17  # relative size of the first neglected term of the remainder
+
+
+def green_rectangle(points, sources, size, radius=0.0):
+    """Green function of the rectangle `size` centred on the origin.
+
+    Parameters
+    ----------
+    points : (P, 2) array, m
+    sources : (Q, 2) array, m
+    size : (a, b), m
+    radius : array that broadcasts to (P, Q), m. Shortest distance that counts.
+
+    Returns
+    -------
+    (P, Q) array, ohm per (ohm/sq). Multiply by the sheet resistance.
+    """
+    (x, y), (s, t), short, long = _oriented(points, sources, size)
+    near = _near(x[:, None], y[:, None], s, t, short, long, radius)
+    left, right = _remainder(x, y, s, t, short, long)
+    return near + left @ right.T
+
+
+def green_rectangle_self(points, size, radius):
+    """(P,) the diagonal of `green_rectangle(points, points, size, radius)`; `radius` (P,) or scalar, m."""
+    (x, y), (s, t), short, long = _oriented(points, points, size)
+    left, right = _remainder(x, y, s, t, short, long)
+    return _near(x, y, s, t, short, long, radius) + np.einsum("pm,pm->p", left, right)
+
+
+def _oriented(points, sources, size):
+    """Coordinates from the lower left corner, the one along the short side first."""
+    points, sources = np.asarray(points, float), np.asarray(sources, float)
+    order = [0, 1] if size[0] <= size[1] else [1, 0]
+    sides = np.array(size, float)[order]
+    return (points[:, order] + sides / 2).T, (sources[:, order] + sides / 2).T, *sides
+
+
+def _near(x, y, s, t, short, long, radius):
+    """The mode that is constant along the short side, and the nearest images of all the others."""
+    ladder = ((y**2 + t**2) / (2 * long) - np.maximum(y, t) + long / 3) / short
+    half = np.pi / (2 * short)
+    even, odd = np.sin(half * x) * np.cos(half * s), np.cos(half * x) * np.sin(half * s)
+    chords = 4 * (even - odd) ** 2, 4 * (even + odd) ** 2  # 2 - 2 cos(pi X / short), X = x -+ s
+    gaps = (  # 1 - q, q = exp(-pi Y / short)
+        -np.expm1(-2 * half * np.abs(y - t)),
+        1 - np.exp(-2 * half * y) * np.exp(-2 * half * t),
+        1 - np.exp(-2 * half * (long - y)) * np.exp(-2 * half * (long - t)),
+    )
+    floor = (np.pi * np.asarray(radius) / short) ** 2
+    product = 1.0
+    for gap in gaps:
+        for chord in chords:
+            product = product * np.maximum(gap**2 + (1 - gap) * chord, floor)
+    return ladder - np.log(product) / (4 * np.pi)
+
+
+def _remainder(x, y, s, t, short, long):
+    """What the three images leave out, as two thin matrices to be multiplied mode by mode.
+
+    From cosh(k (long - d)) / sinh(k long) = e^-kd + 2 cosh(kd) / (e^(2k long) - 1) for d = |y - t|,
+    and the same for y + t with both of its images kept apart.
+    """
+    modes = int(np.ceil(-np.log(_SMALLEST) / (np.pi * long / short)))
+    k = np.pi / short * np.arange(1, modes + 1)
+    decay = np.exp(-k * long)
+    up, down = np.exp(k * (y[:, None] - long)), np.exp(-k * y[:, None])
+    up_t, down_t = np.exp(k * (t[:, None] - long)), np.exp(-k * t[:, None])
+    left = np.cos(k * x[:, None]) / (k * short)
+    right = np.cos(k * s[:, None]) / -np.expm1(-2 * k * long)
+    return (
+        np.hstack([left * each for each in (up, down * decay, up * decay, down * decay)]),
+        np.hstack([right * each for each in (down_t * decay, up_t, up_t * decay, down_t * decay)]),
+    )

@@ -1,0 +1,74 @@
+"""The one seam between the physics and everything that uses it.
+
+A `Transfer` holds the Green function `G` of the ungrounded sheet between its electrodes and the points
+at which current may enter. With electrode `l` grounded the transfer impedance of two points is
+
+    Z_l(a, b) = G(a, b) - G(a, l) - G(l, b) + G(l, l)
+
+so one `Transfer` serves all ground conditions, frames, sensitivities, images and metrics. `G` is known up
+to a term u(a) + u(b), which cancels in `Z_l`: each model is free to choose its own reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """Green function between E electrodes and K points, in ohm.
+
+    model               name of the model that filled it, `closed_form` or `fem`
+    points              (K, 2), m
+    electrode_electrode (E, E)
+    electrode_point     (E, K)
+    point_self          (K,), G(k, k) of a contact of the radius that the points were given
+    electrode_of        (K,), index of the electrode that the point lies on, else -1
+    green               green(i, j) -> (len(i), len(j)), G between chosen points, computed on demand
+    """
+
+    model: str
+    points: np.ndarray
+    electrode_electrode: np.ndarray
+    electrode_point: np.ndarray
+    point_self: np.ndarray
+    electrode_of: np.ndarray
+    green: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+    @property
+    def electrodes(self) -> int:
+        return len(self.electrode_electrode)
+
+    def among(self, chosen) -> np.ndarray:
+        """(n, n) Green function between `chosen` points, self terms on the diagonal."""
+        chosen = np.asarray(chosen)
+        block = np.array(self.green(chosen, chosen))
+        np.fill_diagonal(block, self.point_self[chosen])
+        return block
+
+    def at(self, chosen) -> Transfer:
+        """The same sheet, restricted to `chosen` points."""
+        chosen = np.asarray(chosen)
+        return Transfer(
+            self.model,
+            self.points[chosen],
+            self.electrode_electrode,
+            self.electrode_point[:, chosen],
+            self.point_self[chosen],
+            self.electrode_of[chosen],
+            lambda i, j: self.green(chosen[i], chosen[j]),
+        )
+
+    def self_impedance(self, grounded=None) -> np.ndarray:
+        """(L, K) Z_l(k, k): from a contact at point k to the grounded electrode l of each condition."""
+        rows = slice(None) if grounded is None else np.asarray(grounded)
+        own = np.diagonal(self.electrode_electrode)[rows, None]
+        return self.point_self - 2 * self.electrode_point[rows] + own
+
+    def impedance(self, grounded: int) -> np.ndarray:
+        """(E, K) Z_l(n, k): voltage at each electrode per ampere fed in at each point."""
+        ee, ep = self.electrode_electrode, self.electrode_point
+        return ep - ee[:, grounded, None] - ep[grounded] + ee[grounded, grounded]
