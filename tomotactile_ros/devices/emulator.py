@@ -288,7 +288,7 @@ class Emulator:
 
     TICK = 0.001
     IDLE = 0.05
-    BUFFER = 1 << 16
+    BUFFER = 1 << 19  # of a microcontroller with half a megabyte to spare
 
     def __init__(
         self,

@@ -1,0 +1,263 @@
+"""Fuzzing of the wire protocol's receiver: damaged streams, and inputs guided by coverage.
+
+1. Damage: streams of rows are mutated, cut, doubled, reordered and mixed with noise, and fed in
+   pieces of any size.  No exception; every accepted packet and every frame is one that was sent;
+   after damage, the second whole packet at the latest is found; memory stays bounded.
+2. Guided (needs atheris): any bytes as a stream, and any bytes as the content of a packet with a
+   correct checksum.  What is accepted must encode to what was received.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib.util
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+
+GUIDED = "--corpus" in sys.argv
+if GUIDED:
+    import atheris
+
+with atheris.instrument_imports() if GUIDED else contextlib.nullcontext():
+    from tomotactile_ros.devices import cobs, protocol
+    from tomotactile_ros.devices.assembly import FrameAssembler
+
+ELECTRODES = 12
+
+
+class Sender:
+    """Sends frames with random readings, and remembers what it has sent lately."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._random = random
+        self._sequence = int(random.integers(1 << 32))
+        self._time = int(random.integers(1 << 40))
+        self.frames: dict[tuple[int, int], np.ndarray] = {}
+
+    def packets(self) -> list[protocol.Row]:
+        """Rows of one frame; each reading is drawn anew, often zero or without zero bytes."""
+        top = int(self._random.choice([1, 256, 4096, 65536]))
+        counts = self._random.integers(0, top, (ELECTRODES, ELECTRODES)).astype(np.uint16)
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        self._time += 4000
+        self.frames[self._sequence, self._time] = counts
+        return [
+            protocol.Row(
+                ELECTRODES,
+                row,
+                ELECTRODES,
+                self._sequence,
+                300 * row,
+                self._time,
+                0.5,
+                3.25,
+                row,
+                protocol.pack_counts(counts[row]),
+            )  # fmt: skip
+            for row in range(ELECTRODES)
+        ]
+
+
+def flip(random: np.random.Generator, data: bytes) -> bytes:
+    """Flip bits at some places."""
+    damaged = np.frombuffer(data, np.uint8).copy()
+    at = random.integers(damaged.size, size=random.integers(1, 9))
+    damaged[at] ^= (1 << random.integers(8, size=at.size)).astype(np.uint8)
+    return damaged.tobytes()
+
+
+def cut(random: np.random.Generator, data: bytes) -> bytes:
+    """Lose a stretch."""
+    first, last = np.sort(random.integers(len(data) + 1, size=2))
+    return data[:first] + data[last:]
+
+
+def double(random: np.random.Generator, data: bytes) -> bytes:
+    """Repeat a stretch."""
+    first, last = np.sort(random.integers(len(data) + 1, size=2))
+    return data[:last] + data[first:]
+
+
+def reorder(random: np.random.Generator, data: bytes) -> bytes:
+    """Send the packets in another order."""
+    packets = data.split(b"\0")
+    return b"\0".join(packets[i] for i in random.permutation(len(packets)))
+
+
+def swap(random: np.random.Generator, data: bytes) -> bytes:
+    """Exchange two stretches, wherever they begin."""
+    a, b, c = np.sort(random.integers(len(data) + 1, size=3))
+    return data[:a] + data[b:c] + data[a:b] + data[c:]
+
+
+def noise(random: np.random.Generator, data: bytes) -> bytes:
+    """Insert random bytes, sometimes more than the longest packet and without any delimiter."""
+    at = random.integers(len(data) + 1)
+    low = int(random.integers(2))
+    inserted = random.integers(low, 256, random.choice([1, 30, 1000, 10000]), dtype=np.uint8)
+    return data[:at] + inserted.tobytes() + data[at:]
+
+
+def zeros(random: np.random.Generator, data: bytes) -> bytes:
+    """Overwrite a stretch with delimiters."""
+    at, length = random.integers(len(data)), random.integers(1, 20)
+    return data[:at] + bytes(length) + data[at + length :]
+
+
+DAMAGES = (flip, cut, double, reorder, swap, noise, zeros)
+
+
+class Receiver:
+    """Parser and assembler under test, with what they let through checked at once."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._random = random
+        self.parser = protocol.Parser()
+        self.assembler = FrameAssembler(ELECTRODES, ELECTRODES)
+        self.frames = 0
+
+    def take(self, data: bytes, sent: set[protocol.Row], frames: dict) -> list[protocol.Packet]:
+        """Feed `data` in pieces; return what was accepted."""
+        accepted, at = [], 0
+        while at < len(data):
+            piece = int(self._random.choice([1, 7, 64, 500, 4096, 65536]))
+            accepted += self.parser.feed(data[at : at + piece])
+            assert self.parser.pending <= protocol.MAX_WIRE, "memory of the parser grows"
+            at += piece
+        for packet in accepted:
+            assert packet in sent, f"accepted what was never sent: {packet}"
+            for frame in self.assembler.feed(packet):
+                counts = frames[frame.sequence, frame.frame_time]
+                assert _same(frame.voltages, counts), f"wrong frame {frame.sequence}"
+                self.frames += 1
+        return accepted
+
+
+def _same(voltages: np.ndarray, counts: np.ndarray) -> bool:
+    expected = np.where(counts == protocol.NO_READING, np.nan, counts * np.float32(0.5))
+    np.fill_diagonal(expected, np.nan)
+    return np.array_equal(voltages, expected, equal_nan=True)
+
+
+def damage_run(total: int, seed: int) -> dict[str, float]:
+    """Feed at least `total` bytes of damaged streams; return what was seen, or fail."""
+    random = np.random.default_rng(seed)
+    sender, receiver = Sender(random), Receiver(random)
+    sent: set[protocol.Row] = set()
+    begin = time.perf_counter()
+    while receiver.parser.counters.bytes < total:
+        if len(sender.frames) > 64:
+            sent.clear()
+            sender.frames.clear()
+        rows = sender.packets() + sender.packets()
+        clean = sender.packets()
+        sent.update(rows, clean)
+        data = b"".join(map(protocol.encode, rows))
+        for _ in range(random.integers(0, 4)):
+            data = DAMAGES[random.integers(len(DAMAGES))](random, data) or b"\1"
+        receiver.take(data, sent, sender.frames)
+        found = receiver.take(b"".join(map(protocol.encode, clean)), sent, sender.frames)
+        assert found[-(ELECTRODES - 1) :] == clean[1:], "not back in step at the second packet"
+    counters = receiver.parser.counters
+    return {
+        "bytes": counters.bytes, "packets accepted": counters.packets,
+        "whole frames": receiver.frames, "checksum errors": counters.crc_errors,
+        "framing errors": counters.framing_errors, "malformed": counters.malformed,
+        "resynchronisations": counters.resynchronisations,
+        "seconds": round(time.perf_counter() - begin, 1),
+    }  # fmt: skip
+
+
+def one_input(data: bytes) -> None:
+    """Any bytes: as a stream in two pieces, and as the content of a packet."""
+    parser = protocol.Parser()
+    middle = len(data) // 3
+    for packet in parser.feed(data[:middle]) + parser.feed(data[middle:]):
+        protocol.encode(packet)
+    assert parser.pending <= protocol.MAX_WIRE
+    assembler = FrameAssembler(3, 3, partial=True)
+    for packet in protocol.Parser().feed(protocol.frame(data)):
+        again = protocol.Parser().feed(protocol.encode(packet))
+        assert repr(again) == repr([packet]), f"{packet} encodes to {again}"
+        if isinstance(packet, protocol.Row):
+            assembler.feed(packet)
+
+
+SEEDS = (
+    protocol.Command(protocol.IDENTIFY, 1),
+    protocol.SetRate(2, 10.0),
+    protocol.Row(3, 0, 3, 1, 10, 5000, 0.5, 3.25, 0, b"\0\0\1\2\3\4"),
+    protocol.Identity(1, 3, 3, 12, 3.3, 10.0, 0, 100.0, "skin", "1.0", "A"),
+    protocol.Ack(2, protocol.SET_RATE, True, 10.0),
+    protocol.Error(3, protocol.START, 4, "broken"),
+)
+
+
+def write_seeds(folder: str) -> None:
+    """Write packets to begin with: whole ones, and their content alone."""
+    for packet in SEEDS:
+        whole = protocol.encode(packet)
+        content = cobs.decode(whole[:-1])[:-4]
+        for kind, data in (("whole", whole), ("content", content)):
+            Path(folder, f"{kind}-{len(data)}").write_bytes(data)
+
+
+def guided_run(seconds: int) -> int:
+    """Let atheris look for inputs, in a process of its own; its exit status, not 0 on a finding."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_seeds(folder)
+        command = [sys.executable, __file__, "--corpus", folder, "--seconds", str(seconds)]
+        return subprocess.run(command, cwd=folder).returncode
+
+
+def guided_child(seconds: int, corpus: str) -> None:
+    """Body of that process."""
+    options = [
+        f"-max_total_time={seconds}",
+        "-max_len=6000",
+        "-print_final_stats=1",
+        "-verbosity=0",
+    ]
+    atheris.Setup([sys.argv[0], *options, corpus], one_input)
+    atheris.Fuzz()
+
+
+def main() -> int:
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    arguments.add_argument("--bytes", type=float, default=1e8, help="of damaged streams")
+    arguments.add_argument("--seconds", type=int, default=60, help="of the guided run")
+    arguments.add_argument("--seed", type=int, default=1)
+    arguments.add_argument("--corpus", help=argparse.SUPPRESS)
+    options = arguments.parse_args()
+    if options.corpus:
+        guided_child(options.seconds, options.corpus)
+    damage_run(100_000, options.seed)
+    tracemalloc.start()
+    damage_run(1_000_000, options.seed)
+    peak = tracemalloc.get_traced_memory()[1] / 1e6
+    tracemalloc.stop()
+    figures = damage_run(int(options.bytes), options.seed)
+    print("damaged streams, seed", options.seed)
+    for name, value in figures.items():
+        print(f"  {name:<20}{value:>14,}")
+    print(
+        f"  {'peak memory, MB':<20}{peak:>14.2f}   (parser, assembler and what was sent, 1e6 bytes)"
+    )
+    if importlib.util.find_spec("atheris") is None:
+        print("guided run: skipped, atheris is not installed")
+        return 0
+    print(f"guided run: {options.seconds} s with atheris", flush=True)
+    return guided_run(options.seconds)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
