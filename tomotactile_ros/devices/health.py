@@ -15,13 +15,14 @@ class DeadChannels:
     The span of an electrode is its largest minus its smallest reading over all ground conditions
     of `window` frames.  Something presses when the median span exceeds 5 % of the drive voltage;
     only then can dead and idle be told apart.  An electrode is called dead while its span is below
-    2 % of the median span, or if it had no valid reading in the window at all.  With nothing on the
-    sheet the verdict of the last window stays.
+    2 % of the median span; with nothing on the sheet that verdict stays.  It is also called dead
+    while it has no valid reading in a whole window.
     """
 
     def __init__(self, window: int = 64) -> None:
         self.dead: tuple[int, ...] = ()
         self._window = window
+        self._constant: set[int] = set()
         self._frames = 0
         self._low: np.ndarray | None = None
         self._high: np.ndarray | None = None
@@ -42,14 +43,10 @@ class DeadChannels:
     def _judge(self, drive_voltage: float) -> None:
         span = self._high - self._low
         invalid = np.isnan(span)
-        dead = invalid
-        if not invalid.all():
-            median = np.median(span[~invalid])
-            if median > 0.05 * drive_voltage:
-                dead = invalid | (span < 0.02 * median)
-            else:
-                dead = invalid | np.isin(np.arange(span.size), self.dead)
-        self.dead = tuple(int(e) for e in np.flatnonzero(dead))
+        median = 0.0 if invalid.all() else np.median(span[~invalid])
+        if median > 0.05 * drive_voltage:
+            self._constant = set(np.flatnonzero(span < 0.02 * median).tolist())
+        self.dead = tuple(sorted(self._constant.union(np.flatnonzero(invalid).tolist())))
 
 
 class Health:

@@ -1,0 +1,194 @@
+"""Frames from rows, host time from device time, dead channels: no line needed."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tomotactile_ros.devices import protocol
+from tomotactile_ros.devices.assembly import FrameAssembler
+from tomotactile_ros.devices.clock import DeviceClock
+from tomotactile_ros.devices.health import DeadChannels
+
+E = 4
+
+
+def row(index: int, sequence: int, time: int | None = None, **changes) -> protocol.Row:
+    """Row `index` of frame `sequence`; its readings tell both."""
+    counts = 100 * (sequence % 100) + 10 * index + np.arange(E)
+    made = protocol.Row(
+        E, index, E, sequence, 10 * (index + 1), 1000 * sequence if time is None else time,
+        0.5, 3.0, index, protocol.pack_counts(counts),
+    )  # fmt: skip
+    return made._replace(**changes)
+
+
+def expected(sequence: int) -> np.ndarray:
+    """Voltages of that frame."""
+    counts = 100 * (sequence % 100) + 10 * np.arange(E)[:, None] + np.arange(E)
+    voltages = 0.5 * counts.astype(np.float32)
+    np.fill_diagonal(voltages, np.nan)
+    return voltages
+
+
+def feed(assembler: FrameAssembler, rows) -> list:
+    """All frames that come of `rows`."""
+    return [frame for r in rows for frame in assembler.feed(r)]
+
+
+def test_a_frame_holds_its_rows_and_times():
+    (frame,) = feed(FrameAssembler(E, E), [row(i, 7) for i in range(E)])
+    assert np.array_equal(frame.voltages, expected(7), equal_nan=True)
+    assert frame.voltages.dtype == np.float32
+    assert frame.grounded.tolist() == [0, 1, 2, 3]
+    assert (frame.sequence, frame.frame_time, frame.last_sample) == (7, 7000, 7040)
+    assert (frame.drive_voltage, frame.missing) == (3.0, 0)
+
+
+def test_a_reading_without_value_is_nan():
+    counts = np.array([5, protocol.NO_READING, 7, 8])
+    rows = [row(i, 1) for i in range(E)]
+    rows[2] = rows[2]._replace(readings=protocol.pack_counts(counts))
+    (frame,) = feed(FrameAssembler(E, E), rows)
+    assert np.array_equal(np.isnan(frame.voltages[2]), [False, True, True, False])
+
+
+@given(st.sets(st.tuples(st.integers(0, 9), st.integers(0, E - 1))))
+def test_lost_packets_are_counted_and_never_make_a_wrong_frame(lost):
+    assembler = FrameAssembler(E, E)
+    sent = [(s, i) for s in range(10) for i in range(E)]
+    fence = [row(i, s) for s in (10,) for i in range(E)]
+    frames = feed(assembler, [row(i, s) for s, i in sent if (s, i) not in lost] + fence)
+    whole = [s for s in range(10) if all((s, i) not in lost for i in range(E))]
+    assert [f.sequence for f in frames] == [*whole, 10]
+    for frame in frames:
+        assert np.array_equal(frame.voltages, expected(frame.sequence), equal_nan=True)
+    first = min(s for s, i in [*sent, (10, 0)] if (s, i) not in lost)
+    assert assembler.counters.packets_lost == sum(s >= first for s, _ in lost)
+
+
+def test_partial_frames_have_nan_rows_and_their_grounded_electrodes():
+    assembler = FrameAssembler(E, E, partial=True)
+    rows = [row(i, 0) for i in range(E)] + [row(0, 1), row(3, 1)] + [row(0, 2)]
+    frames = feed(assembler, rows)
+    assert [f.missing for f in frames] == [0, 2]
+    assert np.array_equal(frames[1].voltages[[0, 3]], expected(1)[[0, 3]], equal_nan=True)
+    assert np.isnan(frames[1].voltages[[1, 2]]).all()
+    assert frames[1].grounded.tolist() == [0, 1, 2, 3]
+
+
+def test_a_partial_frame_waits_until_all_grounded_electrodes_are_known():
+    assembler = FrameAssembler(E, E, partial=True)
+    assert feed(assembler, [row(0, 0), row(0, 1)]) == []
+
+
+def test_repeated_late_and_misfitting_rows_are_ignored():
+    assembler = FrameAssembler(E, E)
+    good = [row(i, 5) for i in range(E)]
+    wide = row(0, 6)._replace(count=5, readings=bytes(10))
+    frames = feed(
+        assembler, [*good[:2], good[1], row(3, 4), *good[2:], *good, wide, row(0, 6, rows=3)]
+    )
+    assert [f.sequence for f in frames] == [5]
+    assert assembler.counters.rows_ignored == 2 + E + 2
+
+
+def test_rows_of_equal_sequence_from_before_and_after_a_restart_are_not_joined():
+    rows = [row(0, 3), row(1, 3), *(row(i, 3, time=50_000) for i in (2, 3))]
+    assembler = FrameAssembler(E, E)
+    assert feed(assembler, rows) == []
+    assert assembler.counters.frames_incomplete == 1
+
+
+def test_a_restarted_device_goes_on_and_its_jump_is_no_loss():
+    assembler = FrameAssembler(E, E)
+    rows = [row(i, s) for s in (50_000, 0, 1) for i in range(E)]
+    assert [f.sequence for f in feed(assembler, rows)] == [50_000, 0, 1]
+    assert assembler.counters.packets_lost == 0
+
+
+def test_the_sequence_wraps_without_a_loss():
+    last = 0xFFFFFFFF
+    rows = [row(i, last, time=1000) for i in range(E)] + [row(i, 0, time=2000) for i in range(E)]
+    assembler = FrameAssembler(E, E)
+    assert len(feed(assembler, rows)) == 2
+    assert (assembler.counters.frames_lost, assembler.counters.packets_lost) == (0, 0)
+
+
+def arrivals(device: np.ndarray, drift: float, seed: int = 0) -> np.ndarray:
+    """Host times: a drifting clock, delays of 0.2 ms and more, every tenth up to 30 ms late."""
+    random = np.random.default_rng(seed)
+    delay = 2e-4 + random.exponential(3e-4, device.size)
+    delay += np.where(random.random(device.size) < 0.1, random.uniform(0, 0.03, device.size), 0.0)
+    return 1000.0 + device / (1.0 + drift) + delay
+
+
+@pytest.mark.parametrize("drift", [0.0, 3e-5, -3e-5, 5e-4, -5e-4])
+def test_the_clock_is_mapped_to_the_shortest_delay_whatever_the_drift(drift):
+    clock, device = DeviceClock(), np.arange(0.0, 60.0, 0.016)
+    for d, h in zip(device, arrivals(device, drift), strict=True):
+        clock.update(d, h)
+    truth = 1000.0 + device[-1] / (1.0 + drift) + 2e-4
+    assert abs(clock.to_host(device[-1]) - truth) < 2e-4
+    assert abs(clock.drift - drift) < 1e-5
+    assert clock.jumps == 0
+
+
+def test_seconds_of_delayed_packets_do_not_move_the_clock():
+    clock, device = DeviceClock(), np.arange(0.0, 40.0, 0.016)
+    host = arrivals(device, 2e-5)
+    host[(device > 20) & (device < 21.5)] = np.maximum(host, host[np.searchsorted(device, 21.5)])[
+        (device > 20) & (device < 21.5)
+    ]
+    for d, h in zip(device, host, strict=True):
+        clock.update(d, h)
+    assert clock.jumps == 0
+    assert abs(clock.to_host(40.0) - (1000.0 + 40.0 / (1 + 2e-5) + 2e-4)) < 2e-4
+
+
+@given(st.lists(st.sampled_from([0.004, 0.5, 3.0, -2.0, -0.1, 100.0, -1e4]), max_size=60))
+def test_stamps_increase_and_never_lie_in_the_future_whatever_the_device_clock_does(steps):
+    clock, device, host, last = DeviceClock(), 1e5, 50.0, -np.inf
+    for step in steps:
+        device, host = device + step, host + 0.004
+        clock.update(device, host)
+        stamp = clock.stamp(device - 0.003)
+        assert stamp > last
+        assert stamp <= host + 1e-4
+        last = stamp
+
+
+@pytest.mark.parametrize("jump", [10.0, -10.0, 0.2])
+def test_a_jump_of_the_device_clock_is_noticed_at_once(jump):
+    clock = DeviceClock()
+    for k in range(100):
+        clock.update(0.01 * k, 0.01 * k + 5.0)
+    clock.update(1.0 + jump, 6.0)
+    assert clock.jumps == 1
+    assert clock.to_host(1.0 + jump) == pytest.approx(6.0)
+
+
+def test_a_device_clock_that_stood_still_is_noticed_after_two_seconds():
+    clock = DeviceClock()
+    for k in range(600):
+        host = 0.01 * k
+        clock.update(host if k < 100 else host - 0.3, host)
+    assert clock.jumps == 1
+    assert clock.to_host(5.69) == pytest.approx(5.99, abs=1e-3)
+
+
+def test_dead_channels_are_told_from_idle_ones():
+    random, channels = np.random.default_rng(0), DeadChannels(window=10)
+    for _ in range(10):
+        channels.update(random.normal(0, 1e-3, (8, 8)), 3.3)
+    assert channels.dead == ()
+    for _ in range(10):
+        voltages = random.uniform(0.0, 1.0, (8, 8))
+        voltages[:, 3] = 3.3
+        voltages[:, 5] = random.normal(0.0, 1e-3, 8)
+        voltages[:, 6] = np.nan
+        channels.update(voltages, 3.3)
+    assert channels.dead == (3, 5, 6)
+    for _ in range(10):
+        channels.update(random.normal(0, 1e-3, (8, 8)), 3.3)
+    assert channels.dead == (3, 5)

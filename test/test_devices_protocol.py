@@ -1,0 +1,272 @@
+"""The wire protocol: examples of docs/protocol.md, round trips, damage."""
+
+import ctypes
+import importlib.util
+import math
+import re
+import shutil
+import struct
+import subprocess
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tomotactile_ros.devices import cobs, protocol
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+
+
+def vectors() -> dict[str, dict[str, bytes]]:
+    """Examples of the document: name -> packet, crc and wire bytes."""
+    found = {}
+    for block in re.findall(r"```vector\n(.*?)```", DOCUMENT, re.DOTALL):
+        parts = re.split(r"^(name|packet|crc|wire):", block, flags=re.MULTILINE)
+        fields = dict(zip(parts[1::2], parts[2::2], strict=True))
+        name = fields.pop("name").strip()
+        found[name] = {key: bytes.fromhex(text) for key, text in fields.items()}
+    return found
+
+
+VECTORS = vectors()
+SCALE = struct.unpack("<f", struct.pack("<f", 3.3 / 4096))[0]
+VOLTS = struct.unpack("<f", struct.pack("<f", 3.3))[0]
+MEANINGS = {
+    "IDENTIFY": protocol.Command(protocol.IDENTIFY, 0x0102),
+    "START": protocol.Command(protocol.START, 7),
+    "STOP": protocol.Command(protocol.STOP, 8),
+    "SET_RATE": protocol.SetRate(9, 15.625),
+    "IDENTITY": protocol.Identity(
+        0x0102, 64, 64, 12, VOLTS, 15.625, 2_000_000, 31.25, "skin", "1.0.3", "A7"
+    ),
+    "ROW, 4": protocol.Row(
+        4, 0, 4, 258, 1000, 5_000_000_000, SCALE, VOLTS, 0,
+        protocol.pack_counts([protocol.NO_READING, 0, 1240, 4095]),
+    ),
+    "ROW, 130": protocol.Row(
+        130, 1, 130, 0, 2000, 0, SCALE, VOLTS, 1, protocol.pack_counts(np.arange(1024, 1154))
+    ),
+    "ACK": protocol.Ack(9, protocol.SET_RATE, False, 15.625),
+    "ERROR": protocol.Error(10, protocol.SET_RATE, 2, "at most 31.25 frames/s"),
+}  # fmt: skip
+
+
+def meaning(name: str) -> protocol.Packet:
+    """Packet of the example whose name begins like one key of `MEANINGS`, up to a word's end."""
+    (found,) = [key for key in MEANINGS if re.match(rf"{key}\b", name)]
+    return MEANINGS[found]
+
+
+def test_every_meaning_has_its_example_in_the_document():
+    assert {id(meaning(name)) for name in VECTORS} == {id(packet) for packet in MEANINGS.values()}
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_example_is_consistent_in_itself(name):
+    example = VECTORS[name]
+    assert zlib.crc32(example["packet"]).to_bytes(4, "little") == example["crc"]
+    assert example["wire"].index(0) == len(example["wire"]) - 1
+    assert _plain_cobs_decode(example["wire"][:-1]) == example["packet"] + example["crc"]
+
+
+def _plain_cobs_decode(data: bytes) -> bytes:
+    """The definition, written down without regard to speed."""
+    decoded = b""
+    while data:
+        code, block, data = data[0], data[1 : data[0]], data[data[0] :]
+        decoded += block + (b"\0" if code < 255 and data else b"")
+    return decoded
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_example_is_written_and_read(name):
+    packet = meaning(name)
+    assert protocol.encode(packet) == VECTORS[name]["wire"]
+    assert protocol.Parser().feed(VECTORS[name]["wire"]) == [packet]
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
+def test_the_c_code_of_the_document_writes_and_reads_the_examples(tmp_path):
+    (source,) = re.findall(r"```c\n(.*?)```", DOCUMENT, re.DOTALL)
+    (tmp_path / "wire.c").write_text(source)
+    command = ["cc", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", "wire.so", "wire.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    code = ctypes.CDLL(str(tmp_path / "wire.so"))
+    code.crc32.restype = ctypes.c_uint32
+    for function in (code.cobs_encode, code.cobs_decode):
+        function.restype = ctypes.c_size_t
+    assert code.crc32(b"123456789", ctypes.c_size_t(9)) == 0xCBF43926
+    out = ctypes.create_string_buffer(4200)
+    for example in VECTORS.values():
+        packet, wire = example["packet"] + example["crc"], example["wire"]
+        assert code.crc32(packet, ctypes.c_size_t(len(packet) - 4)) == zlib.crc32(packet[:-4])
+        length = code.cobs_encode(packet, ctypes.c_size_t(len(packet)), out)
+        assert out.raw[:length] == wire
+        length = code.cobs_decode(out, ctypes.c_size_t(len(wire) - 1))
+        assert out.raw[:length] == packet
+
+
+@given(st.binary(max_size=1500))
+def test_cobs_round_trip(data):
+    encoded = cobs.encode(data)
+    assert 0 not in encoded
+    assert len(encoded) <= len(data) + len(data) // 254 + 1
+    assert cobs.decode(encoded) == data
+
+
+@pytest.mark.parametrize("length", [253, 254, 255, 507, 508, 509])
+@pytest.mark.parametrize("tail", [b"", b"\0", b"\0\0", b"\0\1"])
+def test_cobs_at_the_edges_of_full_blocks(length, tail):
+    data = b"\7" * length + tail
+    assert cobs.decode(cobs.encode(data)) == data
+    assert _plain_cobs_decode(cobs.encode(data)) == data
+
+
+def test_a_final_code_behind_a_full_block_may_be_absent():
+    assert cobs.decode(b"\xff" + b"\7" * 254) == b"\7" * 254
+    assert cobs.decode(b"\xff" + b"\7" * 254 + b"\1") == b"\7" * 254
+
+
+SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
+POSITIVE = st.floats(min_value=2.0**-120, max_value=2.0**120, width=32)
+U16, U32 = st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFFFF)
+TEXT = st.text(max_size=50)
+
+
+@st.composite
+def rows(draw) -> protocol.Row:
+    count, of = draw(st.integers(1, 2029)), draw(st.integers(1, 0xFFFF))
+    return protocol.Row(
+        count,
+        draw(st.integers(0, of - 1)),
+        of,
+        draw(U32),
+        draw(U32),
+        draw(st.integers(0, 2**64 - 1)),
+        draw(POSITIVE),
+        draw(POSITIVE),
+        draw(st.integers(0, count - 1)),
+        np.random.default_rng(draw(U32)).bytes(2 * count),
+    )
+
+
+PACKETS = st.one_of(
+    st.builds(protocol.Command, st.sampled_from([1, 2, 3]), U16),
+    st.builds(protocol.SetRate, U16, SINGLE),
+    rows(),
+    st.builds(
+        protocol.Identity, U16, st.integers(1, 0xFFFF), st.integers(1, 0xFFFF),
+        st.integers(0, 255), POSITIVE, SINGLE, U32, SINGLE, TEXT, TEXT, TEXT,
+    ),
+    st.builds(protocol.Ack, U16, st.integers(0, 255), st.booleans(), SINGLE),
+    st.builds(protocol.Error, U16, st.integers(0, 255), st.integers(0, 255), TEXT),
+)  # fmt: skip
+
+
+@given(st.lists(PACKETS, max_size=5), st.integers(1, 300))
+def test_packets_survive_the_line_in_pieces_of_any_size(packets, piece):
+    data = b"".join(map(protocol.encode, packets))
+    parser, found = protocol.Parser(), []
+    for at in range(0, len(data), piece):
+        found += parser.feed(data[at : at + piece])
+    assert found == packets
+    assert parser.counters.packets == len(packets)
+    assert parser.pending == 0
+
+
+def test_no_reading_and_the_largest_count_are_told_apart():
+    counts = np.array([0, 4095, 0xFFFE, protocol.NO_READING], dtype=np.uint16)
+    assert np.array_equal(protocol.unpack_counts(protocol.pack_counts(counts)), counts)
+
+
+def an_example(**changes) -> protocol.Row:
+    """A valid row, changed."""
+    return MEANINGS["ROW, 4"]._replace(**changes)
+
+
+NOT_A_ROW = {
+    "row index": an_example(row=4),
+    "grounded electrode": an_example(grounded=4),
+    "scale zero": an_example(scale=0.0),
+    "scale negative": an_example(scale=-1.0),
+    "scale not a number": an_example(scale=math.nan),
+    "scale infinite": an_example(scale=math.inf),
+    "drive voltage": an_example(drive_voltage=-1.0),
+    "drive voltage not a number": an_example(drive_voltage=math.nan),
+    "too few readings": an_example(count=5),
+    "half a reading": an_example(readings=b"\1\2\3\4\5\6\7"),
+}
+
+
+@pytest.mark.parametrize("what", NOT_A_ROW)
+def test_right_checksum_does_not_excuse_wrong_content(what):
+    parser = protocol.Parser()
+    assert parser.feed(protocol.encode(NOT_A_ROW[what])) == []
+    assert parser.counters.malformed == 1
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\x10", b"\x10\x01", b"\x01\x01\x00", b"\x77\x01\x00\x00", b"\x01\x02\x05\x00"],
+    ids=["empty", "type only", "no fields", "cut field", "unknown type", "version 2"],
+)
+def test_short_unknown_and_future_packets_are_counted_and_skipped(content):
+    parser = protocol.Parser()
+    good = protocol.encode(protocol.Command(protocol.START, 1))
+    assert parser.feed(protocol.frame(content) + good) == [protocol.Command(protocol.START, 1)]
+    assert parser.counters.malformed == 1
+    assert parser.counters.resynchronisations == 1
+
+
+@given(st.data())
+def test_no_single_changed_byte_is_accepted(data):
+    wire = bytearray(protocol.encode(MEANINGS["ROW, 130"]))
+    at = data.draw(st.integers(0, len(wire) - 1))
+    wire[at] ^= data.draw(st.integers(1, 255))
+    assert protocol.Parser().feed(bytes(wire) + b"\0") == []
+
+
+def test_an_endless_packet_is_not_kept():
+    parser = protocol.Parser()
+    for _ in range(200):
+        parser.feed(b"\x55" * 1000)
+        assert parser.pending <= protocol.MAX_WIRE
+    good = protocol.Command(protocol.STOP, 3)
+    assert parser.feed(b"\0" + protocol.encode(good)) == [good]
+    assert parser.counters.framing_errors == 1
+
+
+def test_the_longest_packet_passes():
+    row = an_example(count=2029, readings=bytes(range(1, 254)) * 16 + b"\1" * 10)
+    assert protocol.Parser().feed(protocol.encode(row)) == [row]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_damaged_streams(seed):
+    """100 kB each: nothing accepted that was not sent, back in step at the second packet."""
+    figures = FUZZ.damage_run(100_000, seed)
+    assert figures["packets accepted"] > 0
+    assert figures["checksum errors"] + figures["framing errors"] > 0
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_as_stream_and_as_content(data):
+    FUZZ.one_input(data)
+
+
+def load_fuzz():
+    """benchmark/fuzz_protocol.py as a module."""
+    place = importlib.util.spec_from_file_location(
+        "fuzz_protocol", ROOT / "benchmark" / "fuzz_protocol.py"
+    )
+    module = importlib.util.module_from_spec(place)
+    place.loader.exec_module(module)
+    return module
+
+
+FUZZ = load_fuzz()

@@ -1,0 +1,503 @@
+"""The serial device against the emulated sensor, on real pseudo-terminals and TCP, with its faults.
+
+Every wait is for an event; PATIENCE is only how long a broken program may take to fail.
+"""
+
+import contextlib
+import errno
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+
+from tomotactile_ros.devices import emulator, line, protocol
+from tomotactile_ros.devices.serial import FIRST_RETRY, LAST_RETRY, SerialDevice, retry_delays
+
+PATIENCE = 30.0
+E = 6
+
+
+def readings(sequence: int) -> np.ndarray:
+    """Counts (E, E) of frame `sequence`: no two frames within 500 agree anywhere."""
+    return (sequence % 500) * 8 + (np.arange(E)[:, None] + np.arange(E)) % 8
+
+
+def counted(time: float, sequence: int) -> np.ndarray:
+    """Source of frames whose readings tell their sequence."""
+    return readings(sequence) * 3.3 / 4096
+
+
+def sensor(**settings) -> emulator.EmulatedDevice:
+    """Small fast emulated device."""
+    return emulator.EmulatedDevice(counted, E, **{"rate": 100.0, "name": "skin", **settings})
+
+
+class Watch:
+    """Collects frames, checks each of them, and waits for what the test wants."""
+
+    def __init__(self, device: SerialDevice) -> None:
+        self.device = device
+        self.frames = []
+        self._news = threading.Condition()
+
+    def __call__(self, frame) -> None:
+        with self._news:
+            self.frames.append(frame)
+            self._news.notify_all()
+
+    def wait_for_frames(self, number: int) -> None:
+        """Wait until `number` more frames are there."""
+        with self._news:
+            wanted = len(self.frames) + number
+            assert self._news.wait_for(lambda: len(self.frames) >= wanted, PATIENCE), (
+                self.device.status()
+            )
+
+    def wait_for(self, condition) -> None:
+        """Wait until `condition(status)`, asked at each frame and every 10 ms."""
+        deadline = time.monotonic() + PATIENCE
+        with self._news:
+            while not condition(self.device.status()):
+                assert time.monotonic() < deadline, self.device.status()
+                self._news.wait(0.01)
+
+    def check(self) -> None:
+        """Every whole frame is one that was sent, and stamps increase up to now."""
+        for frame in self.frames:
+            expected = np.where(np.eye(E), np.nan, readings(frame.sequence) * (3.3 / 4096))
+            valid = ~np.isnan(frame.voltages)
+            assert np.allclose(frame.voltages[valid], expected[valid], atol=1e-6)
+        stamps = [frame.stamp for frame in self.frames]
+        assert all(a < b for a, b in itertools.pairwise(stamps))
+        assert not stamps or stamps[-1] <= time.time() + 1e-3
+
+
+@contextlib.contextmanager
+def watched(device: SerialDevice):
+    """The opened device, closed at the end and its frames checked."""
+    watch = Watch(device)
+    device.open(watch)
+    try:
+        yield watch
+    finally:
+        device.close()
+    assert device.status().state == "closed"
+    watch.check()
+
+
+@contextlib.contextmanager
+def plugged(simulated, make_port=emulator.PtyPort, **options):
+    """The emulator plugged in."""
+    running = emulator.Emulator(simulated, make_port, **options)
+    running.plug()
+    try:
+        yield running
+    finally:
+        running.unplug()
+
+
+@pytest.mark.parametrize("make_port", [emulator.PtyPort, emulator.TcpPort], ids=["pty", "tcp"])
+def test_frames_arrive_whole_in_order_and_stamped(make_port):
+    with plugged(sensor(), make_port) as port, watched(SerialDevice(port.path, E)) as watch:
+        watch.wait_for_frames(50)
+        status = watch.device.status()
+    assert status.state == "streaming"
+    assert "skin" in status.message
+    assert status.counters["crc_errors"] == status.counters["malformed"] == 0
+    frame = watch.frames[-1]
+    assert np.array_equal(np.isnan(frame.voltages), np.eye(E, dtype=bool))
+    assert frame.grounded.tolist() == list(range(E))
+    assert frame.drive_voltage == pytest.approx(3.3)
+
+
+def test_frames_arrive_through_a_port_without_file_descriptor():
+    class Plain(serial.Serial):
+        def fileno(self):
+            raise OSError("none")
+
+    def opener(path, baud):
+        return line.Line(Plain(path, timeout=0.02))
+
+    with plugged(sensor()) as port, watched(SerialDevice(port.path, E, opener=opener)) as watch:
+        watch.wait_for_frames(10)
+
+
+def test_rate_stop_and_start_at_run_time():
+    with plugged(sensor()) as port, watched(SerialDevice(port.path, E, rate=50.0)) as watch:
+        watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
+        watch.device.set_rate(200.0)
+        watch.wait_for(lambda s: s.counters["rate_device"] == 200.0)
+        assert port.device.rate == 200.0
+        watch.device.set_streaming(False)
+        watch.wait_for(lambda s: s.state == "stopped" and not port.device.streaming)
+        watch.device.set_streaming(True)
+        watch.wait_for(lambda s: s.state == "streaming")
+        watch.wait_for_frames(5)
+
+
+def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():
+    with plugged(sensor(max_rate=150.0)) as port:
+        with watched(SerialDevice(port.path, E, rate=1000.0)) as watch:
+            watch.wait_for(lambda s: s.state == "streaming" and "at most 150" in s.message)
+
+
+def test_close_stops_the_device_and_it_can_be_opened_again():
+    with plugged(sensor()) as port:
+        device = SerialDevice(port.path, E)
+        for _ in range(3):
+            with watched(device) as watch:
+                watch.wait_for_frames(3)
+            probe = Watch(device)
+            probe.wait_for(lambda s: not port.device.streaming)
+            assert len(watch.frames) == device.status().counters["frames"]
+
+
+def test_opening_twice_is_a_mistake():
+    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
+        with pytest.raises(RuntimeError, match="open already"):
+            watch.device.open(watch)
+
+
+def test_a_receiver_that_raises_does_not_end_the_stream():
+    with plugged(sensor()) as port:
+        device = SerialDevice(port.path, E)
+        device.open(lambda frame: 1 / 0)
+        Watch(device).wait_for(lambda s: s.counters["callback_errors"] >= 3)
+        assert device.status().state == "streaming"
+        device.close()
+
+
+def test_unplug_and_replug_a_hundred_times(tmp_path):
+    link = str(tmp_path / "port")
+    with plugged(sensor(), lambda: emulator.PtyPort(link)) as port:
+        with watched(SerialDevice(link, E)) as watch:
+            watch.wait_for_frames(1)
+            for cycle in range(100):
+                port.unplug()
+                if cycle % 10 == 0:
+                    watch.wait_for(lambda s: s.state == "disconnected")
+                port.plug()
+                reconnects = cycle
+                watch.wait_for(lambda s, n=reconnects: s.counters["reconnects"] > n)
+                watch.wait_for_frames(1)
+            assert watch.device.status().counters["reconnects"] == 100
+
+
+def test_replug_over_tcp():
+    with plugged(sensor(), emulator.TcpPort) as port:
+        number = int(port.path.rpartition(":")[2])
+        port._make_port = lambda: emulator.TcpPort(port=number)
+        with watched(SerialDevice(port.path, E)) as watch:
+            for _ in range(3):
+                watch.wait_for_frames(1)
+                port.unplug()
+                watch.wait_for(lambda s: s.state == "disconnected")
+                port.plug()
+            watch.wait_for_frames(1)
+
+
+def test_waits_between_attempts_bound_the_time_until_a_returned_port_is_tried():
+    delays = list(itertools.islice(retry_delays(), 10))
+    assert delays[0] == FIRST_RETRY == 0.05
+    assert max(delays) == LAST_RETRY == 0.5
+    assert delays == sorted(delays)
+
+
+LAYOUT = """
+format: tomotactile-layout/1
+name: six
+outline: {rectangle: [0.2, 0.2]}
+sheet_resistance: 10000.0
+electrodes:
+  radius: 0.0025
+  positions: [[-0.08, -0.05], [0.0, -0.05], [0.08, -0.05], [-0.08, 0.05], [0.0, 0.05], [0.08, 0.05]]
+"""
+
+
+def start_program(folder: Path, rate: float) -> subprocess.Popen:
+    """The emulator in a process of its own, on the link `folder`/port; returns when it is ready."""
+    (folder / "six.yaml").write_text(LAYOUT)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    code = "import sys; from tomotactile_ros.devices.emulator import main; sys.exit(main())"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "--layout", str(folder / "six.yaml")]
+        + ["--rate", str(rate), "--port", f"pty:{folder / 'port'}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    assert process.stdout.readline().strip() == str(folder / "port")
+    return process
+
+
+def test_the_emulator_killed_in_mid_frame_and_started_again(tmp_path):
+    process = start_program(tmp_path, rate=2.0)
+    device = SerialDevice(str(tmp_path / "port"), E)
+    whole = Watch(device)
+    device.open(whole)
+    whole.wait_for_frames(1)
+    seen = device.status().counters["packets"]
+    whole.wait_for(lambda s: s.counters["packets"] > seen)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    whole.wait_for(lambda s: s.state == "disconnected")
+    process = start_program(tmp_path, rate=50.0)
+    whole.wait_for_frames(5)
+    device.close()
+    process.terminate()
+    assert process.wait() == 0
+    assert not (tmp_path / "port").exists()
+    for frame in whole.frames:
+        assert np.array_equal(np.isnan(frame.voltages), np.eye(E, dtype=bool))
+        assert np.nanmax(np.abs(frame.voltages)) == 0.0
+
+
+def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
+    assert emulator.main(["--port", "usb"]) == 2
+    assert emulator.main(["--layout", "no-such-layout"]) == 2
+    assert emulator.main(["--port", "pty:/no/such/folder/port"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert "tcp:HOST:PORT" in lines[0]
+    assert "no-such-layout" in lines[1]
+
+
+def test_a_device_that_never_answers_is_silent():
+    with plugged(sensor(), mangle=lambda data: b"") as port:
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for(lambda s: s.state == "silent" and "nothing answers" in s.message)
+            port._mangle = bytes
+            watch.wait_for_frames(3)
+
+
+def test_a_device_that_falls_silent_and_comes_back():
+    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
+        watch.wait_for_frames(3)
+        port._mangle = lambda data: b""
+        watch.wait_for(lambda s: s.state == "silent")
+        port._mangle = bytes
+        watch.wait_for_frames(3)
+        assert watch.device.status().state == "streaming"
+
+
+def test_a_device_that_forgets_to_stream_is_started_again():
+    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
+        watch.wait_for_frames(3)
+        port.device.streaming = False
+        watch.wait_for_frames(3)
+        assert watch.device.status().counters["reconnects"] == 1
+
+
+def test_a_device_ten_times_too_fast_is_told():
+    with plugged(sensor(rate=25.0, haste=10.0)) as port:
+        with watched(SerialDevice(port.path, E, rate=25.0)) as watch:
+            watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
+
+
+def losing(share: float, seed: int = 0):
+    """Line that loses that share of the packets."""
+    random = np.random.default_rng(seed)
+
+    def mangle(data: bytes) -> bytes:
+        packets = data.split(b"\0")
+        return b"".join(p + b"\0" for p in packets if p and random.random() >= share)
+
+    return mangle
+
+
+def test_half_of_the_packets_lost_is_told_and_no_wrong_frame_comes():
+    with plugged(sensor(), mangle=losing(0.5)) as port:
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for(lambda s: s.counters["packets_lost"] > 300)
+            port._mangle = losing(0.99)
+            watch.wait_for(lambda s: s.state in ("garbled", "silent"))
+            port._mangle = bytes
+            watch.wait_for(lambda s: s.state == "streaming")
+            watch.wait_for_frames(3)
+
+
+def test_no_complete_frame_for_long_is_told():
+    def without_row_0(data: bytes) -> bytes:
+        packets = protocol.Parser().feed(data)
+        return b"".join(protocol.encode(p) for p in packets if getattr(p, "row", 1) != 0)
+
+    with plugged(sensor(), mangle=without_row_0) as port:
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for(lambda s: s.state == "garbled" and "no complete frame" in s.message)
+        assert watch.frames == []
+
+
+def test_half_of_the_packets_lost_with_partial_frames():
+    with plugged(sensor()) as port:
+        with watched(SerialDevice(port.path, E, partial_frames=True)) as watch:
+            watch.wait_for_frames(1)
+            port._mangle = losing(0.5)
+            watch.wait_for_frames(50)
+    rows_missing = [np.isnan(f.voltages).all(axis=1).sum() for f in watch.frames]
+    assert max(rows_missing) >= 3
+    assert all(f.grounded.tolist() == list(range(E)) for f in watch.frames)
+
+
+def test_a_port_that_does_not_exist(tmp_path):
+    with watched(SerialDevice(str(tmp_path / "none"), E)) as watch:
+        watch.wait_for(lambda s: s.state == "disconnected" and "does not exist" in s.message)
+
+
+def test_a_server_that_does_not_exist():
+    port = emulator.TcpPort()
+    port.close()
+    with watched(SerialDevice(port.path, E)) as watch:
+        watch.wait_for(lambda s: s.state == "disconnected" and "cannot be opened" in s.message)
+
+
+def test_a_port_without_permission():
+    """In a process that gives up its rights where it has them: root may open everything."""
+    program = """
+import os, threading
+from tomotactile_ros.devices.emulator import PtyPort
+from tomotactile_ros.devices.serial import SerialDevice
+port = PtyPort()
+os.chmod(port.path, 0)
+if os.geteuid() == 0:
+    os.seteuid(65534)
+device = SerialDevice(port.path, 6)
+told = threading.Event()
+show = device._set_state
+device._set_state = lambda state, message: (show(state, message), told.set())
+device.open(print)
+told.wait(30.0)
+print(device.status().state, device.status().message)
+device.close()
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("disconnected port: no permission to open /dev/"), done.stdout
+
+
+def test_the_wrong_baud_rate():
+    """A pseudo-terminal has no baud rate: what a wrong one makes of the bytes is emulated."""
+    random = np.random.default_rng(0)
+
+    def garbage(data: bytes) -> bytes:
+        return random.integers(0, 256, len(data) // 2 + 100, dtype=np.uint8).tobytes()
+
+    with plugged(sensor(), mangle=garbage) as port:
+        with watched(SerialDevice(port.path, E, baud=9600)) as watch:
+            watch.wait_for(lambda s: s.state == "garbled" and "wrong baud rate" in s.message)
+        assert watch.frames == []
+
+
+def test_the_wrong_number_of_electrodes_and_then_the_right_device(tmp_path):
+    link = str(tmp_path / "port")
+    wrong = emulator.EmulatedDevice(emulator.idle_source(9), 9, name="big skin")
+    with watched(SerialDevice(link, E)) as watch:
+        with plugged(wrong, lambda: emulator.PtyPort(link)):
+            watch.wait_for(lambda s: s.state == "refused")
+            message = watch.device.status().message
+        assert "big skin" in message and "9 electrodes" in message and "layout 6" in message
+        assert watch.frames == []
+        with plugged(sensor(), lambda: emulator.PtyPort(link)):
+            watch.wait_for_frames(3)
+
+
+def test_a_device_of_another_protocol_version_is_refused():
+    def version_2(data: bytes) -> bytes:
+        return b"".join(protocol.frame(bytes([0x11, 2, 0, 0])) for _ in range(bool(data)))
+
+    with plugged(sensor(), mangle=version_2) as port:
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for(lambda s: s.state == "refused" and "version 2" in s.message)
+
+
+@pytest.mark.parametrize("jump", [3600.0, -3600.0])
+def test_a_device_clock_that_jumps(jump):
+    offset = [1e5]
+    device = sensor(clock=lambda: time.monotonic() + offset[0])
+    with plugged(device) as port, watched(SerialDevice(port.path, E)) as watch:
+        watch.wait_for_frames(10)
+        offset[0] += jump
+        watch.wait_for(lambda s: s.counters["clock_jumps"] == 1)
+        watch.wait_for_frames(20)
+    ages = [time.time() - frame.stamp for frame in watch.frames]
+    assert max(ages) < 2 * PATIENCE
+
+
+def test_a_port_in_use_is_told():
+    with plugged(sensor()) as port:
+        other = serial.Serial(port.path, exclusive=True)
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for(lambda s: s.state == "disconnected" and "in use" in s.message)
+            other.close()
+            watch.wait_for_frames(1)
+
+
+class Found:
+    """What pyserial tells of a plugged-in adapter."""
+
+    def __init__(self, device, vid, pid, serial_number):
+        self.device, self.vid, self.pid = device, vid, pid
+        self.serial_number = serial_number
+
+
+def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
+    adapters = [Found("/dev/a", 0x2341, 0x10, "X1"), Found("/dev/b", 0x2341, 0x10, "X2")]
+    monkeypatch.setattr(
+        line.list_ports, "comports", lambda: [*adapters, Found("/dev/c", 1, 2, None)]
+    )
+    assert line.find_port("usb:0001:0002") == "/dev/c"
+    assert line.find_port("usb:2341:0010:X2") == "/dev/b"
+    (tmp_path / "skin-1").touch()
+    assert line.find_port(f"{tmp_path}/skin-*") == f"{tmp_path}/skin-1"
+    assert line.find_port("ttyUSB0") == "/dev/ttyUSB0"
+    assert line.find_port("rfc2217://host:1") == "rfc2217://host:1"
+    for port, state, words in (
+        ("usb:2341:0010", "refused", "/dev/a, /dev/b"),
+        ("usb:9999:0010", "disconnected", "plugged in"),
+        ("usb:hello", "refused", "VID:PID"),
+        (f"{tmp_path}/no-*", "disconnected", "plugged in"),
+    ):
+        with pytest.raises(line.LineFault, match=words) as raised:
+            line.find_port(port)
+        assert raised.value.state == state
+
+
+def test_low_latency_mode_is_asked_for_and_may_be_refused():
+    class Willing(serial.Serial):
+        asked = False
+
+        def set_low_latency_mode(self, setting):
+            self.asked = setting
+
+    with plugged(sensor()) as port:
+        with contextlib.closing(Willing(port.path)) as willing:
+            assert line.Line(willing).low_latency
+            assert willing.asked
+        with contextlib.closing(serial.Serial(port.path)) as unable:
+            assert not line.Line(unable).low_latency
+
+
+def test_errors_of_the_system_become_one_clear_line(monkeypatch):
+    def fails(code):
+        def opened(*args, **kwargs):
+            raise serial.SerialException(code, f"could not open port: {os.strerror(code)}")
+
+        monkeypatch.setattr(line.serial, "serial_for_url", opened)
+        with pytest.raises(line.LineFault) as raised:
+            line.open_line("/dev/x", 9600)
+        return str(raised.value)
+
+    assert "no permission" in fails(errno.EACCES)
+    assert "does not exist" in fails(errno.ENOENT)
+    assert "in use" in fails(errno.EBUSY)
+    assert "\n" not in fails(errno.EIO)
