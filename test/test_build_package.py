@@ -1,8 +1,8 @@
 """The package itself: its manifest, its version and the messages it generates."""
 
 import re
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
