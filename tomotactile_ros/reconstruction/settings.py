@@ -1,0 +1,103 @@
+"""What the reconstruction is told and what it returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.contact import ContactLaw
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.sheet import MODELS
+
+PROFILES = ("fast", "balanced", "accurate", "auto")
+DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
+LARGEST_REGULARIZATION = 1e30
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How frames become images.
+
+    Parameters
+    ----------
+    profile : `fast` (linear), `balanced` (non-negative), `accurate` (nonlinear), or `auto`: the most
+        accurate of them that meets the deadline on this machine.
+    resolution : image cells along the longer side of the sheet.
+    regularization : lambda_J^2 of Kojima et al. 2023, eq. 1, without unit, 0 to 1e30; None chooses
+        it from the noise.
+    noise : of a reading, V rms.
+    contact_law : conductance per area against pressure, from calibration.
+    contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact is.
+    deadline : time for one frame, s; only `auto` uses it.
+    excluded : electrodes whose readings are never used.
+    threshold : a frame is idle while its mean reading stays below this many times the noise.
+    model : of the sheet, `auto`, `closed_form` or `fem`.
+    """
+
+    profile: str = "fast"
+    resolution: int = 40
+    regularization: float | None = None
+    noise: float = 0.001
+    contact_law: ContactLaw = DEFAULT_LAW
+    contact_radius: float = 0.005
+    deadline: float = 0.05
+    excluded: tuple[int, ...] = ()
+    threshold: float = 3.0
+    model: str = "auto"
+
+    def __post_init__(self):
+        if self.profile not in PROFILES:
+            raise InputError(
+                f"profile: {checks.show(self.profile)} is none of {', '.join(PROFILES)}"
+            )
+        if self.model not in MODELS:
+            raise InputError(f"model: {checks.show(self.model)} is none of {', '.join(MODELS)}")
+        if self.regularization is not None:
+            value = checks.not_negative(self.regularization, "regularization", "number")
+            if value > LARGEST_REGULARIZATION:
+                raise InputError(f"regularization: {value:g} is above {LARGEST_REGULARIZATION:g}")
+        if self.contact_law is None:
+            object.__setattr__(self, "contact_law", DEFAULT_LAW)
+        checks.integer(self.resolution, "resolution", 2, 200)
+        checks.positive(self.noise, "noise", "voltage in V")
+        checks.length(self.contact_radius, "contact_radius")
+        checks.positive(self.deadline, "deadline", "time in s")
+        checks.positive(self.threshold, "threshold", "number")
+        excluded = tuple(checks.integer(e, "excluded", 0, 65534) for e in self.excluded)
+        object.__setattr__(self, "excluded", excluded)
+
+
+@dataclass(frozen=True)
+class ContactEstimate:
+    """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m)."""
+
+    x: float
+    y: float
+    force: float
+    pressure: float
+    area: float
+    radius: float
+
+
+@dataclass
+class Result:
+    """What one frame says.
+
+    Attributes
+    ----------
+    potential : (H, W) potential input distribution of eq. 1, V; NaN outside the outline.
+    pressure : (H, W) Pa; NaN outside the outline.
+    contacts : strongest first.
+    excluded : electrodes that were left out of this frame.
+    idle : nothing above the noise; the image is zero.
+    regularization : lambda_J^2 in use.
+    """
+
+    potential: np.ndarray
+    pressure: np.ndarray
+    contacts: list[ContactEstimate]
+    excluded: tuple[int, ...]
+    idle: bool
+    regularization: float
