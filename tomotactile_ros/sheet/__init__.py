@@ -20,8 +20,8 @@ def make_sheet(layout, model: str = "auto", *, resistance=None, shunting: bool =
 
     Returns
     -------
-    ClosedFormSheet or FemSheet: `model` (its name), `electrode_electrode`, `transfer(points, radius)` and
-    `contact_points(points, areas, conductance)`.
+    ClosedFormSheet or FemSheet: `model` (its name), `layout`, `electrode_electrode`,
+    `transfer(points, radius)` and `prepare(points)`.
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")

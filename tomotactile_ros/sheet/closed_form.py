@@ -13,14 +13,11 @@ of the continuous ring, because the distances between n points on a circle multi
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
-from tomotactile_ros.sheet.transfer import Transfer
-
-PATCH_RADIUS = np.exp(-0.5) / np.sqrt(np.pi)  # times sqrt(area): mean log distance of a patch to its centre
+from tomotactile_ros.sheet.transfer import Transfer, electrode_of
 
 
 class ClosedFormSheet:
@@ -47,7 +44,9 @@ class ClosedFormSheet:
         else:
             self._charges, self._owner = layout.positions, np.arange(layout.electrodes)
             self._radius = layout.radius
-        between = self._green(self._charges, self._charges, self._radius * np.eye(len(self._charges)))
+        between = self._green(
+            self._charges, self._charges, self._radius * np.eye(len(self._charges))
+        )
         if shunting:
             self._tie(between)
         else:
@@ -69,7 +68,7 @@ class ClosedFormSheet:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
-        on_electrode = self._electrode_of(points)
+        on_electrode = electrode_of(points, self.layout)
         charges = self._green(self._charges, points, self._radius)
         self_term = self.layout.sheet_resistance * green_rectangle_self(points, self._size, radius)
         if self.shunting:
@@ -102,29 +101,8 @@ class ClosedFormSheet:
             green,
         )
 
-    def _electrode_of(self, points):
-        distance = np.linalg.norm(points[:, None] - self.layout.positions, axis=2)
-        nearest = distance.argmin(axis=1)
-        inside = distance[np.arange(len(points)), nearest] < self.layout.radius
-        return np.where(inside, nearest, -1)
-
-    def contact_points(self, points, areas, conductance):
-        """Where the cells of a contact (or several) meet the sheet.
-
-        Parameters
-        ----------
-        points : (Q, 2) centres of the cells, m; areas : (Q,), m^2; conductance : (Q,), S/m^2, may be inf
-
-        Returns
-        -------
-        Transfer of the cells, (n,) resistance of each to the drive, ohm.
-        """
-        points = np.asarray(points, float).reshape(-1, 2)
-        points, inverse = _merge(points, areas, self._electrode_of(points))
-        area = np.bincount(inverse, areas)
-        with np.errstate(divide="ignore"):
-            resistance = 1 / np.bincount(inverse, np.asarray(areas) * conductance)
-        return self.transfer(points, PATCH_RADIUS * np.sqrt(area)), resistance
+    def prepare(self, points) -> None:
+        """Nothing is worth being solved ahead here."""
 
 
 def _rings(layout, ring):
@@ -135,16 +113,3 @@ def _rings(layout, ring):
     half = np.array(layout.outline.size) / 2
     inside = (np.abs(charges) <= half).all(axis=1)
     return charges[inside], owner[inside]
-
-
-def _merge(points, areas, owner):
-    """Cells closer than half a cell, and all cells on one electrode, become one."""
-    inverse = np.arange(len(points))
-    if len(points) > 1:
-        close = cKDTree(points).query_pairs(0.5 * np.sqrt(np.min(areas)), output_type="ndarray")
-        for first, second in close[np.lexsort(close.T[::-1])]:
-            inverse[second] = inverse[first]
-    for electrode in np.unique(owner[owner >= 0]):
-        inverse[owner == electrode] = np.flatnonzero(owner == electrode)[0]
-    kept, inverse = np.unique(inverse, return_inverse=True)
-    return points[kept], inverse

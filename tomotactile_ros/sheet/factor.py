@@ -103,5 +103,7 @@ def _levels(matrix, start):
         neighbours = np.unique(matrix[front].indices)
         front = neighbours[~seen[neighbours]]
     if not seen.all():
-        raise InputError(f"outline: {np.count_nonzero(~seen)} mesh nodes are not connected to the rest")
+        raise InputError(
+            f"outline: {np.count_nonzero(~seen)} mesh nodes are not connected to the rest"
+        )
     return levels

@@ -6,21 +6,18 @@ with linear triangles. Each electrode is an equipotential: its nodes share one u
 electrode carries no net current. One unknown is held at 0 V (any will do, see `transfer`), which makes the
 stiffness matrix positive definite; one factorisation serves all ground conditions and contacts.
 
-A source on a single node acts like a disc whose radius follows from the stiffness matrix alone. Node k and
-its neighbours j obey sum_j w_j (G_kk - G_jk) = 1 / K_kk with w_j = -K_jk / K_kk, and the field outside is
--(R / 2 pi) ln |x|, so
+Close to a source the field is -(R / 2 pi) ln |x|, which linear elements round off: a source on node k acts
+like a disc whose radius follows from the stiffness matrix alone. Node k and its neighbours j obey
+sum_j w_j (G_kk - G_jk) = 1 / K_kk with w_j = -K_jk / K_kk, therefore
 
     ln radius_k = sum_j w_j ln |x_j - x_k| - 2 pi / (R K_kk)          (0.208 h on a square lattice)
 
-Contacts smaller than that get the spreading resistance (R / 2 pi) ln(radius_k / radius) on top: the model
-then does not change with the mesh, however small the contact. A node at the edge of a bare conductor that covers
-a part c < 1/2 of its cell is sqrt(2 c) of an element away from the last covered node (one dimension); the element
-conducts as if it were that much shorter with (R) (1 - sqrt(2 c)) / sqrt(2 c) between node and conductor.
+Points between nodes feed and read by the weights of their triangle. The logarithm as the mesh has it,
+ln |x_i - x_j| between the nodes and ln radius_k on one, weighted likewise, is then exchanged for the true one:
+contacts may be smaller and closer than elements.
 """
 
 from __future__ import annotations
-
-from collections import OrderedDict
 
 import numpy as np
 from scipy import sparse
@@ -29,9 +26,11 @@ from scipy.spatial import cKDTree
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.factor import LevelCholesky
 from tomotactile_ros.sheet.mesh import make_mesh
-from tomotactile_ros.sheet.transfer import Transfer
+from tomotactile_ros.sheet.transfer import Transfer, electrode_of
 
-_CACHE_BYTES = 128e6  # of Green function columns kept for contacts that stay or come back
+_MOST_KEPT = (
+    3000  # unknowns whose mutual Green function is kept (72 MB), for contacts that come back
+)
 
 
 class FemSheet:
@@ -52,23 +51,24 @@ class FemSheet:
         self.mesh = mesh = make_mesh(layout, self.h, ring, inner=0 if shunting else 3)
         centroids = mesh.points[mesh.triangles].mean(axis=1)
         uniform = np.full(len(centroids), float(layout.sheet_resistance))
-        self._resistance = uniform if resistance is None else np.asarray(resistance(centroids), float)
-        nodal = stiffness(mesh.points, mesh.triangles, 1 / self._resistance)
-        self._number(nodal)
-        reduce = sparse.csr_matrix(
-            (np.ones(len(self.unknown)), (np.arange(len(self.unknown)), self.unknown))
+        self._resistance = (
+            uniform if resistance is None else np.asarray(resistance(centroids), float)
         )
-        self.stiffness = (reduce.T @ nodal @ reduce).tocsr()
+        conductance = 1 / self._resistance
+        nodal = stiffness(mesh.points, mesh.triangles, conductance)
+        self._number()
+        self.stiffness = stiffness(mesh.points, mesh.triangles, conductance, self.unknown)
         free = np.arange(1, self.stiffness.shape[0])  # unknown 0 is held at 0 V
         axis = int(np.argmax(layout.outline.size[::-1]) == 0)
         along = self.where[free, axis]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
         self._factor = LevelCholesky(self.stiffness[free][:, free], start)
-        self._columns: OrderedDict[int, np.ndarray] = OrderedDict()
+        self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
+        self._kept_green = np.empty((0, 0))
         self._radius = self._node_radius(nodal)
         self._solve_electrodes()
 
-    def _number(self, nodal):
+    def _number(self):
         """Unknown of each node; those of electrodes first where electrodes are equipotentials."""
         mesh, electrodes = self.mesh, self.layout.electrodes
         tied = electrodes if self.shunting else 0
@@ -90,19 +90,21 @@ class FemSheet:
         nodes = mesh.triangles.ravel()
         local = np.bincount(nodes, corner) / np.bincount(nodes)
         pairs = sparse.triu(nodal, 1).tocoo()
-        logs = -pairs.data * np.log(np.linalg.norm(mesh.points[pairs.row] - mesh.points[pairs.col], axis=1))
+        logs = -pairs.data * np.log(
+            np.linalg.norm(mesh.points[pairs.row] - mesh.points[pairs.col], axis=1)
+        )
         count = len(mesh.points)
         total = np.bincount(pairs.row, logs, count) + np.bincount(pairs.col, logs, count)
         diagonal = nodal.diagonal()
         # seen from the rim, a half disc or a quarter: the same disc, but only its part in the sheet
         opening = self._opening() / (2 * np.pi)
         radius = np.exp(total / diagonal - 2 * np.pi * opening / (local * diagonal))
+        self._reach = np.where(self.electrode_of >= 0, self.layout.radius, 0.0)
         out = np.full(len(self.where), self.layout.radius)
         single = self.electrode_of[self.unknown] < 0
         out[self.unknown[single]] = radius[single]
         self._local = np.empty(len(self.where))  # sheet resistance, times 2 on a straight rim
         self._local[self.unknown] = local / opening
-        self._area = np.bincount(self.unknown, self.mesh.lumped_areas())
         self._centre_local = (local / opening)[[nodes[-1] for nodes in self.mesh.electrodes]]
         return out
 
@@ -152,121 +154,130 @@ class FemSheet:
         out[1:] = self._factor.solve(feed[1:])
         return out
 
-    def _green_columns(self, unknowns):
-        """(M, n) Green function from `unknowns` to all; solved together, the latest are kept."""
-        missing = [u for u in unknowns if u not in self._columns]
-        if missing:
-            feed = np.zeros((len(self.where), len(missing)))
-            feed[missing, np.arange(len(missing))] = 1.0
-            self._columns.update(zip(missing, self._solve(feed).T.copy()))
-        for u in unknowns:
-            self._columns.move_to_end(u)
-        columns = np.array([self._columns[u] for u in unknowns]).reshape(len(unknowns), -1).T
-        limit = int(_CACHE_BYTES / (8 * len(self.where)))
-        while len(self._columns) > limit:
-            self._columns.popitem(last=False)
-        return columns
+    def prepare(self, points) -> None:
+        """Solve ahead for contacts that will touch the sheet around `points` (Q, 2)."""
+        element, _ = self.mesh.locate(np.asarray(points, float).reshape(-1, 2))
+        nodes = np.unique(self.unknown[self.mesh.triangles[element]])
+        self._among(nodes[:_MOST_KEPT])
+
+    def _among(self, unknowns):
+        """(n, n) Green function between `unknowns`; what was solved once is kept."""
+        if (self._place[unknowns] < 0).any():
+            self._keep(unknowns)
+        place = self._place[unknowns]
+        return self._kept_green[np.ix_(place, place)]
+
+    def _keep(self, unknowns):
+        known = np.flatnonzero(self._place >= 0)
+        if len(known) + len(unknowns) > _MOST_KEPT:
+            self._place[known] = -1
+            known = known[:0]
+        missing = unknowns[self._place[unknowns] < 0]
+        order = np.argsort(self._place[known])
+        together = np.concatenate([known[order], missing])
+        old, new = len(known), len(together)
+        if new > len(self._kept_green):
+            larger = np.empty((2 * new, 2 * new))
+            larger[:old, :old] = self._kept_green[:old, :old]
+            self._kept_green = larger
+        feed = np.zeros((len(self.where), len(missing)))
+        feed[missing, np.arange(len(missing))] = 1.0
+        columns = self._solve(feed)[together]
+        self._kept_green[:new, old:new] = columns
+        self._kept_green[old:new, :old] = columns[:old].T
+        self._place[missing] = np.arange(old, new)
 
     def transfer(self, points, radius) -> Transfer:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
         element, weights = self.mesh.locate(points)
-        nearest = np.linalg.norm(points[:, None] - self.layout.positions, axis=2).argmin(axis=1)
-        offset = np.linalg.norm(points - self.layout.positions[nearest], axis=1)
-        on_electrode = np.where(offset < self.layout.radius, nearest, -1)
         corners = self.unknown[self.mesh.triangles[element]]
+        on_electrode = electrode_of(points, self.layout)
         if self.shunting:
             covered = on_electrode >= 0
             corners[covered] = on_electrode[covered, None]
-        where = (corners.ravel(), np.repeat(np.arange(len(points)), 3))
-        spread = sparse.csr_matrix((weights.ravel(), where), (len(self.where), len(points)))
-        to_electrodes = self._to_electrodes @ spread
-        self_term = self._self_terms(corners, weights, radius, on_electrode)
+        to_electrodes = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
+        local = (weights * self._local[corners]).sum(axis=1)
+        tied = (on_electrode >= 0) & self.shunting
+        excess = self._self_log(corners, weights) - np.log(radius)
 
         def green(i, j):
-            feed = spread[:, j].toarray()
-            return spread[:, i].T @ self._solve(feed)
+            """Between points i and j: by finite elements, with the true logarithm."""
+            nodes, number = np.unique(corners[np.concatenate([i, j])], return_inverse=True)
+            number = number.reshape(-1, 3)
+            first = _weights(number[: len(i)], weights[i], len(nodes))
+            second = _weights(number[len(i) :], weights[j], len(nodes))
+            mesh_log = self._mesh_log(nodes)
+            true_log = _log_distance(points[i], points[j], np.maximum.outer(radius[i], radius[j]))
+            excess = first @ mesh_log @ second.T - true_log
+            scale = (local[i][:, None] + local[j]) / (4 * np.pi)
+            scale = np.where(tied[i][:, None] | tied[j], 0.0, scale)
+            return first @ self._among(nodes) @ second.T + scale * excess
 
         return Transfer(
             self.model,
             points,
             self.electrode_electrode,
-            np.ascontiguousarray(to_electrodes),
-            self_term,
+            to_electrodes,
+            self._self_terms(corners, weights) + np.where(tied, 0.0, excess * local / (2 * np.pi)),
             on_electrode,
             green,
         )
 
-    def _self_terms(self, corners, weights, radius, on_electrode):
-        """Quadratic form of the inverse in each triangle, moved from the mesh's radius to the contact's."""
-        first, second = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
-        rows, columns = corners[:, first], corners[:, second]
-        product = weights[:, first] * weights[:, second]
+    def _mesh_log(self, nodes):
+        """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
+        reach = self._reach[nodes]
+        logs = _log_distance(self.where[nodes], self.where[nodes], np.maximum.outer(reach, reach))
+        np.fill_diagonal(logs, np.log(self._radius[nodes]))
+        return logs
+
+    def _self_terms(self, corners, weights):
+        """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
+        rows, columns, product = _pairs(corners, weights)
+        nodes = np.unique(corners)
+        if len(nodes) < _MOST_KEPT / 2:
+            self._among(nodes)
+            return (product * self._kept_green[self._place[rows], self._place[columns]]).sum(axis=1)
         entries = np.zeros(rows.shape)
         free = (rows > 0) & (columns > 0)
         entries[free] = self._factor.inverse_entries(rows[free] - 1, columns[free] - 1)
+        return (product * entries).sum(axis=1)
+
+    def _self_log(self, corners, weights):
+        """(K,) ln of the radius of the disc as which each point acts on itself."""
+        rows, columns, product = _pairs(corners, weights)
         apart = np.linalg.norm(self.where[rows] - self.where[columns], axis=2)
-        apart = np.where(rows == columns, self._radius[rows], apart)
-        excess = (product * np.log(np.maximum(apart, 1e-300))).sum(axis=1) - np.log(radius)
-        local = (weights * self._local[corners]).sum(axis=1)
-        plain = (product * entries).sum(axis=1)
-        on_equipotential = (on_electrode >= 0) & self.shunting
-        return plain + np.where(on_equipotential, 0.0, local * excess / (2 * np.pi))
-
-    def contact_points(self, points, areas, conductance):
-        """Where the cells of a contact (or several) meet the sheet: the nodes around them.
-
-        Parameters
-        ----------
-        points : (Q, 2) centres of the cells, m; areas : (Q,), m^2; conductance : (Q,), S/m^2, may be inf
-
-        Returns
-        -------
-        Transfer of n mesh nodes, (n,) resistance of each to the drive, ohm. Cells outside the outline
-        are left out.
-        """
-        element, weights = self.mesh.locate(np.asarray(points, float).reshape(-1, 2))
-        inside = element >= 0
-        weights = np.clip(weights[inside], 0, None) * np.asarray(areas, float)[inside, None]
-        corners = self.unknown[self.mesh.triangles[element[inside]]]
-        unknowns, number = np.unique(corners[weights > 0], return_inverse=True)
-        area = np.bincount(number, weights[weights > 0])
-        with np.errstate(invalid="ignore"):
-            flow = (weights * np.asarray(conductance, float)[inside, None])[weights > 0]
-        with np.errstate(divide="ignore"):
-            resistance = 1 / np.bincount(number, flow)
-        resistance = resistance + self._crowding(unknowns, area, resistance)
-        block = self._green_columns(unknowns.tolist())[unknowns]
-        block = (block + block.T) / 2
-        transfer = Transfer(
-            self.model,
-            self.where[unknowns],
-            self.electrode_electrode,
-            self._to_electrodes[:, unknowns],
-            np.diagonal(block).copy(),
-            self.electrode_of[unknowns],
-            lambda i, j: block[np.ix_(i, j)],
-        )
-        return transfer, resistance
+        apart = np.where(rows == columns, self._radius[rows], np.maximum(apart, self._reach[rows]))
+        return (product * np.log(apart)).sum(axis=1)
 
 
-    def _crowding(self, unknowns, area, resistance):
-        """(n,) resistance of the field that the mesh is too coarse for, ohm; see the head of this file."""
-        part = area / self._area[unknowns]
-        local = self._local[unknowns]
-        links = self.stiffness[unknowns][:, unknowns]
-        at_edge = links.astype(bool) @ (part >= 0.5)
-        reach = np.sqrt(np.clip(2 * part, 1e-12, 1))
-        stiff = local / (local + part * resistance)
-        edge = stiff * local * (1 - reach) / reach
-        excess = np.log(self._radius[unknowns] / np.sqrt(area / np.pi))
-        spreading = local * np.maximum(excess, 0) / (2 * np.pi)
-        return np.where(self.electrode_of[unknowns] >= 0, 0.0, np.where(at_edge, edge, spreading))
+def _log_distance(first, second, least):
+    """(n, m) ln |x_i - x_j|, but no less than ln `least`; 0 where both are 0."""
+    squared = np.subtract.outer(first[:, 0], second[:, 0]) ** 2
+    squared += np.subtract.outer(first[:, 1], second[:, 1]) ** 2
+    squared = np.maximum(squared, least**2)
+    return 0.5 * np.log(np.where(squared > 0, squared, 1.0))
 
 
-def stiffness(points, triangles, conductance) -> sparse.csr_matrix:
-    """Stiffness matrix (N, N) of linear triangles, `conductance` (T,) of each, S per square."""
+def _pairs(corners, weights):
+    """All nine pairs of corners of each triangle, and the products of their weights: (K, 9) each."""
+    first, second = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
+    return corners[:, first], corners[:, second], weights[:, first] * weights[:, second]
+
+
+def _weights(number, weights, count):
+    """(n, count) dense rows with three `weights` each at `number`."""
+    out = np.zeros((len(number), count))
+    np.add.at(out, (np.arange(len(number))[:, None], number), weights)
+    return out
+
+
+def stiffness(points, triangles, conductance, unknown=None) -> sparse.csr_matrix:
+    """Stiffness matrix (M, M) of linear triangles, `conductance` (T,) of each, S per square.
+
+    `unknown` (N,) numbers the unknowns; nodes with the same number are one. Without it each node is its own.
+    """
     rows, columns, values = [], [], []
     for i in range(3):
         j, k = triangles[:, (i + 1) % 3], triangles[:, (i + 2) % 3]
@@ -276,6 +287,7 @@ def stiffness(points, triangles, conductance) -> sparse.csr_matrix:
         rows += [j, k, j, k]
         columns += [k, j, j, k]
         values += [-weight, -weight, weight, weight]
-    shape = (len(points), len(points))
-    where = (np.concatenate(rows), np.concatenate(columns))
-    return sparse.csr_matrix((np.concatenate(values), where), shape)
+    unknown = np.arange(len(points)) if unknown is None else unknown
+    where = (unknown[np.concatenate(rows)], unknown[np.concatenate(columns)])
+    shape = (unknown.max() + 1,) * 2
+    return sparse.coo_matrix((np.concatenate(values), where), shape).tocsr()

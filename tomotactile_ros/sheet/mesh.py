@@ -32,7 +32,8 @@ class Mesh:
     rims        for each electrode how many of these lie on its rim
     ring        nodes on the rim of an electrode that lies wholly inside the outline
     last        (E,) radius of the outermost ring of nodes around each electrode, m
-    locate      locate(points (Q, 2)) -> triangle (Q,), -1 outside, and barycentric weights (Q, 3)
+    locate      locate(points (Q, 2)) -> triangle (Q,) and barycentric weights (Q, 3); those of the
+                nearest node where a point is outside
     """
 
     points: np.ndarray
@@ -42,12 +43,6 @@ class Mesh:
     ring: int
     last: np.ndarray
     locate: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-    def lumped_areas(self) -> np.ndarray:
-        """(N,) a third of the area of the triangles around each node, m^2."""
-        a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
-        area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        return np.bincount(self.triangles.ravel(), np.repeat(area / 3, 3))
 
     def log_excess(self) -> float:
         """What the rings lack in the field of their electrode, per unit of ln(distance) and sheet resistance.
@@ -91,17 +86,26 @@ def make_mesh(layout: Layout, h: float, ring: int = 16, *, inner: int = 0) -> Me
     element = np.where(kept, np.cumsum(kept) - 1, -1)
     electrodes, rims = _electrode_nodes(layout, points[used], size)
 
-    def locate(where):
-        where = np.asarray(where, float) / scale
-        simplex = delaunay.find_simplex(where)
-        transform = delaunay.transform[simplex]
-        first = np.einsum("qij,qj->qi", transform[:, :2], where - transform[:, 2])
-        weights = np.column_stack([first, 1 - first.sum(axis=1)])
-        found = np.where(simplex >= 0, element[simplex], -1)
-        flipped = (area[simplex] <= 0)[:, None]
-        return found, np.where(flipped, weights[:, ::-1], weights)
+    corners = number[triangles[kept]]
+    tree = cKDTree(points[used])
+    some_triangle = np.empty(len(points[used]), int)
+    some_triangle[corners] = np.arange(len(corners))[:, None]
 
-    return Mesh(points[used], number[triangles[kept]], electrodes, rims, size.ring, last, locate)
+    def locate(where):
+        simplex = delaunay.find_simplex(np.asarray(where, float) / scale)
+        found = np.where(simplex >= 0, element[simplex], -1)
+        transform = delaunay.transform[simplex]
+        first = np.einsum("qij,qj->qi", transform[:, :2], where / scale - transform[:, 2])
+        weights = np.column_stack([first, 1 - first.sum(axis=1)])
+        weights = np.where((area[simplex] <= 0)[:, None], weights[:, ::-1], weights)
+        lost = np.flatnonzero(found < 0)
+        if len(lost):
+            node = tree.query(where[lost])[1]
+            found[lost] = some_triangle[node]
+            weights[lost] = corners[found[lost]] == node[:, None]
+        return found, weights
+
+    return Mesh(points[used], corners, electrodes, rims, size.ring, last, locate)
 
 
 class _Size:
@@ -129,8 +133,11 @@ def _curves(outline):
         return lambda t: start + np.multiply.outer(t, end - start)
 
     def arc(quarter):
-        return lambda t: outline.radius * np.stack(
-            [np.cos(np.pi / 2 * (quarter + t)), np.sin(np.pi / 2 * (quarter + t))], axis=-1
+        return lambda t: (
+            outline.radius
+            * np.stack(
+                [np.cos(np.pi / 2 * (quarter + t)), np.sin(np.pi / 2 * (quarter + t))], axis=-1
+            )
         )
 
     polygons = list(outline.holes)
@@ -202,7 +209,9 @@ def _rings(layout, size):
     tiny = 1e-9 * max(layout.outline.size)
     points = points[layout.outline.contains(points, tiny)]
     distance = layout.outline.rim_distance(points)
-    return points[(distance > _CROWDED * size(points)) | (distance < tiny) | _on_electrode(points, size)], last
+    return points[
+        (distance > _CROWDED * size(points)) | (distance < tiny) | _on_electrode(points, size)
+    ], last
 
 
 def _on_electrode(points, size):

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,3 +73,9 @@ class Transfer:
         """(E, K) Z_l(n, k): voltage at each electrode per ampere fed in at each point."""
         ee, ep = self.electrode_electrode, self.electrode_point
         return ep - ee[:, grounded, None] - ep[grounded] + ee[grounded, grounded]
+
+
+def electrode_of(points, layout) -> np.ndarray:
+    """(K,) index of the electrode that each of `points` (K, 2) lies on, -1 where on none."""
+    distance, nearest = cKDTree(layout.positions).query(points)
+    return np.where(distance < layout.radius, nearest, -1)

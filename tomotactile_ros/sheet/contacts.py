@@ -1,0 +1,49 @@
+"""Contacts of finite size as points of a `Transfer`, each with a resistance to the driving layer."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.sheet.transfer import Transfer, electrode_of
+
+_SAME = 0.3  # patches closer than this part of the smaller radius become one
+
+
+def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, np.ndarray]:
+    """Where the patches of one or several contacts meet the sheet.
+
+    Parameters
+    ----------
+    sheet : ClosedFormSheet or FemSheet
+    points : (Q, 2) m; areas : (Q,) m^2; radii : (Q,) m, as of `Contact.patches`
+    conductance : (Q,) S/m^2; infinity for a bare conductor at the drive voltage
+
+    Returns
+    -------
+    Transfer of n points; (n,) resistance of each to the driving layer, ohm. Patches outside the outline are
+    left out, patches in the same place or on the same electrode conduct side by side.
+    """
+    points = np.asarray(points, float).reshape(-1, 2)
+    inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))
+    points, radii = points[inside], np.asarray(radii, float)[inside]
+    with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
+        flow = np.nan_to_num((np.asarray(areas) * conductance)[inside], nan=0.0, posinf=np.inf)
+    kept, group = _together(points, radii, electrode_of(points, sheet.layout))
+    with np.errstate(divide="ignore"):
+        resistance = 1 / np.bincount(group, flow, len(kept))
+    return sheet.transfer(points[kept], radii[kept]), resistance
+
+
+def _together(points, radii, owner):
+    """Indices of the points that stand for all, and for every point the one that stands for it."""
+    first = np.arange(len(points))
+    if len(points):
+        close = cKDTree(points).query_pairs(_SAME * radii.max(), output_type="ndarray")
+        apart = np.linalg.norm(points[close[:, 0]] - points[close[:, 1]], axis=1)
+        close = close[apart < _SAME * radii[close].min(axis=1)]
+        for one, other in close[np.lexsort(close.T[::-1])]:
+            first[other] = first[one]
+    for electrode in np.unique(owner[owner >= 0]):
+        first[owner == electrode] = np.flatnonzero(owner == electrode)[0]
+    return np.unique(first, return_inverse=True)

@@ -1,0 +1,161 @@
+"""Frames of a scene on a layout, with everything that the scene says is wrong.
+
+Physics first (`sheet`), then the measurement in the order in which hardware does it: wiring, noise and
+hum on the wire, drift of the amplifier, conversion, dead channels. What a scene does not name costs nothing.
+The same scene, seed, time and sequence number give the same frame on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tomotactile_ros.defects import SheetVariation
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.sheet import MODELS, make_sheet
+from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.frames import frame
+
+ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
+_ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
+_PATCHES = 40  # along the longer side, for the patches of wide contacts
+_ACROSS = 4, 20  # of them to the width of the smallest and of the widest contact
+_HORIZON = 60.0  # s of motion that are solved ahead
+_WAVES = 256  # of a random field
+
+
+class Simulator:
+    """A sensor with `layout` under `scene`.
+
+    Parameters
+    ----------
+    layout, scene : what to simulate
+    model : `fem` by default, so that data and reconstruction never share a model; `closed_form` or `auto`
+    h : element size of the mesh, m
+
+    Raises InputError where the scene does not fit the layout or the model cannot do what it names.
+    """
+
+    def __init__(self, layout: Layout, scene: Scene, model: str = "fem", *, h: float | None = None):
+        if model not in MODELS:
+            raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
+        scene.check(layout)
+        self.layout, self.scene = layout, scene
+        self.grounded = np.arange(layout.electrodes)
+        self.row_period = ROW_PERIOD
+        longest = max(layout.outline.size)
+        variation = scene.defects.sheet_variation
+        resistance = None
+        if variation is not None and variation.relative > 0:
+            resistance = random_sheet(variation, layout.sheet_resistance)
+        self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
+        self._step = longest / _PATCHES
+        self.sheet.prepare(self._paths())
+        self._last: tuple[list, np.ndarray] | None = None
+
+    @property
+    def model(self) -> str:
+        """Name of the model that makes the frames."""
+        return self.sheet.model
+
+    def frame(self, t: float, sequence: int = 0) -> np.ndarray:
+        """(L, E) voltages, V, of the frame that starts at `t` (s); NaN: no valid reading.
+
+        `sequence` numbers the frame: it chooses the noise.
+        """
+        voltages = self.ideal_frame(t).copy()
+        defects, scene = self.scene.defects, self.scene
+        for first, second in defects.swapped:
+            voltages[[first, second]] = voltages[[second, first]]
+            voltages[:, [first, second]] = voltages[:, [second, first]]
+        times = t + self.row_period * np.arange(len(self.grounded))
+        if scene.noise is not None and scene.noise.rms > 0:
+            random = np.random.default_rng([scene.noise.seed, sequence])
+            voltages += scene.noise.rms * random.standard_normal(voltages.shape)
+        if defects.hum is not None:
+            hum = defects.hum.amplitude * np.sin(2 * np.pi * defects.hum.frequency * times)
+            voltages += hum[:, None]
+        if defects.drift is not None:
+            drift = defects.drift
+            phases = 2 * np.pi * np.random.default_rng(drift.seed).random(voltages.shape[1])
+            voltages += drift.amplitude * np.sin(2 * np.pi * times[:, None] / drift.period + phases)
+        if scene.adc is not None:
+            voltages = convert(voltages, scene.adc.bits, scene.adc.range)
+        voltages[:, list(defects.dead)] = np.nan
+        return voltages
+
+    def ideal_frame(self, t: float) -> np.ndarray:
+        """(L, E) voltages before anything is wrong with their measurement."""
+        contacts = [now for contact in self.scene.contacts if (now := contact.at(t)) is not None]
+        if self._last is None or not _same(contacts, self._last[0]):
+            self._last = contacts, self._solve(contacts)
+        return self._last[1]
+
+    def _solve(self, contacts):
+        patches = [self._patches(contact) for contact in contacts]
+        counts = [len(areas) for _, areas, _ in patches]
+        conductance = np.repeat([self._conductance(contact) for contact in contacts], counts)
+        points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
+        transfer, resistance = contact_points(self.sheet, points, areas, radii, conductance)
+        return frame(
+            transfer,
+            resistance,
+            self.scene.drive_voltage,
+            switch_resistance=self.scene.defects.switch_resistance,
+        )
+
+    def _patches(self, contact):
+        across = np.ptp(contact.vertices, axis=0).max() / self._step
+        return contact.patches(int(np.clip(np.ceil(across), *_ACROSS)))
+
+    def _paths(self):
+        """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
+        reach = 2 * max(self.layout.outline.size)
+        paths = [np.empty((0, 2))]
+        for contact in self.scene.contacts:
+            speed = np.linalg.norm(contact.velocity)
+            if speed > 0:
+                way = min(reach, speed * min(_HORIZON, contact.end - contact.start))
+                distance = np.arange(0, way, self._step)
+                steps = distance[:, None] * (contact.velocity / speed)
+                points = self._patches(contact)[0]
+                paths.append((points + steps[:, None]).reshape(-1, 2))
+        return np.concatenate(paths)
+
+    def _conductance(self, contact) -> float:
+        if self.scene.contact_law is None or contact.pressure is None:
+            return np.inf
+        return float(self.scene.contact_law.conductance(contact.pressure))
+
+
+def _same(first, second) -> bool:
+    return len(first) == len(second) and all(a is b for a, b in zip(first, second))
+
+
+def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
+    """Voltages as a converter with 2^bits steps from 0 to `full_scale` (V) returns them."""
+    step = full_scale / 2**bits
+    return np.clip(np.round(voltages / step), 0, 2**bits - 1) * step
+
+
+def random_sheet(
+    variation: SheetVariation, sheet_resistance: float
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Sheet resistance (ohm/sq) at points (n, 2): log-normal with the given mean.
+
+    Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves with
+    random directions, lengths and phases: the same field at every point of every mesh.
+    """
+    random = np.random.default_rng(variation.seed)
+    waves = random.standard_normal((_WAVES, 2)) / variation.length
+    phases = 2 * np.pi * random.random(_WAVES)
+    spread = np.sqrt(np.log1p(variation.relative**2))
+
+    def resistance(points):
+        field = np.cos(points @ waves.T + phases).sum(axis=1) * np.sqrt(2 / _WAVES)
+        return sheet_resistance * np.exp(spread * field - spread**2 / 2)
+
+    return resistance
