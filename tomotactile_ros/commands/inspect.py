@@ -1,0 +1,198 @@
+"""`tomotactile inspect`: what a layout, scene, frames or result file holds, with a picture."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from tomotactile_ros.contact import Contact
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.scene import FORMAT as SCENE_FORMAT
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.yamlio import find_config, read_mapping
+
+HELP = "show what a layout, scene, frames or result file holds"
+_COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
+_SHADES = " .:-=+*#%@"
+
+
+def add_arguments(parser):
+    parser.add_argument("file", help="file, or name of an installed layout or scene")
+    parser.add_argument(
+        "--layout", default="equal-8x8", help="sheet to draw a scene on (default: equal-8x8)"
+    )
+
+
+def run(args):
+    path = _find(args.file)
+    if zipfile.is_zipfile(path):
+        print("\n".join(_describe_arrays(path)))
+        return
+    kind = read_mapping(path).get("format")
+    if kind == LAYOUT_FORMAT:
+        print("\n".join(_describe_layout(load_layout(path))))
+    elif kind == SCENE_FORMAT:
+        scene = load_scene(path)
+        print("\n".join(_describe_scene(scene, load_layout(scene.layout or args.layout))))
+    else:
+        raise InputError(
+            f"{path}: format: {kind!r} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
+            "and the file is no .npz"
+        )
+
+
+def _find(name):
+    for kind in ("layouts", "scenes"):
+        try:
+            return find_config(kind, name)
+        except InputError:
+            continue
+    raise InputError(f"{name}: no such file, layout or scene")
+
+
+def _describe_layout(layout):
+    a, b = layout.outline.size
+    apart = np.linalg.norm(layout.positions[:, None] - layout.positions, axis=2)
+    nearest = np.where(apart > 0, apart, np.inf).min(axis=1)
+    yield f"layout {layout.name}: {layout.electrodes} electrodes, {layout.outline.kind}"
+    yield f"  outline          {a * 1e3:g} mm x {b * 1e3:g} mm, {layout.outline.area * 1e4:.4g} cm2"
+    yield f"  sheet resistance {layout.sheet_resistance:g} ohm/sq"
+    yield f"  electrode radius {layout.radius * 1e3:g} mm"
+    yield f"  nearest pitch    {nearest.min() * 1e3:.4g} to {nearest.max() * 1e3:.4g} mm"
+    for key, value in layout.provenance.items():
+        yield f"  {key:16} {_short(value)}"
+    yield "  electrode 0 is marked 0, the last one $"
+    canvas = _Canvas(layout.outline)
+    canvas.electrodes(layout.positions)
+    yield from canvas.lines()
+
+
+def _describe_scene(scene, layout):
+    yield f"scene {scene.name}: {len(scene.contacts)} contacts at {scene.drive_voltage:g} V"
+    for contact in scene.contacts:
+        yield "  " + _describe_contact(contact)
+    for key in ("contact_law", "noise", "adc"):
+        value = getattr(scene, key)
+        if value is not None:
+            yield f"  {key:16} " + ", ".join(f"{k} {v:g}" for k, v in vars(value).items())
+    for key, value in vars(scene.defects).items():
+        if value:
+            yield f"  {key:16} {_short(value)}"
+    yield f"  on {layout.name}, contacts where they begin (#), electrodes (o)"
+    canvas = _Canvas(layout.outline)
+    for contact in scene.contacts:
+        canvas.contact(contact)
+    canvas.electrodes(layout.positions, ends=False)
+    yield from canvas.lines()
+
+
+def _describe_contact(contact: Contact):
+    x, y = contact.centroid * 1e3
+    text = f"{contact.shape} at ({x:.4g}, {y:.4g}) mm, {contact.area * 1e6:.4g} mm2"
+    if contact.pressure is None:
+        text += ", bare conductor"
+    else:
+        text += f", {contact.pressure / 1e3:.4g} kPa, {contact.pressure * contact.area:.3g} N"
+    if contact.velocity.any():
+        vx, vy = contact.velocity * 1e3
+        text += f", moves at ({vx:.3g}, {vy:.3g}) mm/s"
+    until = f" to {contact.end:g}" if np.isfinite(contact.end) else ""
+    return text + (f", from {contact.start:g}{until} s" if contact.start or until else "")
+
+
+def _describe_arrays(path):
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = {key: file[key] for key in file.files}
+    except ValueError as error:
+        raise InputError(f"{path}: not a file of plain arrays: {error}") from None
+    yield f"{Path(path).name}:"
+    for key, value in content.items():
+        yield f"  {key:14} {value.dtype.name if value.dtype.kind != 'U' else 'text'} {value.shape}"
+    if "voltages" in content and content["voltages"].ndim == 3:
+        voltages = content["voltages"]
+        missing = np.isnan(voltages).mean(axis=(0, 1))
+        dead = np.flatnonzero(missing == 1)
+        yield f"  {len(voltages)} frames of {voltages.shape[1]} ground conditions"
+        yield f"  readings {np.nanmin(voltages):.4g} to {np.nanmax(voltages):.4g} V" if (
+            missing < 1
+        ).any() else "  no valid reading"
+        yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
+        yield "  last frame, a row for each grounded electrode, dark = 0 V:"
+        yield from _shade(voltages[-1])
+    if "pressure" in content and content["pressure"].ndim == 3:
+        last = content["pressure"][-1]
+        yield f"  last image, peak {np.nanmax(last) / 1e3:.4g} kPa, +y up:"
+        yield from _shade(last)
+    for key in ("truth", "contacts"):
+        if key in content:
+            yield from _describe_truth(key, json.loads(str(content[key])))
+
+
+def _describe_truth(key, frames):
+    yield f"  {key} of the last frame:" if frames and frames[-1] else f"  {key}: none in the last frame"
+    for contact in frames[-1] if frames else []:
+        force = "" if contact["force"] is None else f", {contact['force']:.3g} N"
+        yield f"    ({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm{force}"
+
+
+def _shade(image):
+    rows = max(1, round(image.shape[0] / image.shape[1] * _COLUMNS / 2))
+    row = (np.arange(rows) * image.shape[0] / rows).astype(int)
+    column = (np.arange(_COLUMNS) * image.shape[1] / _COLUMNS).astype(int)
+    small = image[np.ix_(row, column)]
+    peak = np.nanmax(small) if np.isfinite(small).any() else 0.0
+    level = np.nan_to_num(small / peak if peak > 0 else 0 * small)
+    for line in np.clip(level * (len(_SHADES) - 1), 0, len(_SHADES) - 1).round().astype(int):
+        yield "    " + "".join(_SHADES[i] for i in line)
+
+
+class _Canvas:
+    """Characters over the bounding box of an outline; the +y edge is the first line."""
+
+    def __init__(self, outline: Outline):
+        self._low = np.array(outline.bounds[:2])
+        self._size = np.array(outline.size)
+        rows = int(np.clip(round(self._size[1] / self._size[0] * _COLUMNS / 2), 1, 60))
+        self._shape = np.array([_COLUMNS, rows])
+        x, y = ((np.arange(n) + 0.5) / n for n in self._shape)
+        y = y[::-1]
+        self._cells = np.stack(np.meshgrid(x, y), axis=-1) * self._size + self._low
+        inside = outline.contains(self._cells.reshape(-1, 2)).reshape(self._cells.shape[:2])
+        self._text = np.where(inside, "·", " ")
+
+    def _put(self, where, mark):
+        column, up = np.clip((where - self._low) / self._size * self._shape, 0, self._shape - 1)
+        self._text[self._shape[1] - 1 - int(up), int(column)] = mark
+
+    def electrodes(self, positions, ends=True):
+        for where in positions:
+            self._put(where, "o")
+        if ends:
+            self._put(positions[-1], "$")
+            self._put(positions[0], "0")
+
+    def contact(self, contact):
+        from tomotactile_ros.region import Region
+
+        inside = Region(contact.vertices).contains(self._cells.reshape(-1, 2))
+        self._text[inside.reshape(self._text.shape)] = "#"
+        self._put(contact.centroid, "#")
+
+    def lines(self):
+        for line in self._text:
+            yield "    " + "".join(line)
+
+
+def _short(value):
+    if hasattr(value, "__dict__"):
+        value = vars(value)
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_short(v)}" for k, v in value.items())[:120]
+    return str(value)[:120]

@@ -1,0 +1,58 @@
+"""Progress of long work: a bar with the time left on a terminal, a few plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+_WIDTH = 30  # characters of the bar
+_QUIET = 2.0  # s before anything is shown
+_PLAIN = 10.0  # s between two plain lines
+
+
+def track(items: Iterable[Item], label: str, total: int | None = None, stream=None) -> Iterator[Item]:
+    """Hand `items` through, with progress on `stream` (standard error) once it takes long."""
+    total = len(items) if total is None else total
+    with Progress(label, total, stream) as progress:
+        for done, item in enumerate(items, 1):
+            yield item
+            progress.update(done)
+
+
+class Progress:
+    """Progress of `total` steps; a context manager that leaves its line in order."""
+
+    def __init__(self, label: str, total: int, stream=None):
+        self.label, self.total = label, total
+        self._stream = stream or sys.stderr
+        self._bar = self._stream.isatty()
+        self._start = time.monotonic()
+        self._next = self._start + _QUIET
+        self._shown = False
+
+    def update(self, done: int, note: str = "") -> None:
+        """`done` steps are done; `note` says how it stands."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (0.1 if self._bar else _PLAIN)
+        left = (now - self._start) / max(done, 1) * (self.total - done)
+        text = f"{self.label}: {done} of {self.total}, {left:.0f} s left"
+        if self._bar:
+            filled = round(_WIDTH * done / max(self.total, 1))
+            text = f"\r\x1b[K[{'#' * filled}{'.' * (_WIDTH - filled)}] {text}"
+        self._stream.write(text + (f", {note}" if note else "") + ("" if self._bar else "\n"))
+        self._stream.flush()
+        self._shown = True
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        if self._bar and self._shown:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
