@@ -24,7 +24,8 @@ class DeviceSettings:
     device : str
         ``fake``, ``serial`` or ``replay``.
     rate : float
-        Frames/s; 0 leaves it to the device (fake: 15.625, replay: as recorded).
+        Frames/s; 0 leaves it to the device (fake: 1000 ground conditions a second, replay: as
+        recorded).
     scene : Scene or None
         For ``fake``.
     port, baud : str, int
@@ -74,10 +75,7 @@ def _make_fake(settings: DeviceSettings) -> Device:
 
     if settings.scene is None:
         raise InputError("scene: missing; the fake device needs to know what touches the sheet")
-    simulator = Simulator(settings.layout, settings.scene)
-    return FakeDevice(
-        simulator.frame, simulator.grounded, settings.scene.drive_voltage, rate=settings.rate
-    )
+    return FakeDevice(Simulator(settings.layout, settings.scene), rate=settings.rate)
 
 
 def _make_serial(settings: DeviceSettings) -> Device:

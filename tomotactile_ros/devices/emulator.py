@@ -25,6 +25,7 @@ from tomotactile_ros.devices import protocol
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
 
 MAX_RATE = 1000.0
 
@@ -395,12 +396,16 @@ def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
         return EmulatedDevice(
             idle_source(layout.electrodes), layout.electrodes, rate=arguments.rate
         )
-    from tomotactile_ros.simulation import Simulator
-
     scene = load_scene(arguments.scene)
     simulator = Simulator(layout, scene)
+    simulator.row_period = 1.0 / (arguments.rate * layout.electrodes)
     return EmulatedDevice(
-        simulator.frame, layout.electrodes, rate=arguments.rate, drive_voltage=scene.drive_voltage
+        simulator.frame,
+        layout.electrodes,
+        rate=arguments.rate,
+        adc_bits=scene.adc.bits if scene.adc else 16,
+        range=scene.adc.range if scene.adc else scene.drive_voltage,
+        drive_voltage=scene.drive_voltage,
     )
 
 

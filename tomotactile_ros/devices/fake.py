@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice
-
-DEFAULT_RATE = 15.625
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 
 class FakeDevice(ThreadedDevice):
@@ -21,39 +19,29 @@ class FakeDevice(ThreadedDevice):
 
     Parameters
     ----------
-    frame : callable
-        (time in the scene, s; sequence) -> voltages (L, E), V, NaN where there is no reading.
-    grounded : (L,) int
-        Grounded electrode of each row.
-    drive_voltage : float, V
+    simulator : Simulator
+        Time in its scene begins when the device is opened.
     rate : float
-        Frames/s; 0 means 15.625, the paper's 64 ground conditions at 1 kHz.
+        Frames/s; 0 means 1000 ground conditions a second (Kojima et al. 2023: 15.6 Hz for 64).
     """
 
-    def __init__(
-        self,
-        frame: Callable[[float, int], np.ndarray],
-        grounded: np.ndarray,
-        drive_voltage: float,
-        *,
-        rate: float = 0.0,
-    ) -> None:
-        super().__init__(rate or DEFAULT_RATE)
-        self._frame = frame
-        self._grounded = np.asarray(grounded, dtype=np.uint16)
-        self._drive_voltage = drive_voltage
+    def __init__(self, simulator: Simulator, *, rate: float = 0.0) -> None:
+        super().__init__()
+        self._simulator = simulator
+        self._grounded = simulator.grounded.astype(np.uint16)
         self._skipped = 0
+        self.set_rate(rate)
 
     def set_rate(self, rate: float) -> None:
-        """Scan `rate` frames per second from the next frame on (0: 15.625)."""
-        super().set_rate(rate or DEFAULT_RATE)
+        """Scan `rate` frames per second from the next frame on (0: 1000 ground conditions)."""
+        super().set_rate(rate or 1.0 / (ROW_PERIOD * self._grounded.size))
 
     def _counters(self) -> dict[str, float]:
         return {"frames_skipped": float(self._skipped)}
 
     def _run(self) -> None:
         begin = start = time.monotonic()
-        sequence = 0
+        sequence = self._skipped = 0
         while not self._stop.is_set():
             if not self._streaming:
                 self._set_state("stopped", "stopped on request")
@@ -61,15 +49,15 @@ class FakeDevice(ThreadedDevice):
                 start = time.monotonic()
                 continue
             period = 1.0 / self._rate
-            voltages = np.asarray(self._frame(start - begin, sequence), dtype=np.float32)
+            self._simulator.row_period = period / self._grounded.size
+            voltages = self._simulator.frame(start - begin, sequence).astype(np.float32)
             end = start + period
             if self._stop.wait(max(0.0, end - time.monotonic())):
                 return
             self._set_state("streaming", f"simulated, {self._rate:g} frames/s")
             stamp = start + time.time() - time.monotonic()
-            self._deliver(
-                Frame(voltages, self._grounded, sequence, stamp, self._drive_voltage), end
-            )
+            drive = self._simulator.scene.drive_voltage
+            self._deliver(Frame(voltages, self._grounded, sequence, stamp, drive), end)
             behind = int((time.monotonic() - end) / period)
             self._skipped += behind
             sequence += 1 + behind

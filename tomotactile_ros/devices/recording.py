@@ -47,7 +47,7 @@ def _npz_frames(path: Path, drive_voltage: float) -> Iterator[Frame]:
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a readable .npz file ({error})") from None
     _check_npz(path, arrays)
-    drive = float(arrays.get("drive_voltage", drive_voltage))
+    drive = float(arrays.get("drive_voltage", np.array(drive_voltage)))
     grounded = arrays["grounded"].astype(np.uint16)
     for sequence, (voltages, stamp) in enumerate(
         zip(arrays["voltages"], arrays["stamps"], strict=True)
@@ -72,6 +72,9 @@ def _check_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
         raise InputError(f"{path}: voltages, grounded and stamps differ in length")
     if not np.isin(arrays["grounded"], np.arange(electrodes)).all():
         raise InputError(f"{path}: grounded: indices of electrodes must be 0 ... {electrodes - 1}")
+    drive = arrays.get("drive_voltage", np.zeros(()))
+    if drive.shape != () or drive.dtype.kind not in "fiu" or not np.isfinite(drive):
+        raise InputError(f"{path}: drive_voltage: expected one number, V")
     if not np.isfinite(arrays["stamps"]).all():
         raise InputError(f"{path}: stamps: not all finite")
 

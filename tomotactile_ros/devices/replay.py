@@ -6,6 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice
 from tomotactile_ros.devices.recording import read_frames
@@ -89,12 +90,13 @@ class ReplayDevice(ThreadedDevice):
                 return due
             self._set_state("streaming", f"playing {self._path}")
             self._deliver(
-                Frame(
-                    frame.voltages, frame.grounded, next(sequences), time.time(),
-                    frame.drive_voltage,
+                replace(
+                    frame,
+                    sequence=next(sequences),
+                    stamp=due + time.time() - time.monotonic(),
                 ),
-                time.monotonic(),
-            )  # fmt: skip
+                due,
+            )
         return due + (1.0 / self._rate if self._rate > 0 else distance)
 
     def _wait_until(self, due: float) -> float:

@@ -1,0 +1,329 @@
+"""Fake and replayed sensors, the emulator with a scene, and the choice between devices."""
+
+import contextlib
+import sqlite3
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device
+from tomotactile_ros.devices.fake import FakeDevice
+from tomotactile_ros.devices.recording import MESSAGE, read_frames
+from tomotactile_ros.devices.replay import ReplayDevice
+from tomotactile_ros.devices.serial import SerialDevice
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.scene import Contact, Scene
+from tomotactile_ros.simulation import Simulator
+
+ROOT = Path(__file__).resolve().parent.parent
+PATIENCE = 30.0
+LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.02)
+SCENE = Scene(
+    name="push", drive_voltage=3.3, contacts=(Contact("disc", center=(0.01, 0.02), radius=0.005),)
+)
+E = LAYOUT.electrodes
+
+
+class Collector:
+    """Keeps frames and waits for a number of them."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+        self._news = threading.Condition()
+
+    def __call__(self, frame: Frame) -> None:
+        with self._news:
+            self.frames.append(frame)
+            self._news.notify_all()
+
+    def wait_for(self, number: int) -> list[Frame]:
+        """The frames, once there are `number` of them."""
+        with self._news:
+            assert self._news.wait_for(lambda: len(self.frames) >= number, PATIENCE)
+            return list(self.frames)
+
+
+def wait_for_state(device, state: str) -> None:
+    """Wait until the device is in `state`."""
+    deadline = time.monotonic() + PATIENCE
+    while device.status().state != state:
+        assert time.monotonic() < deadline, device.status()
+        threading.Event().wait(0.01)
+
+
+def collect(device, number: int) -> list[Frame]:
+    """The first frames of a device."""
+    collector = Collector()
+    device.open(collector)
+    try:
+        return collector.wait_for(number)
+    finally:
+        device.close()
+
+
+def test_the_fake_device_delivers_the_simulators_frames_in_step_with_time():
+    frames = collect(FakeDevice(Simulator(LAYOUT, SCENE), rate=100.0), 20)
+    expected = Simulator(LAYOUT, SCENE).frame(0.0)
+    for frame in frames:
+        assert np.allclose(frame.voltages, expected, rtol=1e-6, equal_nan=True)
+        assert frame.voltages.dtype == np.float32
+        assert frame.grounded.tolist() == [0, 1, 2, 3]
+        assert frame.drive_voltage == 3.3
+    sequences = np.array([frame.sequence for frame in frames])
+    stamps = np.array([frame.stamp for frame in frames])
+    assert (np.diff(sequences) >= 1).all()
+    assert np.allclose(np.diff(stamps), 0.01 * np.diff(sequences), atol=1e-3)
+
+
+def test_a_simulation_slower_than_the_rate_leaves_frames_out():
+    simulator = Simulator(LAYOUT, SCENE)
+    original, slow = simulator.frame, threading.Event()
+    simulator.frame = lambda t, sequence: (slow.wait(0.05), original(t, sequence))[1]
+    device = FakeDevice(simulator, rate=100.0)
+    frames = collect(device, 3)
+    assert device.status().counters["frames_skipped"] >= 2
+    assert frames[2].sequence - frames[0].sequence >= 4
+
+
+def test_the_fake_device_scans_a_thousand_ground_conditions_a_second_by_default():
+    device = FakeDevice(Simulator(LAYOUT, SCENE))
+    assert device.status().counters["rate_wanted"] == pytest.approx(250.0)
+
+
+def test_the_fake_device_pauses_resumes_and_changes_its_rate():
+    device, collector = FakeDevice(Simulator(LAYOUT, SCENE), rate=100.0), Collector()
+    device.open(collector)
+    collector.wait_for(2)
+    device.set_streaming(False)
+    wait_for_state(device, "stopped")
+    before = len(collector.frames)
+    device.set_rate(50.0)
+    device.set_streaming(True)
+    frames = collector.wait_for(before + 4)[before:]
+    device.close()
+    assert np.diff([f.stamp for f in frames]).min() >= 0.019
+
+
+def test_an_error_in_the_simulation_is_a_state_and_no_traceback():
+    simulator = Simulator(LAYOUT, SCENE)
+
+    def broken(t, sequence):
+        raise ValueError("no such sheet")
+
+    simulator.frame = broken
+    device = FakeDevice(simulator, rate=100.0)
+    device.open(Collector())
+    wait_for_state(device, "failed")
+    assert device.status().message == "ValueError: no such sheet"
+    device.close()
+
+
+def a_recording(number: int = 5) -> dict[str, np.ndarray]:
+    """Arrays of frames.npz with readings that tell their frame."""
+    voltages = np.arange(number * E * E, dtype=np.float32).reshape(number, E, E) / 100
+    voltages[:, np.arange(E), np.arange(E)] = np.nan
+    stamps = 100.0 + 0.01 * np.arange(number)
+    return {"voltages": voltages, "grounded": np.arange(E), "stamps": stamps}
+
+
+@pytest.fixture
+def npz(tmp_path):
+    """A recording as frames.npz."""
+    np.savez(tmp_path / "frames.npz", truth="[]", **a_recording())
+    return tmp_path / "frames.npz"
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3", "sqlite3 of Humble"])
+def test_a_bag_is_read_without_ros(tmp_path, storage):
+    path = write_bag(tmp_path / "bag", storage.split()[0])
+    if storage.endswith("Humble"):
+        forget_definitions(next(path.glob("*.db3")))
+    recording = a_recording()
+    frames = list(read_frames(path))
+    assert [f.sequence for f in frames] == [10, 11, 12, 13, 14]
+    assert np.array_equal([f.voltages for f in frames], recording["voltages"], equal_nan=True)
+    assert [f.stamp for f in frames] == pytest.approx(recording["stamps"])
+    assert frames[0].grounded.tolist() == [0, 1, 2, 3]
+    assert frames[0].drive_voltage == 5.0
+    (file,) = path.glob("*.mcap" if storage == "mcap" else "*.db3")
+    assert len(list(read_frames(file))) == 5
+
+
+def forget_definitions(file: Path) -> None:
+    """Take the message definitions out of a bag: Humble does not write them."""
+    with contextlib.closing(sqlite3.connect(file)) as bag, bag:
+        assert bag.execute("DELETE FROM message_definitions").rowcount > 0
+
+
+def write_bag(path: Path, storage: str, topics=("/voltage_frame",)) -> Path:
+    """Write the recording as a rosbag2."""
+    rosbags = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    text = (ROOT / "msg" / "VoltageFrame.msg").read_text()
+    store.register(get_types_from_msg(text, MESSAGE))
+    types, recording = store.types, a_recording()
+    plugin = getattr(rosbags.StoragePlugin, storage.upper())
+    with rosbags.Writer(path, version=9, storage_plugin=plugin) as writer:
+        for topic in topics:
+            connection = writer.add_connection(topic, MESSAGE, typestore=store)
+            for k, stamp in enumerate(recording["stamps"]):
+                nanoseconds = round(1e9 * stamp)
+                message = types[MESSAGE](
+                    header=types["std_msgs/msg/Header"](
+                        stamp=types["builtin_interfaces/msg/Time"](
+                            sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9
+                        ),
+                        frame_id="tactile_link",
+                    ),
+                    sequence=10 + k,
+                    layout_id="test",
+                    drive_voltage=5.0,
+                    electrodes=E,
+                    grounded=recording["grounded"].astype(np.uint16),
+                    voltages=recording["voltages"][k].ravel(),
+                )
+                writer.write(connection, nanoseconds, store.serialize_cdr(message, MESSAGE))
+    return path
+
+
+def test_replay_keeps_the_recorded_distances_and_ends(npz):
+    device, collector = ReplayDevice(npz, E), Collector()
+    device.open(collector)
+    wait_for_state(device, "finished")
+    frames = collector.wait_for(5)
+    device.close()
+    assert len(frames) == 5
+    assert np.array_equal([f.voltages for f in frames], a_recording()["voltages"], equal_nan=True)
+    assert [f.sequence for f in frames] == [0, 1, 2, 3, 4]
+    assert np.diff([f.stamp for f in frames]) == pytest.approx(0.01, abs=1e-3)
+    assert abs(frames[4].stamp - time.time()) < PATIENCE
+
+
+def test_replay_at_a_chosen_rate_over_and_over(npz):
+    frames = collect(ReplayDevice(npz, E, rate=500.0, loop=True), 23)
+    assert [f.sequence for f in frames[:23]] == list(range(23))
+    assert np.array_equal(frames[21].voltages, a_recording()["voltages"][1], equal_nan=True)
+
+
+def test_replay_of_a_bag(tmp_path):
+    frames = collect(ReplayDevice(write_bag(tmp_path / "bag", "mcap"), E), 5)
+    assert np.array_equal(frames[3].voltages, a_recording()["voltages"][3], equal_nan=True)
+
+
+def test_replay_pauses(npz):
+    device, collector = ReplayDevice(npz, E, rate=200.0, loop=True), Collector()
+    device.open(collector)
+    collector.wait_for(3)
+    device.set_streaming(False)
+    wait_for_state(device, "stopped")
+    before = len(collector.frames)
+    device.set_streaming(True)
+    collector.wait_for(before + 3)
+    device.close()
+
+
+def changed(tmp_path: Path, **changes) -> Path:
+    """frames.npz with some arrays changed; None takes one away."""
+    arrays = {k: v for k, v in {**a_recording(), **changes}.items() if v is not None}
+    np.savez(tmp_path / "changed.npz", **arrays)
+    return tmp_path / "changed.npz"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stamps": None}, r"stamps: missing, expected an array \(N\)"),
+        ({"voltages": np.zeros((5, E))}, r"voltages: shape \(5, 4\)"),
+        ({"voltages": np.full((5, E, E), "x")}, "voltages: shape"),
+        ({"stamps": np.arange(4.0)}, "differ in length"),
+        ({"grounded": np.array([0, 1, 2, 4])}, "grounded: indices"),
+        ({"grounded": np.array([0, 1, 2, 2.5])}, "grounded: indices"),
+        ({"stamps": np.array([0, 1, np.nan, 3, 4])}, "stamps: not all finite"),
+        ({"voltages": np.zeros((0, E, E)), "stamps": np.zeros(0)}, "no frame"),
+        ({"voltages": np.zeros((5, E, 9))}, "9 electrodes, the layout 4"),
+        ({"drive_voltage": np.array([1.0, 2.0])}, "drive_voltage"),
+    ],
+)
+def test_what_is_wrong_with_a_recording_is_told_at_once(tmp_path, changes, words):
+    with pytest.raises(InputError, match=words):
+        ReplayDevice(changed(tmp_path, **changes), E)
+
+
+def test_files_that_are_no_recordings_are_refused(tmp_path):
+    (tmp_path / "text.npz").write_text("hello")
+    (tmp_path / "text.mcap").write_text("hello")
+    (tmp_path / "folder").mkdir()
+    for name in ("none.npz", "text.npz", "text.mcap", "folder"):
+        with pytest.raises(InputError, match=name):
+            ReplayDevice(tmp_path / name, E)
+
+
+def test_a_bag_with_no_or_two_sensors_is_refused(tmp_path):
+    with pytest.raises(InputError, match="several topics.*/left.*/right"):
+        ReplayDevice(write_bag(tmp_path / "two", "mcap", topics=("/left", "/right")), E)
+    with pytest.raises(InputError, match="holds no"):
+        ReplayDevice(write_bag(tmp_path / "empty", "mcap", topics=()), E)
+
+
+def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
+    simulator = Simulator(LAYOUT, SCENE)
+    device = emulator.EmulatedDevice(simulator.frame, E, rate=100.0)
+    running = emulator.Emulator(device, emulator.PtyPort)
+    frames = collect(SerialDevice(running.plug(), E), 3)
+    running.unplug()
+    expected = simulator.ideal_frame(0.0)
+    assert np.nanmax(expected) > 0.1
+    for frame in frames:
+        assert np.array_equal(np.isnan(frame.voltages), np.isnan(expected))
+        assert np.nanmax(np.abs(frame.voltages - expected)) <= 0.5 * 3.3 / 4096 + 1e-6
+
+
+def test_the_emulator_leaves_frames_out_after_a_standstill_and_never_drifts():
+    device = emulator.EmulatedDevice(emulator.idle_source(E), E, rate=10.0)
+    device.receive(emulator.protocol.encode(emulator.protocol.Command(2, 1)), 100.0)
+    parser = emulator.protocol.Parser()
+    ends = np.concatenate([np.arange(100.0, 103.0, 0.013), np.arange(200.0, 201.0, 0.013)])
+    rows = [row for now in ends for row in parser.feed(device.rows_due(now))]
+    sequence = np.array([row.sequence for row in rows])
+    assert sequence.max() == 1009
+    assert (np.diff(sequence) >= 0).all()
+    assert np.isin(np.arange(29), sequence).all()
+    assert len(rows) < 45 * E
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"device": "radio"}, "device: 'radio' is none of fake, serial, replay"),
+        ({"device": "fake"}, "scene: missing"),
+        ({"device": "serial"}, "port: missing"),
+        ({"device": "serial", "port": "x", "baud": 0}, "baud: 0"),
+        ({"device": "serial", "port": "x", "rate": -1.0}, "rate: -1"),
+        ({"device": "serial", "port": "x", "rate": float("nan")}, "rate: nan"),
+        ({"device": "replay"}, "recording: missing"),
+        ({"device": "replay", "recording": "/no/such.npz"}, "no such recording"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, words):
+    with pytest.raises(InputError, match=words):
+        make_device(DeviceSettings(LAYOUT, **settings))
+
+
+def test_settings_choose_the_device(npz):
+    kinds = {
+        FakeDevice: {"device": "fake", "scene": SCENE},
+        SerialDevice: {"device": "serial", "port": "/dev/ttyUSB0"},
+        ReplayDevice: {"device": "replay", "recording": str(npz)},
+    }
+    assert isinstance(LAYOUT, Layout)
+    for kind, settings in kinds.items():
+        device = make_device(DeviceSettings(LAYOUT, **settings))
+        assert isinstance(device, kind)
+        assert device.status().state == "closed"
+        device.close()
