@@ -1,0 +1,165 @@
+"""Between numpy and messages, without a Python loop over elements.
+
+A float32[] or uint16[] field takes an `array.array` of the right type as it is; anything else would
+be checked element by element. Images have row 0 at the +y edge, as everywhere in this package.
+"""
+
+import sys
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
+from tomotactile_ros.reconstruction import ContactEstimate
+
+_BIG_ENDIAN = sys.byteorder == "big"
+_NANO = 1_000_000_000
+
+
+def make_header(stamp: float, frame_id: str) -> Header:
+    """Header of a stamp in seconds."""
+    seconds, nanoseconds = divmod(round(stamp * _NANO), _NANO)
+    return Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=frame_id)
+
+
+def stamp_of(header: Header) -> float:
+    """Stamp of a header in seconds."""
+    return header.stamp.sec + header.stamp.nanosec / _NANO
+
+
+def frame_to_message(frame: Frame, layout_id: str, frame_id: str) -> VoltageFrame:
+    """A device's frame as a message."""
+    return VoltageFrame(
+        header=make_header(frame.stamp, frame_id),
+        sequence=frame.sequence % 2**32,
+        layout_id=layout_id,
+        drive_voltage=float(frame.drive_voltage),
+        electrodes=frame.voltages.shape[1],
+        grounded=_filled("H", frame.grounded, np.uint16),
+        voltages=_filled("f", frame.voltages, np.float32),
+    )
+
+
+def message_to_frame(message: VoltageFrame) -> Frame:
+    """A message as a frame whose arrays share the message's memory.
+
+    Raises InputError where the number of voltages does not fit.
+    """
+    rows, electrodes = len(message.grounded), message.electrodes
+    if rows == 0 or len(message.voltages) != rows * electrodes:
+        raise InputError(
+            f"{len(message.voltages)} voltages do not fit {rows} ground conditions of "
+            f"{electrodes} electrodes"
+        )
+    return Frame(
+        voltages=np.frombuffer(message.voltages, np.float32).reshape(rows, electrodes),
+        grounded=np.frombuffer(message.grounded, np.uint16),
+        sequence=message.sequence,
+        stamp=stamp_of(message.header),
+        drive_voltage=message.drive_voltage,
+    )
+
+
+def check_frame(frame: Frame, layout: Layout) -> None:
+    """Refuse, with the reason as InputError, a frame that cannot be one of this layout."""
+    electrodes = frame.voltages.shape[1]
+    if electrodes != layout.electrodes:
+        raise InputError(
+            f"the frame has {electrodes} electrodes, layout {layout.id} has {layout.electrodes}"
+        )
+    if frame.grounded.max() >= layout.electrodes:
+        raise InputError(
+            f"electrode {frame.grounded.max()} is said to be grounded, layout {layout.id} has "
+            f"0 to {layout.electrodes - 1}"
+        )
+    if not (np.isfinite(frame.drive_voltage) and frame.drive_voltage > 0):
+        raise InputError(f"the drive voltage is {frame.drive_voltage:g} V, it must be positive")
+    if np.isinf(frame.voltages).any():
+        raise InputError("a voltage is infinite; NaN is what marks an invalid reading")
+    if np.isnan(frame.voltages).all():
+        raise InputError("no voltage is valid")
+
+
+def image_to_message(image: np.ndarray, header: Header) -> Image:
+    """(H, W) numbers as 32FC1, or (H, W, 3) bytes as rgb8."""
+    numbers = image.ndim == 2
+    image = np.ascontiguousarray(image, np.float32 if numbers else np.uint8)
+    return Image(
+        header=header,
+        height=image.shape[0],
+        width=image.shape[1],
+        encoding="32FC1" if numbers else "rgb8",
+        is_bigendian=_BIG_ENDIAN,
+        step=image.strides[0],
+        data=_filled("B", image, image.dtype),
+    )
+
+
+def message_to_image(message: Image) -> np.ndarray:
+    """(H, W) float32 or (H, W, 3) uint8 of an image message of this package."""
+    if message.encoding == "32FC1":
+        order = ">f4" if message.is_bigendian else "<f4"
+        return np.frombuffer(message.data, order).reshape(message.height, message.width)
+    if message.encoding == "rgb8":
+        return np.frombuffer(message.data, np.uint8).reshape(message.height, message.width, 3)
+    raise InputError(f"encoding {message.encoding!r} is none of 32FC1, rgb8")
+
+
+def contacts_to_message(contacts: Sequence[ContactEstimate], header: Header) -> ContactArray:
+    """Contact estimates, sorted strongest first."""
+    return ContactArray(
+        header=header,
+        contacts=[
+            Contact(
+                position=Point(x=float(c.x), y=float(c.y)),
+                force=float(c.force),
+                pressure=float(c.pressure),
+                area=float(c.area),
+                radius=float(c.radius),
+            )
+            for c in sorted(contacts, key=lambda c: c.force, reverse=True)
+        ],
+    )
+
+
+def message_to_contacts(message: ContactArray) -> list[ContactEstimate]:
+    """Contact estimates of a message, in its order."""
+    return [
+        ContactEstimate(c.position.x, c.position.y, c.force, c.pressure, c.area, c.radius)
+        for c in message.contacts
+    ]
+
+
+def cloud_to_message(points: np.ndarray, pressure: np.ndarray, header: Header) -> PointCloud2:
+    """(P, 3) positions, m, and (P,) pressures, Pa, as fields x, y, z, pressure."""
+    table = np.column_stack([points, pressure]).astype(np.float32)
+    names = ("x", "y", "z", "pressure")
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=len(table),
+        fields=[
+            PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+            for i, name in enumerate(names)
+        ],
+        is_bigendian=_BIG_ENDIAN,
+        point_step=16,
+        row_step=16 * len(table),
+        data=_filled("B", table, np.float32),
+        is_dense=True,
+    )
+
+
+def _filled(typecode: str, values: np.ndarray, dtype: type | np.dtype) -> array:
+    """The values' bytes as an array that a message field takes without a check per element."""
+    result = array(typecode)
+    result.frombytes(memoryview(np.ascontiguousarray(values, dtype)).cast("B"))
+    return result

@@ -1,0 +1,68 @@
+"""/diagnostics of a node, once a second, without per-frame cost.
+
+A status is named ``<node>: <task>`` with the node's full name, as diagnostic aggregators expect.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+
+
+@dataclass
+class Report:
+    """How a task is doing: a level, one line for people, and figures."""
+
+    level: bytes
+    message: str
+    values: dict[str, float | int | str] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Asks for a report every second and publishes it.
+
+    Parameters
+    ----------
+    node : publishes.
+    task : what the status is about.
+    hardware_id : which sensor.
+    report : gives the present report.
+    """
+
+    def __init__(self, node: Node, task: str, hardware_id: str, report: Callable[[], Report]):
+        self._node = node
+        self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {task}"
+        self._hardware_id = hardware_id
+        self._report = report
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # on a steady clock: with use_sim_time and no simulation running, it still speaks
+        self._timer = node.create_timer(
+            1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def publish(self) -> None:
+        """Publish the present report."""
+        report = self._report()
+        status = DiagnosticStatus(
+            level=report.level,
+            name=self._name,
+            message=report.message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=key, value=_text(v)) for key, v in report.values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+
+def _text(value: float | str) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

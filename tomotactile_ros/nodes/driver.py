@@ -1,0 +1,170 @@
+"""Node `driver`: hands every frame of a device on as a VoltageFrame, and keeps the device going."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import Trigger
+
+from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conversions import frame_to_message
+from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
+from tomotactile_ros.nodes.life import PlainNode, run
+from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.scene import load_scene
+
+SPECS = (
+    Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
+    Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
+    Spec("device", "fake", "Where the frames come from", choices=KINDS),
+    Spec("scene", "default", "For fake: what touches the sheet, a scene file or an installed name"),
+    Spec("port", "", "For serial: /dev/tty..., usb:VID:PID or a URL such as socket://host:port"),
+    Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
+    Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
+    Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
+    Spec("recording", "", "For replay: a frames.npz or a rosbag2"),
+    Spec("loop", False, "For replay: start over at the end"),
+    Spec("drive_voltage", 3.3, "For replay: V, where the recording names none", low=1e-3, high=1e3),
+)
+
+_LEVELS = {
+    "streaming": diagnostics.OK,
+    "finished": diagnostics.OK,
+    "stopped": diagnostics.WARN,
+    "identifying": diagnostics.WARN,
+    "closed": diagnostics.WARN,
+}
+
+
+class Driver:
+    """What the driver does, in whichever node it is put.
+
+    `listeners` are called with each frame, its layout's id and its frame_id, in the device's thread,
+    before it is published.
+    """
+
+    name = "driver"
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._log = node.get_logger()
+        self.parameters = Parameters(node, SPECS, self._change)
+        self.listeners: list[Callable[[Frame, str, str], None]] = []
+        self._device: Device | None = None
+        self._layout: Layout | None = None
+        self._active = False
+        self._said = ""
+        self._publisher = node.create_publisher(
+            VoltageFrame,
+            "voltage_frame",
+            QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        node.create_service(Trigger, "~/restart", self._restart)
+        self._diagnostics = Diagnostics(node, "device", self.parameters["frame_id"], self.report)
+        self.parameters.warn_of_typos()
+
+    def configure(self) -> None:
+        """Read the layout and make the device."""
+        self._layout = load_layout(self.parameters["layout"])
+        self._device = self._make_device(self.parameters.values)
+
+    def activate(self) -> None:
+        """Open the device."""
+        self._active = True
+        self._device.open(self._on_frame)
+        self._log.info(
+            f"{self.parameters['device']} device, layout {self._layout.id} with "
+            f"{self._layout.electrodes} electrodes"
+        )
+
+    def deactivate(self) -> None:
+        """Close the device; no frame comes afterwards."""
+        self._active = False
+        if self._device is not None:
+            self._device.close()
+
+    def cleanup(self) -> None:
+        """Forget device and layout."""
+        self._device = self._layout = None
+
+    def report(self) -> Report:
+        """State of the device for /diagnostics; a change is also logged."""
+        if self._device is None:
+            return Report(diagnostics.WARN, "not configured")
+        status = self._device.status()
+        level = _LEVELS.get(status.state, diagnostics.ERROR)
+        message = status.message
+        if status.dead:
+            electrodes = ", ".join(map(str, status.dead))
+            message += f"; electrodes that look dead: {electrodes}"
+            level = max(level, diagnostics.WARN)
+        if self._active and (status.state, status.dead) != self._said:
+            self._said = (status.state, status.dead)
+            self._say(level, f"{status.state}: {message}")
+        return Report(level, message, {"state": status.state, **status.counters})
+
+    def _say(self, level: bytes, text: str) -> None:
+        if level == diagnostics.OK:
+            self._log.info(text)
+        else:
+            self._log.warning(text)
+
+    def _make_device(self, values: dict[str, Any]) -> Device:
+        fake = values["device"] == "fake"
+        named = {key: values[key] for key in DeviceSettings.__dataclass_fields__ if key in values}
+        named["scene"] = load_scene(values["scene"]) if fake else None
+        named["layout"] = self._layout
+        return make_device(DeviceSettings(**named))
+
+    def _change(self, changed: set[str], values: dict[str, Any]) -> None:
+        if self._device is None:
+            return
+        if changed == {"rate"}:
+            self._device.set_rate(values["rate"])
+            return
+        device = self._make_device(values)
+        self._device.close()
+        self._device = device
+        if self._active:
+            self._device.open(self._on_frame)
+
+    def _restart(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._active:
+            response.message = "the driver is not active"
+            return response
+        self._device.close()
+        try:
+            self._device = self._make_device(self.parameters.values)
+        except InputError as error:
+            response.message = str(error)
+        else:
+            response.success, response.message = True, "the device was opened anew"
+        self._device.open(self._on_frame)
+        return response
+
+    def _on_frame(self, frame: Frame) -> None:
+        frame_id = self.parameters["frame_id"]
+        if self._node.get_clock().ros_time_is_active:
+            frame = replace(frame, stamp=self._simulated(frame.stamp))
+        for listener in self.listeners:
+            listener(frame, self._layout.id, frame_id)
+        if self._publisher.get_subscription_count() > 0:
+            self._publisher.publish(frame_to_message(frame, self._layout.id, frame_id))
+
+    def _simulated(self, stamp: float) -> float:
+        """The stamp in simulated time: as long ago there as it is in real time."""
+        return self._node.get_clock().now().nanoseconds * 1e-9 - (time.time() - stamp)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(lambda: [PlainNode(Driver)], args)

@@ -1,0 +1,164 @@
+"""The life of a node: plain or managed, one or several in a process, and its clean end.
+
+What a node does is written once, as a part: it declares parameters and topics when it is made, and
+is then configured, activated, deactivated and cleaned up - at once by a plain node, on request by a
+managed one (rclpy.lifecycle).
+"""
+
+import signal
+import sys
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+
+from tomotactile_ros.errors import InputError
+
+BAD_INPUT = 2
+
+
+class Part(Protocol):
+    """What a node does. `configure` may raise InputError; the others work in any state."""
+
+    name: str
+
+    def configure(self) -> None:
+        """Read files and prepare everything."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working; nothing is published afterwards."""
+
+    def cleanup(self) -> None:
+        """Let go of what `configure` made."""
+
+
+class PlainNode(Node):
+    """A node that works from its creation to its destruction."""
+
+    def __init__(self, make_part: Callable[[Node], Part]):
+        super().__init__(make_part.name)
+        self.part: Part | None = None
+        try:
+            self.part = make_part(self)
+            self.part.configure()
+            self.part.activate()
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def destroy_node(self) -> None:
+        """Stop the work, then the node."""
+        if self.part is not None:
+            self.part.deactivate()
+            self.part.cleanup()
+            self.part = None
+        super().destroy_node()
+
+
+class ManagedNode(LifecycleNode):
+    """A node whose life is managed by services: configure, activate, deactivate, cleanup."""
+
+    def __init__(self, make_part: Callable[[Node], Part]):
+        super().__init__(make_part.name)
+        self.part = make_part(self)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
+        try:
+            self.part.configure()
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work."""
+        self.part.activate()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop working."""
+        self.part.deactivate()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of everything."""
+        self.part.cleanup()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and let go."""
+        self._stop()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Back to unconfigured after an error in a transition."""
+        self._stop()
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        """Stop the work, then the node."""
+        self._stop()
+        super().destroy_node()
+
+    def _stop(self) -> None:
+        self.part.deactivate()
+        self.part.cleanup()
+
+
+def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None) -> int:
+    """Run nodes until they are asked to stop (Ctrl-C, SIGTERM, shutdown).
+
+    Parameters
+    ----------
+    make_nodes : makes the nodes, one by one, once ROS is there.
+    args : command line; None for this process's own.
+
+    Returns
+    -------
+    Exit status: 0 after a stop, 2 after bad input, which is said in one line.
+    """
+    nodes: list[Node] = []
+    try:
+        rclpy.init(args=args)
+        executor = SingleThreadedExecutor()
+        for node in make_nodes():
+            nodes.append(node)
+            executor.add_node(node)
+        executor.spin()
+    except InputError as error:
+        return _refuse(str(error))
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except Exception as error:
+        if _is_bad_command_line(error):
+            return _refuse(" ".join(str(error).split()))
+        if rclpy.ok():
+            raise
+        return 0  # stopped while the nodes were being made
+    finally:
+        # a launch file's Ctrl-C comes twice: from the terminal and from the launch process
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _refuse(reason: str) -> int:
+    print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {reason}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _is_bad_command_line(error: Exception) -> bool:
+    return not rclpy.ok() and type(error).__name__ in (
+        "RCLInvalidROSArgsError",
+        "UnknownROSArgsError",
+        "RCLError",
+    )

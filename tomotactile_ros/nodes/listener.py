@@ -1,0 +1,81 @@
+"""Listens to a driver and its reconstruction, and puts together what belongs together."""
+
+import time
+from collections import OrderedDict, deque
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+from tomotactile_ros.display import Shot
+from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_image, stamp_of
+
+_KEPT = 16  # frames whose parts are waited for
+
+
+class Listener(Node):
+    """Collects image, contacts and frame number of equal stamps.
+
+    Parameters
+    ----------
+    rate : of the simulated sensor, frames/s: frame k begins k / rate into the scene.
+    """
+
+    def __init__(self, rate: float):
+        super().__init__("live")
+        self._rate = rate
+        self._parts: OrderedDict[float, dict] = OrderedDict()
+        self._arrivals: deque[float] = deque(maxlen=32)
+        self._complaints: dict[str, str] = {}
+        self._shot: Shot | None = None
+        reliable = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+        self.create_subscription(
+            VoltageFrame, "voltage_frame", self._on_frame, qos_profile_sensor_data
+        )
+        self.create_subscription(Image, "pressure", self._on_pressure, reliable)
+        self.create_subscription(ContactArray, "contacts", self._on_contacts, reliable)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def take(self) -> Shot | None:
+        """The newest complete image since the last call, if any."""
+        shot, self._shot = self._shot, None
+        return shot
+
+    def complaints(self) -> str:
+        """What the nodes say is wrong."""
+        said = [f"{name}: {message}" for name, message in self._complaints.items()]
+        return "; ".join(said) or "neither driver nor reconstruction says anything"
+
+    def _on_frame(self, message: VoltageFrame) -> None:
+        self._add(message.header, "scene_time", message.sequence / self._rate)
+
+    def _on_pressure(self, message: Image) -> None:
+        self._add(message.header, "pressure", message_to_image(message))
+
+    def _on_contacts(self, message: ContactArray) -> None:
+        self._add(message.header, "contacts", message_to_contacts(message))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._complaints.pop(status.name, None)
+            if status.level != DiagnosticStatus.OK:
+                self._complaints[status.name] = status.message
+
+    def _add(self, header, key: str, value: object) -> None:
+        stamp = stamp_of(header)
+        parts = self._parts.setdefault(stamp, {})
+        parts[key] = value
+        if "pressure" in parts and "contacts" in parts:
+            self._complete(stamp, parts, counts=key != "scene_time")
+        while len(self._parts) > _KEPT:
+            self._parts.popitem(last=False)
+
+    def _complete(self, stamp: float, parts: dict, counts: bool) -> None:
+        if counts:
+            self._arrivals.append(time.monotonic())
+        span = self._arrivals[-1] - self._arrivals[0]
+        rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
+        age = self.get_clock().now().nanoseconds * 1e-9 - stamp
+        self._shot = Shot(parts["pressure"], parts["contacts"], parts.get("scene_time"), rate, age)

@@ -1,0 +1,141 @@
+"""`make run`: driver and reconstruction as two processes, and a live picture in the terminal."""
+
+import argparse
+import json
+import math
+import os
+import random
+import socket
+import sys
+import time
+from pathlib import Path
+
+from tomotactile_ros.display import Display
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.scene import Scene, load_scene
+
+DEFAULT_RATE = 15.625  # frames/s
+PATIENCE = 10.0  # s until the first image
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the demonstration; 0 after its time or a stop, 1 if it fails, 2 for bad input."""
+    options = _parse(args)
+    try:
+        layout, scene = load_layout(options.layout), load_scene(options.scene)
+        scene.check(layout)
+    except InputError as error:
+        print(f"live: {error}", file=sys.stderr)
+        return 2
+    _use_own_domain()
+    children: list[Child] = []
+    try:
+        children += _start(options)
+        return _watch(children, layout, scene, options)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        stop_all(children)
+
+
+def _parse(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="live", description=__doc__)
+    parser.add_argument("--duration", type=_seconds, default=20.0, help="s after the first image")
+    parser.add_argument("--layout", default="equal-8x8", help="layout file or installed name")
+    parser.add_argument("--scene", default="default", help="scene file or installed name")
+    parser.add_argument("--profile", default="fast", help="fast, balanced, accurate or auto")
+    parser.add_argument("--rate", type=_seconds, default=DEFAULT_RATE, help="frames/s")
+    parser.add_argument("--out", default="out/pressure.png", help="picture written at the end")
+    return parser.parse_args(args)
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    return value
+
+
+def _use_own_domain() -> None:
+    """Stay on this machine, in a domain that nobody here uses, unless the user has chosen one."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
+
+
+def _free_domain() -> int:
+    """A domain whose first discovery port nobody holds (7400 + 250 n + 10, RTPS 9.6.1.1)."""
+    numbers = random.sample(range(1, 101), 100)
+    for number in numbers:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * number + 10))
+            except OSError:
+                continue
+            return number
+    return numbers[0]
+
+
+def _start(options: argparse.Namespace) -> list[Child]:
+    driver = {"layout": options.layout, "scene": options.scene, "rate": options.rate}
+    reconstruction = {"layout": options.layout, "profile": options.profile}
+    return [_node("driver", driver), _node("reconstruction", reconstruction)]
+
+
+def _node(name: str, parameters: dict[str, str | float]) -> Child:
+    from ament_index_python.packages import get_package_prefix
+
+    program = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", name)
+    given = [f"{key}:={json.dumps(value)}" for key, value in parameters.items()]
+    settings = [word for item in given for word in ("-p", item)]
+    return Child(name, [str(program), "--ros-args", *settings])
+
+
+def _watch(children: list[Child], layout: Layout, scene: Scene, options: argparse.Namespace) -> int:
+    """Show images until the time is over or somebody stops it; returns the exit status."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from tomotactile_ros.nodes.listener import Listener
+
+    display = Display(layout, scene)
+    display.say(
+        f"layout {layout.name}, scene {scene.name}, profile {options.profile}: "
+        "waiting for the first frame"
+    )
+    problem = ""
+    try:
+        rclpy.init(args=[])
+        problem = _show(children, Listener(options.rate), display, options.duration)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        display.say("stopped")
+    finally:
+        rclpy.try_shutdown()
+        display.close()
+    if display.last is not None:
+        display.save(options.out)
+    if problem:
+        print(f"live: {problem}", file=sys.stderr)
+    return 1 if problem else 0
+
+
+def _show(children: list[Child], listener, display: Display, duration: float) -> str:
+    """Show images until the time is over; returns what went wrong, or nothing."""
+    import rclpy
+
+    end = None
+    patience = time.monotonic() + PATIENCE
+    while end is None or time.monotonic() < end:
+        rclpy.spin_once(listener, timeout_sec=0.1)
+        for child in children:
+            if child.status is not None:
+                return f"{child.name} ended with status {child.status}: {child.last_words}"
+        shot = listener.take()
+        if shot is not None:
+            end = end or time.monotonic() + duration
+            display.show(shot)
+        elif end is None and time.monotonic() > patience:
+            return f"no image after {PATIENCE:g} s: {listener.complaints()}"
+    return ""

@@ -1,0 +1,85 @@
+"""What the reconstruction publishes: image, picture, contacts, markers, curved surface.
+
+Whatever takes time and nobody listens to is not made.
+"""
+
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.msg import ContactArray
+from tomotactile_ros.nodes.conversions import (
+    cloud_to_message,
+    contacts_to_message,
+    image_to_message,
+)
+from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers, place
+from tomotactile_ros.view import Overlay, colour, full_scale, palette
+
+LEAST_SCALE = 1000.0  # Pa, of an automatic range
+
+
+class Outputs:
+    """Publishers of one reconstruction node."""
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._pressure = self._publisher(Image, "pressure")
+        self._view = self._publisher(Image, "pressure_view")
+        self._contacts = self._publisher(ContactArray, "contacts")
+        self._markers = self._publisher(MarkerArray, "contact_markers")
+        self._layout_markers = self._publisher(MarkerArray, "layout_markers", latched=True)
+        self._surface: Publisher | None = None
+
+    def configure(self, layout: Layout, grid: Grid, frame_id: str, values: dict[str, Any]) -> None:
+        """Prepare for images of this layout and grid, drawn as the parameters say."""
+        self._range, self._draw = values["view_range"], values["view_overlay"]
+        zoom = max(1, round(values["view_size"] / max(grid.shape)))
+        self._overlay = Overlay(grid, zoom, layout.positions, layout.radius)
+        palette()  # loads the colours now and not with the first frame
+        self._contact_markers = ContactMarkers(layout)
+        stamp = self._node.get_clock().now().to_msg()
+        self._layout_markers.publish(layout_markers(layout, Header(stamp=stamp, frame_id=frame_id)))
+        self._grid, self._points = grid, None
+        if layout.surface is not None:
+            if self._surface is None:
+                self._surface = self._publisher(PointCloud2, "surface")
+            self._points = place(layout, grid.pixels)[0]
+
+    def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
+        """Publish an (H, W) image, Pa, and its contacts, strongest first."""
+        self._pressure.publish(image_to_message(pressure, header))
+        self._contacts.publish(contacts_to_message(contacts, header))
+        if self._markers.get_subscription_count() > 0:
+            self._markers.publish(self._contact_markers.of(contacts, header))
+        if self._view.get_subscription_count() > 0:
+            self._view.publish(image_to_message(self._picture(pressure, contacts), header))
+        if self._points is not None and self._surface.get_subscription_count() > 0:
+            values = self._grid.gather(pressure)
+            self._surface.publish(cloud_to_message(self._points, values, header))
+
+    def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:
+        rgb = colour(pressure, full_scale(pressure, self._range, LEAST_SCALE))
+        return self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
+
+    def _publisher(self, kind: type, topic: str, latched: bool = False) -> Publisher:
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        return self._node.create_publisher(
+            kind,
+            topic,
+            QoSProfile(
+                depth=1 if latched else 2,
+                reliability=ReliabilityPolicy.RELIABLE,
+                durability=durability,
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )

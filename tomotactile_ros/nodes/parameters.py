@@ -1,0 +1,166 @@
+"""Typed parameters: declared with type, range and description, refused with a reason.
+
+A whole number where a decimal one is meant (``rate: 50`` in YAML) is taken as such: these
+parameters are declared with dynamic typing and converted here. Everything else keeps its type.
+"""
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tomotactile_ros.errors import InputError
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One parameter.
+
+    Parameters
+    ----------
+    name : as in the YAML file.
+    default : its type is the parameter's type; a tuple stands for an array of whole numbers.
+    description : one line, with the unit.
+    low, high : range of a number, ends included.
+    choices : the words allowed for a text.
+    read_only : cannot be changed while the node runs.
+    """
+
+    name: str
+    default: bool | int | float | str | tuple[int, ...]
+    description: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    def descriptor(self) -> ParameterDescriptor:
+        """What `ros2 param describe` shows."""
+        descriptor = ParameterDescriptor(
+            name=self.name,
+            description=self.description,
+            read_only=self.read_only,
+            dynamic_typing=isinstance(self.default, (float, tuple)),
+        )
+        if self.choices:
+            descriptor.additional_constraints = "one of " + ", ".join(self.choices)
+        if self.low is not None and isinstance(self.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(self.low), to_value=float(self.high))
+            ]
+        elif self.low is not None and isinstance(self.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(self.low), to_value=int(self.high))
+            ]
+        return descriptor
+
+    def initial(self) -> Any:
+        """The default as rclpy wants it; an empty array has no type and is left unset."""
+        if isinstance(self.default, tuple):
+            return list(self.default) or None
+        return self.default
+
+    def convert(self, value: Any) -> Any:
+        """The value in the type of the default; InputError if it is not allowed."""
+        if isinstance(self.default, tuple):
+            return self._convert_array(value)
+        if isinstance(self.default, float):
+            return self._convert_number(value)
+        if self.choices and value not in self.choices:
+            raise InputError(f"{self.name}: '{value}' is none of {', '.join(self.choices)}")
+        return value
+
+    def _convert_number(self, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(f"{self.name}: '{value}' is not a number")
+        if self.low is not None and not self.low <= value <= self.high:
+            raise InputError(
+                f"{self.name}: {value:g} is out of range, {self.low:g} to {self.high:g} is allowed"
+            )
+        return float(value)
+
+    def _convert_array(self, value: Any) -> tuple[int, ...]:
+        values = [] if value is None or isinstance(value, (str, bytes, bool)) else value
+        whole = not isinstance(values, (int, float)) and all(
+            isinstance(v, int) and not isinstance(v, bool) for v in values
+        )
+        if not whole or (value is not None and values is not value):
+            raise InputError(f"{self.name}: '{value}' is not a list of whole numbers")
+        for v in values:
+            if self.low is not None and not self.low <= v <= self.high:
+                raise InputError(
+                    f"{self.name}: {v} is out of range, {self.low:g} to {self.high:g} is allowed"
+                )
+        return tuple(values)
+
+
+class Parameters:
+    """The parameters of a node, always valid.
+
+    Parameters
+    ----------
+    node : declares them.
+    specs : what to declare.
+    on_change : called with the names that change and all values as they would be, before they
+        count; it puts them into effect, or raises InputError, and nothing has changed.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        specs: Sequence[Spec],
+        on_change: Callable[[set[str], dict[str, Any]], None],
+    ):
+        self._node = node
+        self._specs = {spec.name: spec for spec in specs}
+        self._on_change = on_change
+        self.values: dict[str, Any] = {spec.name: self._declare(spec) for spec in specs}
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.values[name]
+
+    def warn_of_typos(self) -> None:
+        """Log every given parameter that nobody declared and that looks like one of these."""
+        # rclpy offers no public look at the values given at the start
+        given = getattr(self._node, "_parameter_overrides", {})
+        for name in given:
+            close = difflib.get_close_matches(name, self._specs, n=1)
+            if close and not self._node.has_parameter(name):
+                self._node.get_logger().warning(
+                    f"parameter '{name}' is unknown and ignored; did you mean '{close[0]}'?"
+                )
+
+    def _declare(self, spec: Spec) -> Any:
+        try:
+            parameter = self._node.declare_parameter(spec.name, spec.initial(), spec.descriptor())
+        except ParameterException as error:
+            reason = str(error).removesuffix(f": {spec.name}")
+            raise InputError(f"parameter {spec.name}: {reason}") from None
+        try:
+            return spec.convert(parameter.value)
+        except InputError as error:
+            raise InputError(f"parameter {error}") from None
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        mine = [p for p in parameters if p.name in self._specs]
+        try:
+            given = {p.name: self._specs[p.name].convert(p.value) for p in mine}
+            changed = {name for name, value in given.items() if value != self.values[name]}
+            values = {**self.values, **given}
+            if changed:
+                self._on_change(changed, values)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.values = values
+        return SetParametersResult(successful=True)

@@ -1,0 +1,93 @@
+"""Watches the frames that come in, and says why none do."""
+
+import time
+from collections import deque
+
+import numpy as np
+from rclpy.node import Node
+
+TYPE = "tomotactile_ros/msg/VoltageFrame"
+_PATIENCE = 2.0  # s without a frame before it is said
+
+
+class FrameWatch:
+    """Counts frames and finds out what keeps them away.
+
+    Parameters
+    ----------
+    node : the node that waits for frames.
+    topic : resolved name of the topic.
+    """
+
+    def __init__(self, node: Node, topic: str):
+        self._node = node
+        self._topic = topic
+        self._latencies: deque[float] = deque(maxlen=1000)
+        self._durations: deque[float] = deque(maxlen=1000)
+        self._sequence: int | None = None
+        self.processed = self.refused = self.missed = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin to wait anew."""
+        self._since = time.monotonic()
+        self._refusal = self._incompatible = ""
+
+    def accepted(self, sequence: int, latency: float, duration: float) -> None:
+        """Note a processed frame: s from its stamp to its image, s of work."""
+        if self._sequence is not None and sequence > self._sequence:
+            self.missed += sequence - self._sequence - 1
+        self._sequence = sequence
+        self.processed += 1
+        self._latencies.append(latency)
+        self._durations.append(duration)
+        self.restart()
+
+    def refuse(self, reason: str) -> None:
+        """Note a frame that was refused."""
+        self.refused += 1
+        self._refusal = reason
+
+    def incompatible_qos(self, policy: str) -> None:
+        """Note that a publisher's quality of service does not suit."""
+        self._incompatible = policy
+
+    def figures(self) -> dict[str, float | int]:
+        """Counts so far; times over the last 1000 frames."""
+        figures = {
+            "frames_processed": self.processed,
+            "frames_refused": self.refused,
+            "frames_missed": self.missed,
+        }
+        for name, values in (("latency", self._latencies), ("processing", self._durations)):
+            if values:
+                p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
+                figures |= {f"{name}_p50_ms": 1e3 * p50, f"{name}_p99_ms": 1e3 * p99}
+        return figures
+
+    def complaint(self) -> str:
+        """Why there are no frames, or nothing while there are some."""
+        if time.monotonic() - self._since < _PATIENCE:
+            return ""
+        if self._refusal:
+            return f"every frame on {self._topic} is refused: {self._refusal}"
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        if not publishers:
+            return (
+                f"no frames: nobody publishes {self._topic}; is the driver running, with the same "
+                "namespace and ROS_DOMAIN_ID?"
+            )
+        others = {p.topic_type for p in publishers} - {TYPE}
+        if others:
+            return f"no frames: {self._topic} carries {', '.join(sorted(others))}, not {TYPE}"
+        if self._incompatible:
+            return (
+                f"no frames: quality of service does not match on {self._topic} "
+                f"({self._incompatible}): see qos_overrides of both nodes"
+            )
+        who = ", ".join(sorted({_full_name(p) for p in publishers}))
+        return f"no frames: {who} publishes {self._topic}, but nothing arrives; see its diagnostics"
+
+
+def _full_name(publisher) -> str:
+    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"

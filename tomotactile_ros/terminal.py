@@ -1,0 +1,84 @@
+"""A pressure image as text: two rows of cells in each line, in 24-bit colour (ANSI escapes).
+
+Upper half blocks carry the upper cell in the foreground and the lower one in the background colour,
+so that cells are about square. Row 0, the +y edge, is the top line.
+"""
+
+import numpy as np
+
+from tomotactile_ros.view import OUTSIDE, colour
+
+_RESET = "\x1b[0m"
+_MARGIN = 5  # characters for the y axis
+
+
+def picture(
+    pressure: np.ndarray,
+    bounds: tuple[float, float, float, float],
+    scale: float,
+    columns: int,
+    lines: int,
+) -> list[str]:
+    """Lines of text that show an image with its axes in mm and its colours in kPa.
+
+    Parameters
+    ----------
+    pressure : (H, W) Pa, NaN outside the outline.
+    bounds : xmin, ymin, xmax, ymax of the image, m.
+    scale : pressure of the brightest colour, Pa.
+    columns, lines : room on the terminal; larger images are shown coarser.
+    """
+    room = max(8, columns - _MARGIN - 14), 2 * max(4, lines - 2)
+    rgb = colour(_coarser(pressure, room), scale)
+    if len(rgb) % 2:
+        rgb = np.vstack([rgb, np.full_like(rgb[:1], OUTSIDE)])
+    blocks = [_blocks(*pair) for pair in rgb.reshape(-1, 2, *rgb.shape[1:])]
+    labels = _spread(
+        [f"{1e3 * y:+.0f}" for y in (bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1])],
+        len(blocks),
+    )
+    keys = _spread([f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)], len(blocks))
+    levels = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
+    bar = [_blocks(*pair) * 2 for pair in levels.reshape(-1, 2, 1, 3)]
+    text = [
+        f"{label:>{_MARGIN - 1}} {block}{_RESET} {colours}{_RESET} {key}"
+        for label, block, colours, key in zip(labels, blocks, bar, keys, strict=True)
+    ]
+    return [*text, _x_axis(bounds, rgb.shape[1])]
+
+
+def _coarser(image: np.ndarray, room: tuple[int, int]) -> np.ndarray:
+    """The image with the peak of blocks of cells, so that at most (columns, rows) remain."""
+    height, width = image.shape
+    factor = max(-(-width // room[0]), -(-height // room[1]))
+    if factor <= 1:
+        return image
+    padding = ((0, -height % factor), (0, -width % factor))
+    padded = np.pad(image, padding, constant_values=np.nan)
+    shape = padded.shape[0] // factor, factor, padded.shape[1] // factor, factor
+    blocks = np.where(np.isnan(padded), -np.inf, padded).reshape(shape).max(axis=(1, 3))
+    return np.where(np.isinf(blocks), np.nan, blocks)
+
+
+def _blocks(upper: np.ndarray, lower: np.ndarray) -> str:
+    """Half blocks of (W, 3) colours."""
+    return "".join(
+        f"\x1b[38;2;{u[0]};{u[1]};{u[2]};48;2;{v[0]};{v[1]};{v[2]}m▀"
+        for u, v in zip(upper.tolist(), lower.tolist(), strict=True)
+    )
+
+
+def _spread(words: list[str], lines: int) -> list[str]:
+    """Words at the first, middle and last of so many lines."""
+    spread = [""] * lines
+    for place, word in zip((0, (lines - 1) // 2, lines - 1), words, strict=True):
+        spread[place] = word
+    return spread
+
+
+def _x_axis(bounds: tuple[float, float, float, float], width: int) -> str:
+    left, right = f"{1e3 * bounds[0]:+.0f}", f"{1e3 * bounds[2]:+.0f}"
+    middle = f"{500 * (bounds[0] + bounds[2]):+.0f}".replace("+0", "0")
+    gap = max(1, (width - len(middle)) // 2 - len(left))
+    line = left + " " * gap + middle
+    return " " * _MARGIN + line + " " * max(1, width - len(line) - len(right)) + right + " mm"

@@ -1,0 +1,77 @@
+"""Pictures of a pressure image: colours, enlarging, electrodes and contacts drawn in.
+
+Pixels follow the image convention: row 0 is the +y edge. The colour map is viridis, whose lightness
+rises evenly with the value, so that equal differences of pressure look equal.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from tomotactile_ros.grid import Grid
+
+OUTSIDE = (60, 60, 60)  # cells outside the outline
+_WHITE = (255, 255, 255)
+_RED = (255, 64, 64)
+
+
+@lru_cache(maxsize=1)
+def palette() -> np.ndarray:
+    """(256, 3) uint8 colours from nothing to full scale."""
+    from matplotlib import colormaps
+
+    return np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)
+
+
+def full_scale(pressure: np.ndarray, fixed: float, least: float) -> float:
+    """Pressure of the brightest colour, Pa: the fixed one, or the image's peak if that is 0.
+
+    An automatic scale never falls below `least`, so that noise alone is not blown up.
+    """
+    return fixed if fixed > 0 else max(least, float(np.nanmax(pressure)))
+
+
+def colour(pressure: np.ndarray, scale: float) -> np.ndarray:
+    """(H, W, 3) uint8 colours of an (H, W) image, Pa; ``scale`` and more is the brightest."""
+    outside = np.isnan(pressure)
+    level = np.clip(np.where(outside, 0.0, pressure) * (255.0 / scale), 0.0, 255.0)
+    rgb = palette()[np.rint(level).astype(np.uint8)]
+    rgb[outside] = OUTSIDE
+    return rgb
+
+
+class Overlay:
+    """Draws electrodes and contacts into an enlarged picture.
+
+    Parameters
+    ----------
+    grid : cells of the pressure image.
+    zoom : pixels per cell and direction.
+    positions : (E, 2) electrodes, m.
+    radius : of the electrodes, m.
+    """
+
+    def __init__(self, grid: Grid, zoom: int, positions: np.ndarray, radius: float):
+        self._zoom = zoom
+        xmin, _, _, ymax = grid.outline.bounds
+        dx, dy = (side / zoom for side in grid.cell_size)
+        self._x = xmin + (np.arange(grid.width * zoom) + 0.5) * dx
+        self._y = ymax - (np.arange(grid.height * zoom) + 0.5) * dy
+        self._stroke = max(dx, dy)
+        self._electrodes = np.zeros((len(self._y), len(self._x)), dtype=bool)
+        for x, y in positions:
+            self._electrodes |= self._distance(x, y) < max(radius, self._stroke)
+
+    def draw(self, rgb: np.ndarray, contacts: Sequence, electrodes: bool = True) -> np.ndarray:
+        """The (H, W, 3) picture enlarged, with electrodes as white dots, contacts as red rings."""
+        picture = rgb.repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
+        if electrodes:
+            picture[self._electrodes] = _WHITE
+        for contact in contacts:
+            ring = np.abs(self._distance(contact.x, contact.y) - contact.radius) < self._stroke
+            picture[ring] = _RED
+        return picture
+
+    def _distance(self, x: float, y: float) -> np.ndarray:
+        return np.hypot(self._x - x, (self._y - y)[:, None])
