@@ -10,6 +10,8 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.report import contact_lines
 
+_MOST_LINES = 6  # of contacts below the picture
+
 
 def save_pressure(
     path: str | os.PathLike,
@@ -42,12 +44,15 @@ def save_pressure(
     figure.colorbar(image, ax=axes, label="pressure / kPa")
     for ring in (layout.outline.shell, *layout.outline.holes):
         axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.4", linewidth=1)
-    axes.plot(*(1e3 * layout.positions.T), ".", color="white", markersize=3, label="electrode")
+    axes.plot(
+        *(1e3 * layout.positions.T), "o", color="white", markeredgecolor="0.5", markersize=3.5,
+        clip_on=False, label="electrode",
+    )  # fmt: skip
     _draw_contacts(axes, contacts, truth or ())
     axes.set(xlabel="x / mm", ylabel="y / mm", title=title)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=3, frameon=False)
-    lines = contact_lines(contacts, truth)
-    figure.supxlabel("\n".join(lines), fontsize=8, family="monospace", ha="center")
+    lines = contact_lines(contacts[:_MOST_LINES], truth)
+    figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=100)

@@ -29,24 +29,24 @@ def contact_lines(contacts: Sequence, truth: Sequence[dict] | None = None) -> li
         return [_line(i, c) for i, c in enumerate(contacts, 1)] or ["no contact"]
     partner = pair(contacts, truth)
     lines = [
-        _line(i, contact) + ("   nothing is there" if j is None else _compare(contact, truth[j]))
+        _line(i, contact) + ("  nothing is there" if j is None else _compare(contact, truth[j]))
         for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1)
     ]
     missed = [t for j, t in enumerate(truth) if j not in partner]
-    lines += [f"not found                     {_true(t)}" for t in missed]
+    lines += [f"not found: {_true(t)}" for t in missed]
     return lines or ["no contact"]
 
 
 def _line(number: int, contact) -> str:
     return (
-        f"contact {number}  x {1e3 * contact.x:+6.1f} mm  y {1e3 * contact.y:+6.1f} mm  "
-        f"force {contact.force:5.2f} N  peak {contact.pressure / 1e3:5.1f} kPa"
+        f"contact {number}: ({1e3 * contact.x:+6.1f}, {1e3 * contact.y:+6.1f}) mm  "
+        f"{contact.force:5.2f} N  peak {contact.pressure / 1e3:5.1f} kPa"
     )
 
 
 def _compare(contact, true: dict) -> str:
     distance = np.hypot(contact.x - true["x"], contact.y - true["y"])
-    return f"   {_true(true)}, off by {1e3 * distance:.1f} mm"
+    return f"  off by {1e3 * distance:4.1f} mm, {_true(true)}"
 
 
 def _true(true: dict) -> str:

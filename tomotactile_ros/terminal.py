@@ -33,10 +33,8 @@ def picture(
     if len(rgb) % 2:
         rgb = np.vstack([rgb, np.full_like(rgb[:1], OUTSIDE)])
     blocks = [_blocks(*pair) for pair in rgb.reshape(-1, 2, *rgb.shape[1:])]
-    labels = _spread(
-        [f"{1e3 * y:+.0f}" for y in (bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1])],
-        len(blocks),
-    )
+    heights = bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1]
+    labels = _spread([_millimetres(y) for y in heights], len(blocks))
     keys = _spread([f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)], len(blocks))
     levels = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
     bar = [_blocks(*pair) * 2 for pair in levels.reshape(-1, 2, 1, 3)]
@@ -77,8 +75,12 @@ def _spread(words: list[str], lines: int) -> list[str]:
 
 
 def _x_axis(bounds: tuple[float, float, float, float], width: int) -> str:
-    left, right = f"{1e3 * bounds[0]:+.0f}", f"{1e3 * bounds[2]:+.0f}"
-    middle = f"{500 * (bounds[0] + bounds[2]):+.0f}".replace("+0", "0")
+    left, right = _millimetres(bounds[0]), _millimetres(bounds[2])
+    middle = _millimetres(0.5 * (bounds[0] + bounds[2]))
     gap = max(1, (width - len(middle)) // 2 - len(left))
     line = left + " " * gap + middle
     return " " * _MARGIN + line + " " * max(1, width - len(line) - len(right)) + right + " mm"
+
+
+def _millimetres(length: float) -> str:
+    return f"{round(1e3 * length):+d}" if round(1e3 * length) else "0"

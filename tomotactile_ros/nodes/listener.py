@@ -12,6 +12,7 @@ from tomotactile_ros.display import Shot
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_image, stamp_of
 
+NODES = ("driver", "reconstruction")
 _KEPT = 16  # frames whose parts are waited for
 
 
@@ -28,6 +29,7 @@ class Listener(Node):
         self._rate = rate
         self._parts: OrderedDict[float, dict] = OrderedDict()
         self._arrivals: deque[float] = deque(maxlen=32)
+        self._heard: set[str] = set()
         self._complaints: dict[str, str] = {}
         self._shot: Shot | None = None
         reliable = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
@@ -45,8 +47,9 @@ class Listener(Node):
 
     def complaints(self) -> str:
         """What the nodes say is wrong."""
+        silent = [f"{name} is still starting" for name in NODES if name not in self._heard]
         said = [f"{name}: {message}" for name, message in self._complaints.items()]
-        return "; ".join(said) or "neither driver nor reconstruction says anything"
+        return "; ".join(silent + said) or "driver and reconstruction are well, it must be near"
 
     def _on_frame(self, message: VoltageFrame) -> None:
         self._add(message.header, "scene_time", message.sequence / self._rate)
@@ -59,6 +62,7 @@ class Listener(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            self._heard.add(status.name.split(":")[0].rsplit("/")[-1])
             self._complaints.pop(status.name, None)
             if status.level != DiagnosticStatus.OK:
                 self._complaints[status.name] = status.message

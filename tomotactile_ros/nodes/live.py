@@ -17,7 +17,8 @@ from tomotactile_ros.processes import Child, stop_all
 from tomotactile_ros.scene import Scene, load_scene
 
 DEFAULT_RATE = 15.625  # frames/s
-PATIENCE = 10.0  # s until the first image
+PATIENCE = 10.0  # s without the first image until it is said why
+LIMIT = 60.0  # s without the first image until it is given up
 
 
 def main(args: list[str] | None = None) -> int:
@@ -126,7 +127,8 @@ def _show(children: list[Child], listener, display: Display, duration: float) ->
     import rclpy
 
     end = None
-    patience = time.monotonic() + PATIENCE
+    start = time.monotonic()
+    patience = PATIENCE
     while end is None or time.monotonic() < end:
         rclpy.spin_once(listener, timeout_sec=0.1)
         for child in children:
@@ -136,6 +138,10 @@ def _show(children: list[Child], listener, display: Display, duration: float) ->
         if shot is not None:
             end = end or time.monotonic() + duration
             display.show(shot)
-        elif end is None and time.monotonic() > patience:
-            return f"no image after {PATIENCE:g} s: {listener.complaints()}"
+        elif end is None and time.monotonic() > start + patience:
+            reason = f"no image after {patience:g} s: {listener.complaints()}"
+            if patience >= LIMIT:
+                return reason
+            display.say(reason)
+            patience += PATIENCE
     return ""
