@@ -25,14 +25,13 @@ _CHUNK = 256  # images at a time: bounds the memory of the temporaries
 class Quality:
     """Quality of the images of contacts at P positions, all in m.
 
-    positions (P, 2), hwhm (P,), position_error (P,), blur (P,), centre (P, 2)
+    positions (P, 2), hwhm (P,), position_error (P,), blur (P,)
     """
 
     positions: np.ndarray
     hwhm: np.ndarray
     position_error: np.ndarray
     blur: np.ndarray
-    centre: np.ndarray
 
 
 def quality(images, positions, grid: Grid) -> Quality:
@@ -58,7 +57,7 @@ def quality(images, positions, grid: Grid) -> Quality:
     hwhm = np.concatenate([part[0] for part in parts])
     centre = np.concatenate([part[1] for part in parts])
     error = np.linalg.norm(centre - positions, axis=1)
-    return Quality(positions, hwhm, error, blur(images, positions, grid), centre)
+    return Quality(positions, hwhm, error, blur(images, positions, grid))
 
 
 def blur(images, positions, grid: Grid) -> np.ndarray:

@@ -1,0 +1,145 @@
+"""Quality of a layout: HWHM, position error and blur of single contacts all over the sheet, and noise gain.
+
+The default is the set-up of Kojima et al. 2023: bare contacts of 1 mm radius at the pixels of a 40 x 40
+image, one step of eq. 1 with lambda^2 = 1000.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.metrics import Quality, statistics
+from tomotactile_ros.evaluation.point_spread import (
+    CONTACT_RADIUS,
+    REGULARIZATION,
+    RESOLUTION,
+    PointSpread,
+    paper_transfer,
+)
+from tomotactile_ros.evaluation.regions import Regions, layout_regions
+from tomotactile_ros.evaluation.symmetry import find_symmetry
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.sheet import make_sheet
+
+MODELS = ("auto", "paper", "closed_form", "fem")
+
+
+@dataclass(frozen=True, eq=False)
+class LayoutQuality:
+    """What an evaluation found.
+
+    noise_gain : noise of a pixel per noise of a reading, V per V, root mean square; None if not known
+    settings : how it was evaluated: model or profile, lambda^2, contact radius, resolution
+    """
+
+    layout: Layout
+    grid: Grid
+    quality: Quality
+    regions: Regions
+    noise_gain: float | None
+    settings: dict
+
+    @property
+    def hwhm_map(self) -> np.ndarray:
+        """(H, W) HWHM by contact position, m; NaN outside the outline."""
+        return self.grid.fill(self.quality.hwhm)
+
+    @property
+    def position_error_map(self) -> np.ndarray:
+        """(H, W) position error by contact position, m; NaN outside the outline."""
+        return self.grid.fill(self.quality.position_error)
+
+    @cached_property
+    def region_of(self) -> np.ndarray:
+        """(P,) region of each contact."""
+        return self.regions.of(self.quality.positions)
+
+    @cached_property
+    def region_hwhm(self) -> np.ndarray:
+        """(M,) mean HWHM of the contacts in each region, m."""
+        return self.regions.means(self.region_of, self.quality.positions, self.quality.hwhm)
+
+    @cached_property
+    def metrics(self) -> dict:
+        """Figures in m, plain types: statistics of HWHM, position error and blur, noise gain."""
+        quality = self.quality
+        worst_region = float(self.region_hwhm.max())
+        out = {
+            "hwhm": {**statistics(quality.hwhm), "worst_region": worst_region},
+            "position_error": statistics(quality.position_error),
+            "blur": statistics(quality.blur),
+        }
+        if self.noise_gain is not None:
+            out["noise_gain"] = self.noise_gain
+        return out
+
+    def by_region(self) -> list[dict]:
+        """For every region its place, number of contacts, area (m^2), mean HWHM and position error (m)."""
+        quality, regions = self.quality, self.regions
+        error = regions.means(self.region_of, quality.positions, quality.position_error)
+        count = np.bincount(self.region_of, minlength=len(error))
+        return [
+            {
+                "row": i // regions.cols,
+                "col": i % regions.cols,
+                "contacts": int(count[i]),
+                "area": float(regions.areas[i]),
+                "hwhm": float(self.region_hwhm[i]),
+                "position_error": float(error[i]),
+            }
+            for i in range(len(error))
+        ]
+
+
+def evaluate_layout(
+    layout: Layout,
+    *,
+    model: str = "auto",
+    regularization: float = REGULARIZATION,
+    contact_radius: float = CONTACT_RADIUS,
+    resolution: int = RESOLUTION,
+    grounded=None,
+) -> LayoutQuality:
+    """Evaluate a layout with one-step images (eq. 1 of the paper).
+
+    Parameters
+    ----------
+    model : `paper` (electrodes are points with a radius), `closed_form` or `fem` (both with electrodes as
+        equipotentials that shunt the sheet); `auto` is `paper` for a uniform rectangle and `fem` otherwise
+    regularization : lambda^2
+    contact_radius : m
+    resolution : contact positions, and pixels, along the longer side
+    grounded : (L,) ground conditions that are scanned, all without it
+
+    Raises InputError for a layout that the model cannot treat.
+    """
+    if model not in MODELS:
+        raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
+    if not (np.isfinite(regularization) and regularization > 0):
+        raise InputError(f"regularization: {regularization} is not a positive number")
+    if model == "auto":
+        model = "paper" if layout.outline.is_uniform_rectangle else "fem"
+    grid = Grid.for_outline(layout.outline, resolution)
+    symmetry = None
+    if model == "paper":
+        symmetry = find_symmetry(grid, layout.positions)
+        transfer = paper_transfer(layout, grid.pixels, contact_radius, symmetry)
+        symmetry = symmetry if grounded is None else None
+    else:
+        sheet = make_sheet(layout, model)
+        transfer = sheet.transfer(grid.pixels, contact_radius)
+    spread = PointSpread(transfer, grid, regularization, symmetry=symmetry, grounded=grounded)
+    settings = {
+        "model": model,
+        "regularization": float(regularization),
+        "contact_radius": float(contact_radius),
+        "positions": f"{grid.height} x {grid.width}",
+    }
+    return LayoutQuality(
+        layout, grid, spread.quality(), layout_regions(layout), spread.noise_gain, settings
+    )

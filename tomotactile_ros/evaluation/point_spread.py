@@ -1,0 +1,151 @@
+"""Images of single contacts at every pixel: the columns of one matrix, by blocks of its symmetry.
+
+The image of a bare contact at pixel k, one step of eq. 1 of Kojima et al. 2023, is V0 times column k of
+
+    M = (J'J + lambda^2 I)^-1 J'J = I - lambda^2 S,        S = (J'J + lambda^2 I)^-1
+
+J'J comes from `gram`, its blocks from `symmetry`: on the square one eighth of the contacts is enough, and
+instead of one 1600 x 1600 matrix four of about 200 and one of 400 are inverted.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import lapack
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.gram import Gram
+from tomotactile_ros.evaluation.metrics import Quality, quality
+from tomotactile_ros.evaluation.symmetry import Symmetry, find_symmetry
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
+from tomotactile_ros.sheet.transfer import Transfer
+
+REGULARIZATION = 1000.0  # lambda^2 of the paper
+CONTACT_RADIUS = 0.001  # m
+RESOLUTION = 40  # contact positions, and pixels, along the longer side
+
+
+def paper_transfer(
+    layout: Layout, points, radius: float = CONTACT_RADIUS, symmetry: Symmetry | None = None
+) -> Transfer:
+    """The paper's model of a uniform rectangle at 1 ohm/sq: electrodes and contacts are points with a radius.
+
+    Unlike the models in `sheet`, it knows no contact on an electrode: one that lies within the radius of an
+    electrode is as far from it as the radius. J does not depend on the sheet resistance. With the
+    `symmetry` of the layout and the points G is computed for one electrode of each kind only.
+    """
+    if not layout.outline.is_uniform_rectangle:
+        raise InputError(
+            f"layout {layout.name!r}: the paper's model needs a rectangle without holes, this "
+            f"outline is a {layout.outline.kind}; use model fem"
+        )
+    size = layout.outline.size
+    points = np.asarray(points, float)
+    where = layout.positions
+    kinds = (
+        np.arange(len(where)) if symmetry is None else np.unique(symmetry.electrodes.min(axis=0))
+    )
+    to_points = green(where[kinds], points, size, layout.radius)
+    own = layout.radius * np.equal.outer(kinds, np.arange(len(where)))
+    between = green(where[kinds], where, size, own)
+    if symmetry is not None:
+        to_points = symmetry.spread(to_points, kinds, symmetry.pixels)
+        between = symmetry.spread(between, kinds, symmetry.electrodes)
+    return Transfer(
+        "paper",
+        points,
+        between,
+        to_points,
+        _green_self(points, size, radius),
+        np.full(len(points), -1),
+        lambda i, j: green(points[i], points[j], size, radius),
+    )
+
+
+def green(points, sources, size, radius) -> np.ndarray:
+    """(P, Q) `green_rectangle`; on a square exactly as symmetric as the square.
+
+    The closed form sums along one side, and so treats distances below `radius` along the other a little
+    differently: of relative order radius / side.
+    """
+    out = green_rectangle(points, sources, size, radius)
+    if size[0] == size[1]:
+        out += green_rectangle(points[:, ::-1], sources[:, ::-1], size, radius)
+        out /= 2
+    return out
+
+
+def _green_self(points, size, radius):
+    out = green_rectangle_self(points, size, radius)
+    if size[0] == size[1]:
+        out = (out + green_rectangle_self(points[:, ::-1], size, radius)) / 2
+    return out
+
+
+class PointSpread:
+    """M for the pixels of `grid`, which are also the points of `transfer`.
+
+    Parameters
+    ----------
+    transfer : to contacts at all pixels
+    grid : the image's cells
+    symmetry : of the transfer; none is used without it
+    regularization : lambda^2
+    grounded : (L,) ground conditions, all without it; must have the symmetry
+    """
+
+    def __init__(
+        self, transfer, grid, regularization=REGULARIZATION, *, symmetry=None, grounded=None
+    ):
+        self.grid = grid
+        self.regularization = float(regularization)
+        self.symmetry: Symmetry = symmetry or find_symmetry(grid, np.array([[np.pi, np.e]]))
+        self.gram = Gram(transfer, grounded)
+        rows = self.symmetry.quarter_rows(self.gram.rows(self.symmetry.first))
+        self.inverse = [self._invert(block) for block in self.symmetry.split(rows)]
+
+    def _invert(self, block):
+        """S of one block of J'J."""
+        matrix = (block + block.T) / 2
+        matrix[np.diag_indices_from(matrix)] += self.regularization
+        factor, info = lapack.dpotrf(matrix, lower=True, overwrite_a=True)
+        if info:
+            raise np.linalg.LinAlgError("J'J + lambda^2 I is not positive definite")
+        inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+        return np.tril(inverse) + np.tril(inverse, -1).T
+
+    @cached_property
+    def images(self) -> np.ndarray:
+        """(K, n) images of unit contacts at the pixels `symmetry.first`, V per V."""
+        first = self.symmetry.first
+        out = -self.regularization * self.symmetry.join(self.inverse, first)
+        out[first, np.arange(len(first))] += 1
+        return out
+
+    @cached_property
+    def noise_gain(self) -> float:
+        """Noise of a pixel per noise of a reading, V per V: root mean square over the pixels."""
+        total = sum(
+            len(block.bases) * (np.trace(s) - self.regularization * np.vdot(s, s))
+            for block, s in zip(self.symmetry.blocks, self.inverse)
+        )
+        return float(np.sqrt(total / len(self.symmetry.orbit)))
+
+    def quality(self) -> Quality:
+        """HWHM, position error and blur of the contacts at all K pixels."""
+        first, orbit = self.symmetry.first, self.symmetry.orbit
+        one = quality(self.images.T, self.grid.pixels[first], self.grid)
+        return Quality(
+            self.grid.pixels, one.hwhm[orbit], one.position_error[orbit], one.blur[orbit]
+        )
+
+
+def layout_point_spread(layout: Layout, grid: Grid, regularization=REGULARIZATION) -> PointSpread:
+    """Point spreads of a layout on a uniform rectangle in the paper's model, by its symmetries."""
+    symmetry = find_symmetry(grid, layout.positions)
+    transfer = paper_transfer(layout, grid.pixels, symmetry=symmetry)
+    return PointSpread(transfer, grid, regularization, symmetry=symmetry)

@@ -1,0 +1,113 @@
+"""The paper's optimizer: equal spatial resolution in all regions (Kojima et al. 2023, section 2.2).
+
+Every update gives region m the area S_m / w_m^2, scaled to the sum of all (eq. 12), w_m being the mean
+HWHM of the contacts in it, and places the electrodes accordingly (Algorithm 1; see `algorithm1` for odd N,
+R x C electrodes and rectangles). The score is the mean HWHM of the worst region.
+
+An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio to the
+power 1/2, 1/4, ...) until the layout is valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.layout_quality import evaluate_layout
+from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilaterals
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
+from tomotactile_ros.optimizer.step import Clock, Step
+
+_HALVINGS = 6
+
+
+def equalize(layout: Layout, updates: int = 5, **evaluation) -> Iterator[Step]:
+    """Equalize the resolution of a grid of electrodes on a rectangle.
+
+    Parameters
+    ----------
+    layout : R x C electrodes, row by row from the lower left, symmetric under the sheet's mirrors
+    updates : how many; every one costs one evaluation
+    evaluation : keywords of `evaluate_layout`
+
+    Yields the start and every update. Ends early where no valid layout is left in the wanted direction.
+
+    Raises InputError for layouts that the method cannot treat.
+    """
+    checks.integer(updates, "updates", 0, 1000)
+    shape = _checked_shape(layout)
+    clock = Clock(updates)
+    quality = evaluate_layout(layout, **evaluation)
+    yield clock.step(0, quality, quality.region_hwhm.max())
+    for iteration in range(1, updates + 1):
+        layout = _update(quality, shape)
+        if layout is None:
+            return
+        quality = evaluate_layout(layout, **evaluation)
+        yield clock.step(iteration, quality, quality.region_hwhm.max())
+
+
+def _checked_shape(layout):
+    if not layout.outline.is_uniform_rectangle:
+        raise InputError(
+            f"layout {layout.name!r}: equalize needs a rectangle without holes, this outline is a "
+            f"{layout.outline.kind}; use method free"
+        )
+    shape = grid_shape(layout.positions)
+    if shape is None:
+        raise InputError(
+            f"layout {layout.name!r}: equalize needs rows and columns of electrodes, row by row "
+            "from the lower left; use method free"
+        )
+    grid = layout.positions.reshape(*shape, 2)
+    slack = 1e-6 * max(layout.outline.size)
+    for mirrored in (grid[:, ::-1] * [-1, 1], grid[::-1] * [1, -1]):
+        if np.abs(mirrored - grid).max() > slack:
+            raise InputError(
+                f"layout {layout.name!r}: equalize needs electrodes that are symmetric under the "
+                "mirrors of the sheet; use method free"
+            )
+    return shape
+
+
+def _update(quality, shape):
+    """The layout after one update, or None where none is valid."""
+    layout, regions = quality.layout, quality.regions
+    old = regions.areas.reshape(regions.rows, regions.cols)
+    change = _symmetric(1 / np.square(quality.region_hwhm).reshape(old.shape))
+    for halving in range(_HALVINGS + 1):
+        areas = old * change ** (0.5**halving)
+        areas *= old.sum() / areas.sum()
+        placed = _place(layout, areas, shape)
+        if placed is not None:
+            return placed
+    return None
+
+
+def _place(layout, areas, shape):
+    grid = layout.positions.reshape(*shape, 2)
+    swapped = (
+        np.abs(grid.transpose(1, 0, 2)[..., ::-1] - grid).max() if shape[0] == shape[1] else np.inf
+    )
+    if swapped < 1e-6 * max(layout.outline.size):
+        positions = place_in_rings((areas + areas.T) / 2)
+    else:
+        positions = place_by_displacement(grid, areas)
+    positions = positions.reshape(-1, 2)
+    if not np.isfinite(positions).all() or not is_simple(quadrilaterals(positions, *shape)):
+        return None
+    limit = np.array(layout.outline.size) / 2
+    try:
+        return replace(layout, positions=np.clip(positions, -limit, limit))
+    except InputError:  # electrodes overlap
+        return None
+
+
+def _symmetric(values):
+    values = (values + values[::-1]) / 2
+    return (values + values[:, ::-1]) / 2

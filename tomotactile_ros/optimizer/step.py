@@ -1,0 +1,119 @@
+"""What an optimizer hands over after every step, and what it leaves behind."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tomotactile_ros.evaluation.layout_quality import LayoutQuality
+from tomotactile_ros.layout import Layout
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """State of an optimization after `iteration` of `total` steps; iteration 0 is the start.
+
+    quality     of the step's layout
+    score       what the method makes small
+    best        whether no earlier step had a lower score
+    eta         s, estimate of the time left; 0 at the end
+    """
+
+    iteration: int
+    total: int
+    quality: LayoutQuality
+    score: float
+    best: bool
+    eta: float
+
+    @property
+    def layout(self) -> Layout:
+        return self.quality.layout
+
+    @property
+    def hwhm_map(self) -> np.ndarray:
+        """(H, W) HWHM by contact position, m; NaN outside the outline."""
+        return self.quality.hwhm_map
+
+    @property
+    def position_error_map(self) -> np.ndarray:
+        """(H, W) position error by contact position, m; NaN outside the outline."""
+        return self.quality.position_error_map
+
+    @property
+    def metrics(self) -> dict:
+        return self.quality.metrics
+
+
+class Clock:
+    """Numbers the steps, remembers the lowest score and estimates the time left."""
+
+    def __init__(self, total: int):
+        self.total = total
+        self._start = time.monotonic()
+        self._lowest = np.inf
+
+    def step(self, iteration: int, quality: LayoutQuality, score: float) -> Step:
+        """The next step; the time left is that of the steps so far, iteration 0 included."""
+        best = bool(score < self._lowest)
+        self._lowest = min(score, self._lowest)
+        each = (time.monotonic() - self._start) / (iteration + 1)
+        return Step(
+            iteration, self.total, quality, float(score), best, each * (self.total - iteration)
+        )
+
+
+def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
+    """Run an optimization; Ctrl-C ends it and keeps what is there.
+
+    Parameters
+    ----------
+    steps : as the optimizers yield them; watch : called with every step
+
+    Returns
+    -------
+    All steps, and the one with the lowest score. KeyboardInterrupt before the first step is passed on.
+    """
+    history: list[Step] = []
+    try:
+        for step in steps:
+            history.append(step)
+            if watch is not None:
+                watch(step)
+    except KeyboardInterrupt:
+        if not history:
+            raise
+    return history, [step for step in history if step.best][-1]
+
+
+def finished(layout: Layout, name: str, method: str, settings: dict, history, best: Step) -> Layout:
+    """`layout` under its new name, with its origin: method, settings, figures before and after."""
+    provenance = {
+        "algorithm": method,
+        "settings": settings | {"evaluation": best.quality.settings},
+        "metrics": {"before": rounded(history[0].metrics), "after": rounded(best.metrics)},
+        "steps": [
+            {
+                "iteration": step.iteration,
+                "score": rounded(step.score),
+                "hwhm_mean": rounded(step.metrics["hwhm"]["mean"]),
+                "hwhm_worst_region": rounded(step.metrics["hwhm"]["worst_region"]),
+                "position_error_mean": rounded(step.metrics["position_error"]["mean"]),
+            }
+            for step in history
+        ],
+        "software": "tomotactile_ros",
+    }
+    return replace(layout, name=name, provenance=provenance)
+
+
+def rounded(value, digits: int = 5):
+    """Numbers of nested plain data with `digits` significant digits."""
+    if isinstance(value, dict):
+        return {key: rounded(each, digits) for key, each in value.items()}
+    if isinstance(value, list):
+        return [rounded(each, digits) for each in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
