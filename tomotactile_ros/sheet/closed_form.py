@@ -17,7 +17,7 @@ import numpy as np
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
-from tomotactile_ros.sheet.transfer import Transfer, electrode_of
+from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
 
 class ClosedFormSheet:
@@ -68,38 +68,22 @@ class ClosedFormSheet:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
-        on_electrode = electrode_of(points, self.layout)
-        charges = self._green(self._charges, points, self._radius)
-        self_term = self.layout.sheet_resistance * green_rectangle_self(points, self._size, radius)
+        charges = self._green(self._charges, points, np.maximum(self._radius, radius))
+        self_terms = green_rectangle_self(points, self._size, radius) * self.layout.sheet_resistance
         if self.shunting:
-            to_electrodes = self._average @ charges
-            self_term = self_term - np.einsum("pk,pk->k", charges, self._induced @ charges)
+            to_points = self._average @ charges
+            self_terms -= np.einsum("pk,pk->k", charges, self._induced @ charges)
         else:
-            to_electrodes = charges
-        covered = np.flatnonzero(on_electrode >= 0)
-        owner = on_electrode[covered]
-        to_electrodes[:, covered] = self.electrode_electrode[:, owner]
-        self_term[covered] = self.electrode_electrode[owner, owner]
+            to_points = charges
 
         def green(i, j):
-            reach = np.maximum(radius[i][:, None], radius[j])
-            block = self._green(points[i], points[j], reach)
+            block = self._green(points[i], points[j], np.maximum.outer(radius[i], radius[j]))
             if self.shunting:
                 block -= charges[:, i].T @ (self._induced @ charges[:, j])
-            first, second = on_electrode[i], on_electrode[j]
-            block[first >= 0] = to_electrodes[first[first >= 0]][:, j]
-            block[:, second >= 0] = to_electrodes[second[second >= 0]][:, i].T
             return block
 
-        return Transfer(
-            self.model,
-            points,
-            self.electrode_electrode,
-            to_electrodes,
-            self_term,
-            on_electrode,
-            green,
-        )
+        between = self.electrode_electrode
+        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, green)
 
     def prepare(self, points) -> None:
         """Nothing is worth being solved ahead here."""

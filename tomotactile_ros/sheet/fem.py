@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.factor import LevelCholesky
 from tomotactile_ros.sheet.mesh import make_mesh
-from tomotactile_ros.sheet.transfer import Transfer, electrode_of
+from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
 _MOST_KEPT = (
     3000  # unknowns whose mutual Green function is kept (72 MB), for contacts that come back
@@ -63,6 +63,7 @@ class FemSheet:
         along = self.where[free, axis]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
         self._factor = LevelCholesky(self.stiffness[free][:, free], start)
+        self._nearest = cKDTree(layout.positions)
         self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
         self._kept_green = np.empty((0, 0))
         self._radius = self._node_radius(nodal)
@@ -193,14 +194,13 @@ class FemSheet:
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
-        on_electrode = electrode_of(points, self.layout)
-        if self.shunting:
-            covered = on_electrode >= 0
-            corners[covered] = on_electrode[covered, None]
-        to_electrodes = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
         local = (weights * self._local[corners]).sum(axis=1)
-        tied = (on_electrode >= 0) & self.shunting
         excess = self._self_log(corners, weights) - np.log(radius)
+        self_terms = self._self_terms(corners, weights) + excess * local / (2 * np.pi)
+        to_points = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
+        nearest = self._nearest.query(points)[1]
+        excess = self._electrode_log(points, radius, corners, weights, nearest)
+        to_points[nearest, np.arange(len(points))] += excess * local / (2 * np.pi)
 
         def green(i, j):
             """Between points i and j: by finite elements, with the true logarithm."""
@@ -208,22 +208,13 @@ class FemSheet:
             number = number.reshape(-1, 3)
             first = _weights(number[: len(i)], weights[i], len(nodes))
             second = _weights(number[len(i) :], weights[j], len(nodes))
-            mesh_log = self._mesh_log(nodes)
             true_log = _log_distance(points[i], points[j], np.maximum.outer(radius[i], radius[j]))
-            excess = first @ mesh_log @ second.T - true_log
+            excess = first @ self._mesh_log(nodes) @ second.T - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
-            scale = np.where(tied[i][:, None] | tied[j], 0.0, scale)
             return first @ self._among(nodes) @ second.T + scale * excess
 
-        return Transfer(
-            self.model,
-            points,
-            self.electrode_electrode,
-            to_electrodes,
-            self._self_terms(corners, weights) + np.where(tied, 0.0, excess * local / (2 * np.pi)),
-            on_electrode,
-            green,
-        )
+        between = self.electrode_electrode
+        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, green)
 
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
@@ -231,6 +222,14 @@ class FemSheet:
         logs = _log_distance(self.where[nodes], self.where[nodes], np.maximum.outer(reach, reach))
         np.fill_diagonal(logs, np.log(self._radius[nodes]))
         return logs
+
+    def _electrode_log(self, points, radius, corners, weights, nearest):
+        """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
+        centre, least = self.layout.positions[nearest], self.layout.radius
+        at_corners = np.linalg.norm(self.where[corners] - centre[:, None], axis=2)
+        rounded = (weights * np.log(np.maximum(at_corners, least))).sum(axis=1)
+        apart = np.linalg.norm(points - centre, axis=1)
+        return rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
 
     def _self_terms(self, corners, weights):
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""

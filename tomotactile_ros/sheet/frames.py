@@ -5,7 +5,7 @@ For each ground condition l, contacts C with resistances r_C to the driving laye
     (Z_l(C, C) + diag(r_C)) I_C = V0 1,        v_n = Z_l(n, C) I_C  (+ r_s sum(I_C) behind a switch)
 
 `Z_l` differs from the ungrounded `G` by a matrix of rank two, so one factorisation of
-`A = G(C, C) + diag(r_C)` serves every l. With `a = A^-1 1`, `B = A^-1 G(C, E)`, `alpha = sum(a)`,
+`A = G(C, C) + diag(r_C)` serves all l but those under a contact. With `a = A^-1 1`, `B = A^-1 G(C, E)`, `alpha = sum(a)`,
 `beta = G(E, C) a` and `gamma = G(E, C) B` the remaining 2 x 2 system is solved by hand.
 """
 
@@ -47,24 +47,36 @@ def frame(
     touching = np.flatnonzero(np.isfinite(resistance))
     contacts, resistance = transfer.at(touching), resistance[touching]
     green = contacts.among(np.arange(len(touching)))
-    ideal = (resistance == 0) & (switch_resistance == 0)
-    shorted = np.unique(contacts.electrode_of[ideal & (contacts.electrode_of >= 0)])
-    for electrode in (None, *shorted):
-        if electrode is None:
-            rows = np.flatnonzero(~np.isin(grounded, shorted))
-            kept = np.arange(len(touching))
-        else:
-            rows = np.flatnonzero(grounded == electrode)
-            kept = np.flatnonzero(~(ideal & (contacts.electrode_of == electrode)))
-        if len(rows) and len(kept):
-            system = green[np.ix_(kept, kept)] + np.diag(resistance[kept])
-            coupling = contacts.electrode_point[:, kept]
-            between = transfer.electrode_electrode
-            out[rows] = _rows(
-                system, coupling, between, grounded[rows], drive_voltage, switch_resistance
-            )
+    covered = np.isin(grounded, contacts.electrode_of)
+    if len(touching) and not covered.all():
+        out[~covered] = _rows(
+            green + np.diag(resistance),
+            contacts.electrode_point,
+            transfer.electrode_electrode,
+            grounded[~covered],
+            drive_voltage,
+            switch_resistance,
+        )
+    for row in np.flatnonzero(covered):
+        out[row] = _row_under_contact(
+            contacts, green, resistance, grounded[row], drive_voltage, switch_resistance
+        )
     out[np.arange(len(grounded)), grounded] = np.nan
     return out
+
+
+def _row_under_contact(contacts, green, resistance, ground, drive_voltage, switch_resistance):
+    """(E,) with a contact on the grounded electrode, near a short circuit: no cancellation."""
+    impedance = contacts.impedance(ground) + switch_resistance
+    to_ground = contacts.electrode_point[ground]
+    own = contacts.electrode_electrode[ground, ground] + switch_resistance
+    system = green - to_ground - to_ground[:, None] + own + np.diag(resistance)
+    on_ground = contacts.electrode_of == ground
+    kept = np.flatnonzero(~on_ground | (resistance + switch_resistance > 0))
+    if not len(kept):
+        return np.zeros(contacts.electrodes)
+    drive = np.full(len(kept), drive_voltage)
+    return impedance[:, kept] @ np.linalg.solve(system[np.ix_(kept, kept)], drive)
 
 
 def _rows(system, coupling, between, grounded, drive_voltage, switch_resistance):

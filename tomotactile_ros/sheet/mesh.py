@@ -19,6 +19,7 @@ from scipy.spatial import Delaunay, cKDTree
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 
+_TINY = 1e-6  # keeps counts of elements from rounding either way
 _CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
 
 
@@ -113,7 +114,7 @@ class _Size:
 
     def __init__(self, layout, h, ring, inner):
         self.h = h
-        self.ring = 4 * int(np.ceil(max(ring, 2 * np.pi * layout.radius / h) / 4))
+        self.ring = 4 * int(np.ceil(max(ring, 2 * np.pi * layout.radius / h) / 4 - _TINY))
         self.positions = layout.positions
         self.step = 2 * np.pi / self.ring
         self.radius = layout.radius
@@ -163,7 +164,7 @@ def _rim(layout, size):
             t = np.linspace(start, end, max(16, int(samples * (end - start))) + 1)
             middle = (t[1:] + t[:-1]) / 2
             measure = np.concatenate([[0], np.cumsum(np.diff(t) * length / size(curve(middle)))])
-            count = max(1, round(measure[-1]))
+            count = max(1, round(measure[-1] - _TINY))
             wanted = np.arange(1, count) / count * measure[-1]
             between.append(curve(np.interp(wanted, measure, t)))
     return np.array(corners), np.concatenate(between)
@@ -221,7 +222,9 @@ def _on_electrode(points, size):
 def _background(layout, size, last):
     """Square lattice outside the last rings, symmetric about the centre."""
     a, b = layout.outline.size
-    x, y = (np.linspace(-side / 2, side / 2, int(np.ceil(side / size.h)) + 1) for side in (a, b))
+    x, y = (
+        np.linspace(-side / 2, side / 2, int(np.ceil(side / size.h - _TINY)) + 1) for side in (a, b)
+    )
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     points = points[layout.outline.contains(points)]
     distance, nearest = size.tree.query(points)

@@ -75,6 +75,26 @@ class Transfer:
         return ep - ee[:, grounded, None] - ep[grounded] + ee[grounded, grounded]
 
 
+def make_transfer(model, layout, points, between, to_points, self_terms, green) -> Transfer:
+    """`Transfer` to `points`, of which those on an electrode are the electrode.
+
+    between (E, E), to_points (E, K) and self_terms (K,) in ohm; green(i, j) as in `Transfer`.
+    """
+    owner = electrode_of(points, layout)
+    covered = np.flatnonzero(owner >= 0)
+    to_points[:, covered] = between[:, owner[covered]]
+    self_terms[covered] = between[owner[covered], owner[covered]]
+
+    def green_with_electrodes(i, j):
+        block = green(i, j)
+        first, second = owner[i], owner[j]
+        block[first >= 0] = to_points[first[first >= 0]][:, j]
+        block[:, second >= 0] = to_points[second[second >= 0]][:, i].T
+        return block
+
+    return Transfer(model, points, between, to_points, self_terms, owner, green_with_electrodes)
+
+
 def electrode_of(points, layout) -> np.ndarray:
     """(K,) index of the electrode that each of `points` (K, 2) lies on, -1 where on none."""
     distance, nearest = cKDTree(layout.positions).query(points)
