@@ -28,6 +28,7 @@ def restrict_discovery() -> None:
 prefer_installed_package()
 restrict_discovery()
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
 
 
 @pytest.fixture(scope="session", autouse=True)

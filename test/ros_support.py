@@ -1,0 +1,165 @@
+"""What tests of the nodes share: programs as processes, and a probe that talks to them.
+
+Everything waits for an event; the time limits only end a test that would wait for ever.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LIMIT = 90.0  # s; a machine that is busy takes long to start a process
+NODE_PARAMETERS = {"get": "get_parameters", "set": "set_parameters"}
+
+
+def program(name: str) -> str:
+    """Path of an installed program of this package."""
+    from ament_index_python.packages import get_package_prefix
+
+    return str(Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", name))
+
+
+def ros_arguments(parameters: dict, namespace: str = "", remaps: dict | None = None) -> list[str]:
+    """Command line of a node with parameters, in a namespace, with names changed."""
+    words = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
+    words += [word for item in (remaps or {}).items() for word in ("-r", "{}:={}".format(*item))]
+    if namespace:
+        words += ["-r", f"__ns:={namespace}"]
+    return ["--ros-args", *words]
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """A ROS domain that nobody else on this machine has, for one test."""
+    from domain_coordinator import domain_id
+
+    with domain_id() as number:
+        yield number
+
+
+class Process:
+    """A program that runs until it is told to stop, with all that it writes.
+
+    Parameters
+    ----------
+    command : program and arguments.
+    domain : its ROS domain.
+    """
+
+    def __init__(self, command: list[str], domain: int):
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        self._process = subprocess.Popen(
+            command,
+            env=dict(os.environ, ROS_DOMAIN_ID=str(domain)),
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def output(self) -> str:
+        """All that it has written so far."""
+        size = os.fstat(self._output.fileno()).st_size
+        return os.pread(self._output.fileno(), size, 0).decode(errors="replace")
+
+    def running(self) -> bool:
+        """Whether it has not ended yet."""
+        return self._process.poll() is None
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """Send a signal and return the exit status."""
+        if self.running():
+            self._process.send_signal(number)
+        return self.wait()
+
+    def wait(self) -> int:
+        """Exit status, once it has ended."""
+        return self._process.wait(LIMIT)
+
+    def kill(self) -> None:
+        """End it and all that it started."""
+        if self.running():
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+
+
+class Probe:
+    """A node of the test's own, in a domain of its own.
+
+    Parameters
+    ----------
+    domain : the ROS domain to look into; None for the process's own.
+    """
+
+    def __init__(self, domain: int | None = None, name: str = "probe"):
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, domain_id=domain)
+        self.node = rclpy.create_node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def until(self, happened: Callable[[], bool], what: str) -> None:
+        """Serve callbacks until something has happened."""
+        end = time.monotonic() + LIMIT
+        while not happened():
+            assert time.monotonic() < end, f"in {LIMIT:g} s: no {what}"
+            self._executor.spin_once(timeout_sec=0.2)
+
+    def listen(self, kind: type, topic: str, qos: object = 10) -> list:
+        """A list that grows with every message on a topic."""
+        messages: list = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def wait_for(
+        self, kind: type, topic: str, suits: Callable = lambda message: True, qos: object = 10
+    ):
+        """The first message on a topic that suits."""
+        found: list = []
+        subscription = self.node.create_subscription(
+            kind, topic, lambda message: suits(message) and found.append(message), qos
+        )
+        self.until(lambda: bool(found), f"suitable message on {topic}")
+        self.node.destroy_subscription(subscription)
+        return found[0]
+
+    def call(self, kind: type, service: str, request: object = None):
+        """Response of a service."""
+        client = self.node.create_client(kind, service)
+        self.until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request or kind.Request())
+        self.until(future.done, f"answer of {service}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set_parameter(self, node: str, name: str, value: object):
+        """Set a parameter of another node; returns whether it was taken and the reason."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        return self.call(SetParameters, f"{node}/set_parameters", request).results[0]

@@ -1,0 +1,183 @@
+"""Driver and reconstruction as processes of their own over DDS, plain, composed and managed."""
+
+import signal
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import ros_checks  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
+from ros_support import Probe, Process, free_domain, program, ros_arguments  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from tomotactile_ros.msg import ContactArray, VoltageFrame  # noqa: E402
+
+
+@pytest.fixture
+def domain():
+    with free_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def probe(domain):
+    probe = Probe(domain)
+    yield probe
+    probe.close()
+
+
+@pytest.fixture
+def start(domain):
+    """Starts programs of this package; what is left of them is ended after the test."""
+    processes = []
+
+    def start_one(name, parameters=None, **names):
+        command = [program(name), *ros_arguments(parameters or {}, **names)]
+        processes.append(Process(command, domain))
+        return processes[-1]
+
+    yield start_one
+    for process in processes:
+        process.kill()
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return ros_checks.write_scene(tmp_path)
+
+
+def ends_cleanly(process, number=signal.SIGINT):
+    assert process.stop(number) == 0, process.output
+    assert "Traceback" not in process.output
+
+
+def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):
+    driver = start("driver", {"scene": scene})
+    reconstruction = start("reconstruction")
+    ros_checks.check_topics(probe)
+    ros_checks.check_contact(probe)
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.OK, "simulated, 15.625 frames/s"
+    )
+    ros_checks.check_diagnostics(
+        probe, "reconstruction: reconstruction", DiagnosticStatus.OK, "images are made"
+    )
+    ros_checks.check_tare(probe)
+    ends_cleanly(reconstruction)
+    ends_cleanly(driver, signal.SIGTERM)
+
+
+def test_one_process_does_the_same(probe, start, scene):
+    tactile = start("tactile", {"scene": scene})
+    ros_checks.check_topics(probe)
+    ros_checks.check_contact(probe)
+    ros_checks.check_tare(probe)
+    ends_cleanly(tactile)
+
+
+def test_two_sensors_by_namespace_with_names_changed(probe, start, scene):
+    start("tactile", {"scene": scene, "frame_id": "left_skin"}, namespace="/left")
+    start(
+        "tactile",
+        {"scene": "idle"},
+        namespace="/right",
+        remaps={"contacts": "touches", "reconstruction:__node": "imaging"},
+    )
+    ros_checks.check_contact(probe, "/left")
+    idle = probe.wait_for(ContactArray, "/right/touches")
+    assert (idle.header.frame_id, list(idle.contacts)) == ("tactile_link", [])
+    left = probe.wait_for(ContactArray, "/left/contacts")
+    assert left.header.frame_id == "left_skin"
+    assert probe.call(Trigger, "/right/imaging/tare").success
+
+
+def test_managed_nodes_follow_their_transitions(probe, start, scene):
+    from lifecycle_msgs.msg import State, Transition
+    from lifecycle_msgs.srv import ChangeState, GetState
+
+    def change(node, transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return probe.call(ChangeState, f"/{node}/change_state", request).success
+
+    def state(node):
+        return probe.call(GetState, f"/{node}/get_state").current_state.id
+
+    nodes = {
+        "driver": start("driver_lifecycle", {"scene": scene}),
+        "reconstruction": start("reconstruction_lifecycle"),
+    }
+    for node in nodes:
+        assert state(node) == State.PRIMARY_STATE_UNCONFIGURED
+        assert change(node, Transition.TRANSITION_CONFIGURE)
+        assert state(node) == State.PRIMARY_STATE_INACTIVE
+    assert "not active" in probe.call(Trigger, "/driver/restart").message
+    for node in nodes:
+        assert change(node, Transition.TRANSITION_ACTIVATE)
+    ros_checks.check_contact(probe)
+    assert change("driver", Transition.TRANSITION_DEACTIVATE)
+    frames = probe.listen(VoltageFrame, "/voltage_frame")
+    ros_checks.check_diagnostics(
+        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "nothing arrives"
+    )
+    assert not frames
+    assert change("driver", Transition.TRANSITION_CLEANUP)
+    assert change("driver", Transition.TRANSITION_CONFIGURE)
+    assert change("driver", Transition.TRANSITION_ACTIVATE)
+    ros_checks.check_contact(probe)
+    for process in nodes.values():
+        ends_cleanly(process)
+
+
+def test_a_managed_node_says_why_it_cannot_be_configured(probe, start):
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    driver = start("driver_lifecycle", {"scene": "no-such-scene"})
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert not probe.call(ChangeState, "/driver/change_state", request).success
+    assert "no-such-scene" in driver.output
+    ends_cleanly(driver)
+
+
+def test_a_killed_driver_leaves_the_reconstruction_alive_and_both_recover(probe, start, scene):
+    driver = start("driver", {"scene": scene})
+    start("reconstruction")
+    ros_checks.check_contact(probe)
+    driver.kill()
+    ros_checks.check_diagnostics(
+        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "no frames"
+    )
+    start("driver", {"scene": scene})
+    ros_checks.check_contact(probe)
+
+
+def test_a_killed_reconstruction_leaves_the_driver_alive_and_both_recover(probe, start, scene):
+    start("driver", {"scene": scene})
+    reconstruction = start("reconstruction")
+    ros_checks.check_contact(probe)
+    reconstruction.kill()
+    last = probe.wait_for(VoltageFrame, "/voltage_frame").sequence
+    probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: m.sequence > last + 3)
+    start("reconstruction")
+    ros_checks.check_contact(probe)
+
+
+def test_simulated_time_stamps_everything(probe, start, scene):
+    from rosgraph_msgs.msg import Clock
+
+    clock = probe.node.create_publisher(Clock, "/clock", 10)
+    message = Clock()
+    message.clock.sec = 1000
+
+    def tick():
+        message.clock.nanosec = (message.clock.nanosec + 10_000_000) % 1_000_000_000
+        message.clock.sec += message.clock.nanosec == 0
+        clock.publish(message)
+
+    probe.node.create_timer(0.02, tick)
+    start("tactile", {"scene": scene, "use_sim_time": "true"})
+    contacts = probe.wait_for(ContactArray, "/contacts", lambda m: m.header.stamp.sec > 990)
+    assert contacts.header.stamp.sec < 10_000
+    assert np.isfinite(contacts.contacts[0].force)

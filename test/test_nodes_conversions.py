@@ -1,0 +1,201 @@
+"""Messages hold what the arrays held: values, order, orientation, stamps; bad frames are refused."""
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from hypothesis import given, settings  # noqa: E402
+from hypothesis import strategies as st  # noqa: E402
+from hypothesis.extra.numpy import arrays  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from tomotactile_ros.devices import Frame  # noqa: E402
+from tomotactile_ros.errors import InputError  # noqa: E402
+from tomotactile_ros.grid import Grid  # noqa: E402
+from tomotactile_ros.layout import Layout, load_layout  # noqa: E402
+from tomotactile_ros.nodes import conversions  # noqa: E402
+from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers  # noqa: E402
+from tomotactile_ros.reconstruction import ContactEstimate  # noqa: E402
+from tomotactile_ros.surface import Surface  # noqa: E402
+
+HEADER = conversions.make_header(12.25, "skin")
+LAYOUT = load_layout("equal-4x4")
+
+
+def a_frame(rows: int = 16, electrodes: int = 16) -> Frame:
+    voltages = np.random.default_rng(3).random((rows, electrodes), dtype=np.float32)
+    voltages[np.arange(rows), np.arange(rows)] = np.nan
+    return Frame(voltages, np.arange(rows, dtype=np.uint16), 7, 1.7e9 + 0.25, 3.3)
+
+
+def a_contact(x: float = 0.03, y: float = 0.02, force: float = 2.0) -> ContactEstimate:
+    return ContactEstimate(x, y, force, 2e4, 1e-4, 0.006)
+
+
+def round_trip(message):
+    """The message after its way through the middleware's serialisation."""
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    return deserialize_message(serialize_message(message), type(message))
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    arrays(np.float32, st.tuples(st.integers(1, 20), st.integers(1, 20)),
+           elements=st.floats(width=32, allow_nan=True)),
+    st.integers(0, 2**40),
+    st.floats(0, 2e9),
+)  # fmt: skip
+def test_a_frame_survives_its_message(voltages, sequence, stamp):
+    grounded = np.arange(len(voltages), dtype=np.uint16)[::-1]
+    frame = Frame(voltages, grounded, sequence, stamp, 5.0)
+    message = round_trip(conversions.frame_to_message(frame, "a layout", "skin"))
+    back = conversions.message_to_frame(message)
+    np.testing.assert_array_equal(back.voltages, voltages)
+    np.testing.assert_array_equal(back.grounded, grounded)
+    assert message.electrodes == voltages.shape[1]
+    assert (message.layout_id, message.header.frame_id) == ("a layout", "skin")
+    assert back.sequence == sequence % 2**32
+    assert abs(back.stamp - stamp) <= 1e-9 + np.spacing(stamp)
+    assert back.drive_voltage == 5.0
+
+
+def test_a_frame_is_not_copied_element_by_element():
+    message = conversions.frame_to_message(a_frame(), "x", "y")
+    assert message.voltages.typecode == "f" and message.grounded.typecode == "H"
+    shared = conversions.message_to_frame(message).voltages
+    message.voltages[5] = 42.0
+    assert shared.ravel()[5] == 42.0
+
+
+@pytest.mark.parametrize("voltages, grounded", [(7, 2), (0, 0), (5, 0), (0, 3)])
+def test_a_message_of_a_wrong_size_is_refused(voltages, grounded):
+    message = conversions.frame_to_message(a_frame(), "x", "y")
+    message.voltages = message.voltages[:voltages]
+    message.grounded = message.grounded[:grounded]
+    with pytest.raises(InputError, match="voltages do not fit"):
+        conversions.message_to_frame(message)
+
+
+def spoilt(**changes) -> Frame:
+    frame = a_frame()
+    return Frame(**{**vars(frame), **changes})
+
+
+@pytest.mark.parametrize(
+    "frame, reason",
+    [
+        (a_frame(8, 64), "64 electrodes"),
+        (spoilt(grounded=np.full(16, 16, np.uint16)), "electrode 16 is said to be grounded"),
+        (spoilt(voltages=np.full((16, 16), np.nan, np.float32)), "no voltage is valid"),
+        (spoilt(voltages=np.full((16, 16), np.inf, np.float32)), "infinite"),
+        (spoilt(drive_voltage=0.0), "drive voltage"),
+        (spoilt(drive_voltage=float("nan")), "drive voltage"),
+    ],
+)
+def test_a_frame_of_something_else_is_refused_with_the_reason(frame, reason):
+    conversions.check_frame(a_frame(), LAYOUT)
+    with pytest.raises(InputError, match=reason):
+        conversions.check_frame(frame, LAYOUT)
+
+
+def decode(message):
+    """The image as an independent reader understands it."""
+    image = pytest.importorskip("rosbags.image", exc_type=ImportError)
+    return image.message_to_cvimage(message)
+
+
+def test_an_independent_reader_sees_the_numbers_that_were_published():
+    numbers = np.random.default_rng(1).random((5, 7), dtype=np.float32)
+    numbers[0, 0] = np.nan
+    message = round_trip(conversions.image_to_message(numbers, HEADER))
+    np.testing.assert_array_equal(decode(message), numbers)
+    np.testing.assert_array_equal(conversions.message_to_image(message), numbers)
+    assert (message.height, message.width, message.step) == (5, 7, 28)
+    assert message.header == HEADER
+
+
+def test_an_independent_reader_sees_the_colours_that_were_published():
+    colours = np.random.default_rng(2).integers(0, 256, (5, 7, 3), np.uint8)
+    message = round_trip(conversions.image_to_message(colours, HEADER))
+    np.testing.assert_array_equal(decode(message), colours)
+
+
+def test_an_image_of_another_type_or_memory_order_is_published_the_same():
+    numbers = np.arange(12.0).reshape(3, 4)
+    expected = conversions.image_to_message(numbers, HEADER)
+    assert conversions.image_to_message(np.asfortranarray(numbers), HEADER) == expected
+    assert bytes(expected.data) == numbers.astype(np.float32).tobytes()
+
+
+def test_a_contact_at_plus_x_plus_y_is_in_the_upper_right_of_the_image():
+    grid = Grid.for_outline(LAYOUT.outline, 10)
+    near = np.linalg.norm(grid.pixels - (0.05, 0.07), axis=1)
+    message = conversions.image_to_message(grid.fill((near < 0.02).astype(float)), HEADER)
+    rows, columns = np.nonzero(decode(message))
+    assert rows.max() < 5 <= columns.min()
+
+
+def test_contacts_are_sorted_strongest_first_and_survive():
+    weak, strong = a_contact(force=1.0), a_contact(x=-0.01, force=3.0)
+    message = round_trip(conversions.contacts_to_message([weak, strong], HEADER))
+    found = conversions.message_to_contacts(message)
+    assert [c.force for c in found] == [3.0, 1.0]
+    assert (found[0].x, found[0].y) == (strong.x, strong.y)
+    assert message.header == HEADER
+
+
+def test_markers_of_contacts_that_ended_are_deleted():
+    markers = ContactMarkers(LAYOUT)
+    both = markers.of([a_contact(), a_contact(force=1.0)], HEADER).markers
+    assert {(m.ns, m.id, m.action) for m in both} == {
+        ("force", 0, Marker.ADD), ("contact", 0, Marker.ADD),
+        ("force", 1, Marker.ADD), ("contact", 1, Marker.ADD),
+    }  # fmt: skip
+    one = markers.of([a_contact()], HEADER).markers
+    assert {(m.ns, m.id) for m in one if m.action == Marker.DELETE} == {
+        ("force", 1), ("contact", 1)
+    }  # fmt: skip
+    assert all(m.action == Marker.DELETE for m in markers.of([], HEADER).markers)
+    assert markers.of([], HEADER).markers == []
+
+
+def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():
+    arrow, disc = ContactMarkers(LAYOUT).of([a_contact(force=3.0)], HEADER).markers
+    tail, head = arrow.points
+    assert (head.x, head.y, head.z) == (0.03, 0.02, 0.0)
+    assert tail.z == pytest.approx(0.03)
+    assert (disc.scale.x, disc.scale.y) == (0.012, 0.012)
+
+
+def test_markers_stand_upright_on_a_curved_sheet():
+    curved = Layout(**{**vars(LAYOUT), "surface": Surface(0.1)})
+    arrow, disc = ContactMarkers(curved).of([a_contact(x=0.05 * np.pi, y=0.0)], HEADER).markers
+    tail, head = arrow.points
+    assert (head.x, head.z) == (pytest.approx(0.1), pytest.approx(-0.1))
+    assert (tail.x, tail.z) == (pytest.approx(0.12), pytest.approx(-0.1))
+    turn = disc.pose.orientation
+    assert np.hypot(turn.y, turn.w) == pytest.approx(1.0)
+    assert turn.y == pytest.approx(np.sqrt(0.5))
+
+
+def test_the_layout_is_drawn_with_every_electrode_where_it_is():
+    markers = layout_markers(LAYOUT, HEADER).markers
+    discs = {m.id: m.pose.position for m in markers if m.ns == "electrode"}
+    places = np.array([(discs[e].x, discs[e].y) for e in range(16)])
+    np.testing.assert_array_equal(places, LAYOUT.positions)
+    (outline,) = (m for m in markers if m.ns == "outline")
+    assert outline.points[0] == outline.points[-1]
+    assert max(p.x for p in outline.points) == 0.1
+
+
+def test_a_cloud_holds_positions_and_pressures():
+    points = np.random.default_rng(4).random((6, 3)).astype(np.float32)
+    message = round_trip(conversions.cloud_to_message(points, np.arange(6.0), HEADER))
+    names = [field.name for field in message.fields]
+    table = np.frombuffer(message.data, np.float32).reshape(6, 4)
+    assert names == ["x", "y", "z", "pressure"]
+    np.testing.assert_array_equal(table[:, :3], points)
+    np.testing.assert_array_equal(table[:, 3], np.arange(6.0))
+    assert message.row_step == len(message.data) == message.width * message.point_step
