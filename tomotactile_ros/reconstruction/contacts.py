@@ -11,39 +11,80 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.grid import Grid
+from tomotactile_ros.reconstruction.settings import ContactEstimate
+from tomotactile_ros.reconstruction.strength import contact_conductances, effective_conductances
+
+
+FLOOR = 0.3  # of the highest pixel; what is lower is no contact
+PROMINENCE = 0.1  # least height above the saddle to a higher contact, in parts of the own peak
 
 
 @dataclass(frozen=True)
 class Blob:
-    """A part of an image with one peak: pixels (n,), flat indices into H x W; position (2,) m."""
+    """A part of an image with one peak.
+
+    pixels : (n,) the blob's pixels, numbers among the K pixels of the grid
+    position : (2,) centre of the upper half, m
+    centre : number of the pixel nearest to it
+    peak : highest value
+    area : of the upper half, m^2
+    """
 
     pixels: np.ndarray
     position: np.ndarray
+    centre: int
     peak: float
     area: float
 
 
-def find_blobs(image: np.ndarray, grid: Grid, floor: float, prominence: float) -> list[Blob]:
-    """Blobs of `image`, highest first.
+def find_blobs(
+    image: np.ndarray, grid: Grid, floor: float = FLOOR, prominence: float = PROMINENCE
+) -> list[Blob]:
+    """Blobs of `image` (H, W), 0 outside the outline, highest first."""
+    top = float(image.max())
+    if not top > 0:
+        return []
+    floor = floor * top
+    flat = image.ravel()
+    labels, peaks = _basins(image)
+    peaks = peaks[flat[peaks] > floor]
+    owner = _merge(flat, labels.reshape(image.shape), peaks, floor, prominence)
+    number = np.cumsum(grid.inside.ravel()) - 1
+    blobs = []
+    for peak in np.unique(owner):
+        pixels = np.flatnonzero(np.isin(labels, peaks[owner == peak]) & (flat > floor))
+        blobs.append(_blob(flat, pixels, peak, grid, number))
+    return sorted(blobs, key=lambda blob: -blob.peak)
+
+
+def describe(blobs, values, currents, local, model, settings):
+    """Pressure (K,), Pa, and the list of `ContactEstimate`, strongest first.
 
     Parameters
     ----------
-    image : (H, W), finite
-    floor : pixels below do not count
-    prominence : least height above the saddle to a higher blob, in parts of the own peak
+    blobs : of the image `values` (K,)
+    currents : (n,) into each grounded electrode, S
+    local, model, settings : of the pipeline
     """
-    labels, peaks = _basins(image)
-    flat = image.ravel()
-    peaks = peaks[flat[peaks] > floor]
-    if not len(peaks):
-        return []
-    owner = _merge(flat, labels.reshape(image.shape), peaks, floor, prominence)
-    blobs = []
-    for peak in np.unique(owner):
-        basins = peaks[owner == peak]
-        pixels = np.flatnonzero(np.isin(labels, basins) & (flat > floor))
-        blobs.append(_blob(flat, pixels, peak, grid))
-    return sorted(blobs, key=lambda blob: -blob.peak)
+    pressure = np.zeros(len(values))
+    if not blobs:
+        return pressure, []
+    share = local.meter.sheet.share
+    shapes = [np.maximum(values[blob.pixels], 0.0) for blob in blobs]
+    shapes = [shape / shape.sum() for shape in shapes]
+    shares = np.column_stack([share[:, b.pixels] @ shape for b, shape in zip(blobs, shapes)])
+    effective = effective_conductances(shares, currents)
+    radius = np.full(len(blobs), settings.contact_radius)
+    centres = np.array([blob.centre for blob in blobs])
+    impedance = model.disc_impedance(local, centres, radius)
+    area = np.pi * radius**2
+    peaks = settings.contact_law.pressure(contact_conductances(effective, impedance) / area)
+    contacts = []
+    for blob, shape, force, peak in zip(blobs, shapes, peaks * area, peaks):
+        pressure[blob.pixels] += force * shape / model.grid.cell_area
+        numbers = (*blob.position, force, peak, blob.area, np.sqrt(blob.area / np.pi))
+        contacts.append(ContactEstimate(*map(float, numbers)))
+    return pressure, sorted(contacts, key=lambda contact: -contact.force)
 
 
 def _basins(image):
@@ -108,9 +149,11 @@ def _merge(flat, labels, peaks, floor, prominence):
     return np.array([root(int(peak)) for peak in peaks])
 
 
-def _blob(flat, pixels, peak, grid):
+def _blob(flat, pixels, peak, grid, number):
     height = flat[peak]
     core = pixels[flat[pixels] >= height / 2]
-    weights = flat[core] - 0.5 * height + 1e-12 * abs(height)
+    weights = flat[core] - (0.5 - 1e-9) * height
     position = weights @ grid.centres[core] / weights.sum()
-    return Blob(pixels, position, float(height), len(core) * grid.cell_area)
+    centre = core[np.argmin(((grid.centres[core] - position) ** 2).sum(axis=1))]
+    area = len(core) * grid.cell_area
+    return Blob(number[pixels], position, int(number[centre]), float(height), area)

@@ -1,47 +1,30 @@
-"""How strongly each contact conducts, once it is known where the contacts are.
+"""How strongly each contact conducts, once the image has told where the contacts are.
 
-For ground condition l the readings are linear in the currents of the contacts, v_l = Z_l(E, C) I_l. The
-currents come from least squares, the potentials from phi_l = Z_l(C, C) I_l, and the conductance from Ohm's
-law over all conditions, I_l = g (V0 - phi_l): no bias by the mutual effect of contacts.
+The currents into the grounded electrodes are shared out over the contacts, y = sum_b c_b h_b with h_b the mean
+of H over the contact's part of the image. The contact's own conductance follows from its effective one by
+taking off the way to the grounded electrodes, 1 / g = 1 / c - D.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import nnls
 
-from tomotactile_ros.sheet.transfer import Transfer
-
-LARGEST = 1e6  # conductance times sheet impedance: a bare conductor and its noise cannot be told apart
+_BARE = 0.98  # largest part of the way's conductance that c may reach: a bare conductor has 1
 
 
-def contact_conductance(
-    transfer: Transfer, voltages: np.ndarray, grounded: np.ndarray, drive_voltage: float
-) -> np.ndarray:
-    """(n,) conductance of each contact, S, finite and not negative.
+def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:
+    """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the currents."""
+    if shares.shape[1] == 1:
+        return np.maximum(currents.sum(), 0.0).reshape(1)
+    try:
+        found = nnls(shares, currents)[0]
+    except RuntimeError:  # not converged
+        found = np.maximum(np.linalg.lstsq(shares, currents, rcond=None)[0], 0.0)
+    total = found.sum()
+    return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
 
-    Parameters
-    ----------
-    transfer : its K = n points are the contacts
-    voltages : (L, E) V, NaN where there is no reading
-    grounded : (L,)
-    """
-    ee, ep = transfer.electrode_electrode, transfer.electrode_point
-    count = len(transfer.points)
-    own = np.diagonal(ee)[grounded][:, None, None]
-    at_ground = ep[grounded]  # (L, n)
-    coupling = ep - at_ground[:, None] - ee[grounded][:, :, None] + own  # (L, E, n)
-    valid = np.isfinite(voltages)
-    coupling = coupling * valid[:, :, None]
-    readings = np.where(valid, voltages, 0.0)
-    normal = np.einsum("lei,lej->lij", coupling, coupling)
-    right = np.einsum("lei,le->li", coupling, readings)
-    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max() + 1e-300
-    current = np.linalg.solve(normal + ridge * np.eye(count), right[:, :, None])[:, :, 0]
-    current = np.maximum(current, 0.0)
-    among = transfer.among(np.arange(count))
-    between = among - at_ground[:, :, None] - at_ground[:, None, :] + own
-    potential = np.einsum("lij,lj->li", between, current)
-    drop = np.clip(drive_voltage - potential, 0.0, drive_voltage)
-    least = (1e-3 * drive_voltage) ** 2 * len(drop)
-    total = (current * drop).sum(axis=0) / np.maximum((drop**2).sum(axis=0), least)
-    return np.clip(total, 0.0, LARGEST)
+
+def contact_conductances(effective: np.ndarray, impedance: np.ndarray) -> np.ndarray:
+    """(B,) g in S, finite: the contact's own conductance from c (S) and D (ohm)."""
+    return effective / (1 - np.minimum(effective * impedance, _BARE))

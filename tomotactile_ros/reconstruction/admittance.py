@@ -1,0 +1,158 @@
+"""What a frame says about the sheet with all electrodes grounded: currents and couplings (see `grounded`).
+
+The rows of rho = 1 - v / V0 are those of Z up to factors f. Symmetry asks for f_l rho_ln = f_n rho_nl; its sum over
+n makes f a fixed point of f -> (rho^T f) / (rho 1), which a power iteration finds. Y is the inverse. Its factor is
+known from electrodes between which nothing touches: most pairs of neighbours couple as on the untouched sheet.
+
+Contacts so weak that noise spoils the inverse do not bend the potential, and all is linear:
+
+    v_ln / V0 = t (G_ll - G_nl + b_n - b_l),      y = t Y0 b + t s
+
+with t the sum of all conductances, b the potential of the contacts' share of current at the electrodes and s from
+[Y0 s; s^T .] = [G_EE 1; 1^T 0]^-1. Means over rows and columns give t and b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from tomotactile_ros.reconstruction.grounded import GroundedSheet
+
+_STEPS = 8  # of the power iteration; each gains about a digit
+_COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
+_NOISY = 0.1  # largest noise of an admittance, in parts of an electrode's own
+
+
+@dataclass(frozen=True)
+class Grounded:
+    """What the grounded electrodes would measure.
+
+    currents  : (n,) y, into each electrode from the driving layer per volt of drive, S
+    couplings : (P,) Y - Y0 of neighbours, S; None where noise hides it
+    noise     : standard deviation of an entry of Y, S
+    factor    : true admittance over measured
+    matrix    : (n, n) Y in S, lower triangle; None where noise hides it
+    """
+
+    currents: np.ndarray
+    couplings: np.ndarray | None
+    noise: float
+    matrix: np.ndarray | None
+
+    @property
+    def total(self) -> float:
+        """Conductance of all contacts to the grounded electrodes, S."""
+        return float(self.currents.sum())
+
+
+class AdmittanceMeter:
+    """Turns complete frames of the electrodes of `sheet` into `Grounded`; `noise` of a reading, V rms.
+
+    Attributes
+    ----------
+    first, second : (P,) pairs of neighbouring electrodes.
+    untouched : (P,) Y0 of each pair, S.
+    """
+
+    def __init__(self, sheet: GroundedSheet, noise: float):
+        self.sheet, self.noise = sheet, noise
+        admittance = sheet.admittance
+        own = np.sqrt(np.diagonal(admittance))
+        coupling = -admittance / np.outer(own, own)
+        self.second, self.first = np.nonzero(np.tril(coupling > _COUPLED, -1))
+        self.untouched = admittance[self.second, self.first]
+        self._place = np.ravel_multi_index((self.first, self.second), admittance.shape)
+        self._amplification = float(np.median((admittance**2).sum(axis=1)))
+        self._largest = _NOISY * float(np.median(own)) ** 2
+        self._ones = np.ones(len(own))
+        self._prepare_weak()
+
+    def read(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
+        """`Grounded` of a complete frame (n, n), V; its diagonal does not matter."""
+        scaled = symmetric_scaling(voltages, drive_voltage, self.noise / drive_voltage)
+        impedance = scaled + scaled.T
+        inverse = _inverse(impedance)
+        if inverse is None:
+            return self.read_weak(voltages, drive_voltage)
+        # LAPACK counts columns first: its lower triangle is the upper one here
+        flat = inverse.T.ravel()
+        ratios = self.untouched / flat[self._place]
+        middle = len(ratios) // 2
+        factor = float(np.partition(ratios, middle)[middle])
+        if not factor > 0:
+            return self.read_weak(voltages, drive_voltage)
+        spread = self.noise / drive_voltage * float(impedance.ravel()[:: len(impedance) + 1].mean())
+        noise = spread / factor * self._amplification
+        if noise > self._largest:
+            return self.read_weak(voltages, drive_voltage)
+        inverse *= factor
+        own = inverse.diagonal()
+        currents = inverse @ self._ones + self._ones @ inverse - own
+        return Grounded(currents, flat[self._place] * factor - self.untouched, noise, inverse)
+
+    def read_weak(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
+        """The limit of weak contacts, also for frames with NaN off the diagonal."""
+        ratio = voltages / drive_voltage
+        np.fill_diagonal(ratio, np.nan)
+        valid = np.isfinite(ratio)
+        both = valid & valid.T
+        if not both.any():
+            both, symmetric = valid, np.where(valid, ratio, 0.0)
+        else:
+            symmetric = np.where(both, (ratio + ratio.T) / 2, 0.0)
+        total = max((symmetric * self._apart)[both].sum() / (self._apart[both] ** 2).sum(), 0.0)
+        rest = np.where(valid, ratio - total * self._step, 0.0)
+        bent = _balance(rest, valid)
+        currents = self._weak_admittance @ bent + total * self._weak_share
+        noise = self._largest if total <= 0 else max(self._largest, self.noise / drive_voltage)
+        return Grounded(currents, None, noise, None)
+
+    def _prepare_weak(self):
+        sheet = self.sheet
+        green = sheet.transfer.electrode_electrode[np.ix_(sheet.used, sheet.used)]
+        own = np.diagonal(green)
+        self._step = own[:, None] - green
+        self._apart = (self._step + self._step.T) / 2
+        self._weak_admittance = sheet.admittance
+        self._weak_share = sheet.rest_share
+
+
+def symmetric_scaling(voltages: np.ndarray, drive_voltage: float, least: float) -> np.ndarray:
+    """(n, n) f_l rho_ln, symmetric but for noise, with f of mean 1/2 on its diagonal.
+
+    Parameters
+    ----------
+    voltages : (n, n) V; the diagonal does not matter, NaN counts as 0 V
+    least : the smallest rho that counts: the noise in parts of the drive voltage
+    """
+    ratio = np.multiply(voltages, -1.0 / drive_voltage)
+    ratio += 1.0
+    np.fmin(ratio, 1.0 + least, out=ratio)
+    np.maximum(ratio, least, out=ratio)
+    ratio.ravel()[:: len(ratio) + 1] = 1.0
+    weight = 1.0 / ratio.sum(axis=1)
+    factor = weight
+    for _ in range(_STEPS):
+        factor = weight * (factor @ ratio)
+    ratio *= (factor * (len(factor) / (2 * factor.sum())))[:, None]
+    return ratio
+
+
+def _inverse(matrix):
+    """Lower triangle of the inverse; None where the matrix is not positive definite."""
+    factor, failed = lapack.dpotrf(matrix, lower=1)
+    if not failed:
+        inverse, failed = lapack.dpotri(factor, lower=1, overwrite_c=1)
+    return None if failed else inverse
+
+
+def _balance(rest, valid):
+    """(n,) b with b_n - b_l closest to `rest` (l, n) where `valid`, in least squares."""
+    weight = valid + valid.T.astype(float)
+    laplacian = np.diag(weight.sum(axis=1)) - weight
+    right = rest.sum(axis=0) - rest.sum(axis=1)
+    count = len(rest)
+    return np.linalg.solve(laplacian + np.ones((count, count)) / count, right)

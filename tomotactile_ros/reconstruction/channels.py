@@ -1,0 +1,64 @@
+"""Electrodes whose readings cannot be used.
+
+A channel is dead where less than half of its readings are valid, stuck where they are all the same, and
+broken where they contradict reciprocity: rho_ln f_l = rho_nl f_n (see `admittance`) holds for every sheet and
+all contacts, whatever the model.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.reconstruction.admittance import symmetric_scaling
+
+_STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
+_CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
+
+
+def dead_channels(valid: np.ndarray) -> np.ndarray:
+    """(E,) bool: less than half of the readings that rows (E, E) of `valid` could hold are there."""
+    rows = valid.any(axis=1)
+    possible = np.count_nonzero(rows) - rows
+    return np.count_nonzero(valid, axis=0) < possible / 2
+
+
+def stuck_channels(frame: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
+    """(E,) bool: all readings of a channel are the same but for less than the noise (V)."""
+    counts = np.maximum(np.count_nonzero(valid, axis=0), 1)
+    readings = np.where(valid, frame, 0.0)
+    mean = readings.sum(axis=0) / counts
+    spread = np.sqrt((np.where(valid, frame - mean, 0.0) ** 2).sum(axis=0) / counts)
+    return (counts > 2) & (spread < _STUCK * noise)
+
+
+def broken_channels(frame: np.ndarray, drive_voltage: float, noise: float) -> np.ndarray:
+    """(E,) bool: channels that contradict all others, worst first until the rest agrees.
+
+    Parameters
+    ----------
+    frame : (E, E) V; NaN where there is no reading
+    noise : of a reading, V rms
+    """
+    electrodes = len(frame)
+    used = np.arange(electrodes)
+    while len(used) > max(3, electrodes // 2):
+        excess = _contradiction(frame[np.ix_(used, used)], drive_voltage, noise)
+        worst = int(np.argmax(excess))
+        if excess[worst] <= _CONTRADICTION * max(1.0, float(np.median(excess))):
+            break
+        used = np.delete(used, worst)
+    broken = np.ones(electrodes, bool)
+    broken[used] = False
+    return broken
+
+
+def _contradiction(frame, drive_voltage, noise):
+    """(n,) root mean square asymmetry of each channel in parts of the noise."""
+    scaled = symmetric_scaling(frame, drive_voltage, noise / drive_voltage)
+    factor = scaled.diagonal()
+    error = noise / drive_voltage * np.hypot(factor[:, None], factor)
+    difference = (scaled - scaled.T) / error
+    valid = np.isfinite(frame)
+    both = valid & valid.T
+    squares = np.where(both, difference**2, 0.0)
+    return np.sqrt(squares.sum(axis=0) / np.maximum(np.count_nonzero(both, axis=0), 1))

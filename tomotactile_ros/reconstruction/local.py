@@ -1,0 +1,99 @@
+"""One linear step from what the grounded electrodes would measure to an image (see `grounded`).
+
+Data are the current y_n into each electrode from the driving layer and what contacts add to the admittance
+between neighbouring electrodes. Both are linear in the effective conductances c of the pixels,
+
+    y_n = sum_k H_nk c_k,        Y_nl - Y0_nl = sum_k H_nk H_lk c_k,        c_k = 1 / (1/g_k + D_kk).
+
+As 0 <= H <= 1 and sum_n H_nk = 1, the second lies between 0 and y_n y_l / (y_n + y_l) for a single contact
+and never above min(y_n, y_l) / 2 for well separated ones: what is outside is an error of Y0, and is cut off.
+
+The image is the mean of a Gaussian field given the data, in Tikhonov's form
+
+    c = P A^T (A P A^T + diag(lambda^2))^-1 d
+
+with P a Gaussian smoothing about a third of the electrodes' spacing wide. lambda of a coupling is its noise, or the
+error of Y0 if that is larger, in parts of the field's standard deviation, which follows the strength of the frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
+
+_WIDTH = 0.35  # of the smoothing, in spacings of the electrodes
+_FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts of all contacts
+_CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
+_COUPLING_ERROR = 0.0067  # the same for couplings at the least
+_MODEL_ERROR = 0.01  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+_LEVELS = 16  # of lambda of the couplings, each twice the last
+
+
+class LocalImage:
+    """Linear images of `Grounded` measurements on `grid`.
+
+    Attributes
+    ----------
+    forward : (D, K) A, the data of a unit conductance in each pixel.
+    typical_impedance : median of D over the pixels, ohm.
+    """
+
+    def __init__(self, meter: AdmittanceMeter, grid: Grid, positions, resistance: float):
+        self.meter, self.grid = meter, grid
+        sheet = meter.sheet
+        share = sheet.share
+        self.forward = np.vstack([share, share[meter.first] * share[meter.second]])
+        self._spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
+        self._smoothed = self._smooth()
+        self._normal = self.forward @ self._smoothed.T
+        self._model_error = _MODEL_ERROR / resistance
+        self.typical_impedance = float(np.median(sheet.impedance))
+        self._levels: dict[int, np.ndarray] = {}
+
+    def _smooth(self):
+        """(D, K) A P."""
+        sigma = _WIDTH * self._spacing / np.array(self.grid.cell_size[::-1])
+        scale = 2 * np.pi * sigma.prod() * (_FIELD * self.grid.cell_area / self._spacing**2) ** 2
+        rows = [self.grid.fill(row, outside=0.0) for row in self.forward]
+        rows = [gaussian_filter(row, sigma, mode="constant") for row in rows]
+        return scale * np.array([row[self.grid.inside] for row in rows])
+
+    def level(self, measured: Grounded) -> int:
+        """Which of the precomputed lambda fits the noise of this frame."""
+        if measured.couplings is None:
+            return _LEVELS - 1
+        error = np.hypot(measured.noise, self._model_error)
+        least = max(_COUPLING_ERROR * measured.total, 1e-300)
+        return int(np.clip(np.round(np.log2(error / least)), 0, _LEVELS - 1))
+
+    def regularization(self, level: int) -> float:
+        """lambda^2 of the couplings, in parts of the squared conductance of all contacts."""
+        return (_COUPLING_ERROR * 2.0**level) ** 2
+
+    def image(self, measured: Grounded) -> np.ndarray:
+        """(K,) float32 effective conductance of each pixel, S; may be slightly negative."""
+        level = self.level(measured)
+        inverse = self._levels.get(level)
+        if inverse is None:
+            inverse = self._levels[level] = self._inverse(level)
+        currents = measured.currents
+        data = np.empty(inverse.shape[1], np.float32)
+        data[: len(currents)] = currents
+        if inverse.shape[1] > len(currents):
+            first, second = currents[self.meter.first], currents[self.meter.second]
+            most = np.maximum(np.minimum(first, second), 0.0) / 2
+            data[len(currents) :] = np.minimum(np.maximum(measured.couplings, 0.0), most)
+        return inverse @ data
+
+    def _inverse(self, level):
+        """(K, D) float32 reconstruction matrix; without couplings where lambda is largest."""
+        count = len(self.meter.sheet.used)
+        kept = count if level == _LEVELS - 1 else len(self.forward)
+        error = np.full(kept, np.sqrt(self.regularization(level)))
+        error[:count] = _CURRENT_ERROR
+        system = self._normal[:kept, :kept] + np.diag(error**2)
+        return np.linalg.solve(system, self._smoothed[:kept]).T.astype(np.float32, order="C")

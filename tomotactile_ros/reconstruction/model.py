@@ -1,0 +1,56 @@
+"""Everything that depends on the layout alone, made once and shared by pipelines."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
+from tomotactile_ros.reconstruction.basis import FrameBasis
+from tomotactile_ros.reconstruction.grounded import GroundedSheet
+from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.sheet import make_sheet
+
+PATCH = 0.447  # radius of the disc with the mean log distance of a square to itself, in sides
+_KEPT = 8  # sets of electrodes
+
+
+class Model:
+    """The sheet and its image cells, with what was derived for each set of electrodes in use.
+
+    Attributes
+    ----------
+    sheet, transfer : model of the sheet, and its transfer object to the pixels.
+    """
+
+    def __init__(self, layout: Layout, grid: Grid, model: str, noise: float):
+        self.layout, self.grid, self.noise = layout, grid, noise
+        self.sheet = make_sheet(layout, model)
+        self.transfer = self.sheet.transfer(grid.pixels, PATCH * np.sqrt(grid.cell_area))
+        self._electrodes: dict[bytes, LocalImage] = {}
+
+    @cached_property
+    def basis(self) -> FrameBasis:
+        """For images by eq. 1."""
+        return FrameBasis(self.transfer)
+
+    def local(self, used: np.ndarray) -> LocalImage:
+        """Linear images from the electrodes `used` (n,)."""
+        key = used.tobytes()
+        if key not in self._electrodes:
+            if len(self._electrodes) >= _KEPT:
+                self._electrodes.pop(next(iter(self._electrodes)))
+            meter = AdmittanceMeter(GroundedSheet(self.transfer, used), self.noise)
+            positions = self.layout.positions
+            resistance = self.layout.sheet_resistance
+            self._electrodes[key] = LocalImage(meter, self.grid, positions, resistance)
+        return self._electrodes[key]
+
+    def disc_impedance(self, local: LocalImage, pixels: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """(B,) D of discs of `radius` (B,), m, centred on `pixels` (B,), ohm."""
+        transfer = self.sheet.transfer(self.grid.pixels[pixels], radius)
+        change = transfer.point_self - self.transfer.point_self[pixels]
+        return np.maximum(local.meter.sheet.impedance[pixels] + change, 0.0)
