@@ -16,7 +16,7 @@ import numpy as np
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
+from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
 
@@ -68,7 +68,7 @@ class ClosedFormSheet:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
-        charges = self._green(self._charges, points, np.maximum(self._radius, radius))
+        charges = self._green(self._charges, points, mutual_radius(self._radius, radius))
         self_terms = green_rectangle_self(points, self._size, radius) * self.layout.sheet_resistance
         if self.shunting:
             to_points = self._average @ charges
@@ -77,7 +77,7 @@ class ClosedFormSheet:
             to_points = charges
 
         def green(i, j):
-            block = self._green(points[i], points[j], np.maximum.outer(radius[i], radius[j]))
+            block = self._green(points[i], points[j], mutual_radius(radius[i], radius[j]))
             if self.shunting:
                 block -= charges[:, i].T @ (self._induced @ charges[:, j])
             return block

@@ -22,14 +22,16 @@ def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, 
     Returns
     -------
     Transfer of n points; (n,) resistance of each to the driving layer, ohm. Patches outside the outline are
-    left out, patches in the same place or on the same electrode conduct side by side.
+    left out; a patch that overlaps an electrode feeds it; patches in the same place conduct side by side.
     """
     points = np.asarray(points, float).reshape(-1, 2)
     inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))
     points, radii = points[inside], np.asarray(radii, float)[inside]
     with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
         flow = np.nan_to_num((np.asarray(areas) * conductance)[inside], nan=0.0, posinf=np.inf)
-    kept, group = _together(points, radii, electrode_of(points, sheet.layout))
+    owner = electrode_of(points, sheet.layout, radii)
+    points = np.where(owner[:, None] >= 0, sheet.layout.positions[owner], points)
+    kept, group = _together(points, radii, owner)
     with np.errstate(divide="ignore"):
         resistance = 1 / np.bincount(group, flow, len(kept))
     return sheet.transfer(points[kept], radii[kept]), resistance
@@ -45,5 +47,5 @@ def _together(points, radii, owner):
         for one, other in close[np.lexsort(close.T[::-1])]:
             first[other] = first[one]
     for electrode in np.unique(owner[owner >= 0]):
-        first[owner == electrode] = np.flatnonzero(owner == electrode)[0]
+        first[owner == electrode] = np.argmax(owner == electrode)
     return np.unique(first, return_inverse=True)

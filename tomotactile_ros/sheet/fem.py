@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.factor import LevelCholesky
+from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
@@ -208,7 +209,7 @@ class FemSheet:
             number = number.reshape(-1, 3)
             first = _weights(number[: len(i)], weights[i], len(nodes))
             second = _weights(number[len(i) :], weights[j], len(nodes))
-            true_log = _log_distance(points[i], points[j], np.maximum.outer(radius[i], radius[j]))
+            true_log = _log_distance(points[i], points[j], mutual_radius(radius[i], radius[j]))
             excess = first @ self._mesh_log(nodes) @ second.T - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
             return first @ self._among(nodes) @ second.T + scale * excess
@@ -219,9 +220,10 @@ class FemSheet:
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
         reach = self._reach[nodes]
-        logs = _log_distance(self.where[nodes], self.where[nodes], np.maximum.outer(reach, reach))
-        np.fill_diagonal(logs, np.log(self._radius[nodes]))
-        return logs
+        squared = _squared_distance(self.where[nodes], self.where[nodes])
+        squared = np.maximum(squared, np.maximum.outer(reach, reach) ** 2)
+        np.fill_diagonal(squared, self._radius[nodes] ** 2)
+        return 0.5 * np.log(squared)
 
     def _electrode_log(self, points, radius, corners, weights, nearest):
         """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
@@ -229,7 +231,8 @@ class FemSheet:
         at_corners = np.linalg.norm(self.where[corners] - centre[:, None], axis=2)
         rounded = (weights * np.log(np.maximum(at_corners, least))).sum(axis=1)
         apart = np.linalg.norm(points - centre, axis=1)
-        return rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
+        excess = rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
+        return np.where(apart < _NEAR * self.h, excess, 0.0)
 
     def _self_terms(self, corners, weights):
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
@@ -251,12 +254,15 @@ class FemSheet:
         return (product * np.log(apart)).sum(axis=1)
 
 
-def _log_distance(first, second, least):
-    """(n, m) ln |x_i - x_j|, but no less than ln `least`; 0 where both are 0."""
+def _squared_distance(first, second):
     squared = np.subtract.outer(first[:, 0], second[:, 0]) ** 2
     squared += np.subtract.outer(first[:, 1], second[:, 1]) ** 2
-    squared = np.maximum(squared, least**2)
-    return 0.5 * np.log(np.where(squared > 0, squared, 1.0))
+    return squared
+
+
+def _log_distance(first, second, radius):
+    """(n, m) ln |x_i - x_j| of points with mutual radii (n, m)."""
+    return 0.5 * np.log(softened(_squared_distance(first, second), radius**2))
 
 
 def _pairs(corners, weights):

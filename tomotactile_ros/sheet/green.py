@@ -5,15 +5,20 @@ and drained evenly over the whole sheet; its mean over the sheet is zero. Cosine
 short side, summed exactly: three image terms in logarithms (the only singular part) and a remainder
 that is a short sum of products, `exp(-pi long/short) < 0.05` to the power of the mode.
 
-Distances below `radius` count as `radius`: the mean of `ln |p - q|` over a circle around `p` is
-`ln max(|p - q|, radius)`, so a source of finite radius keeps its exact far field and gets its
-self term from the same formula, also where its mirror image in a near rim falls inside it.
+A point with a radius is a small round cloud of charge. Two clouds see each other with
+`ln |x|^2 + E1(|x|^2 / (e^gamma r^2))` in place of `ln |x|^2`, r^2 being the mean of their squared
+radii: Gaussian clouds, which act on themselves like discs of these radii, and from a distance of two
+radii on like points. This holds for mirror images behind a near rim as well. Because it is the energy
+of real charges, matrices of it are positive definite however clouds overlap.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import exp1
 
+_CLOUD = np.exp(np.euler_gamma)
+_FAR = 12.0  # E1 is below 5e-7 from here on
 _SMALLEST = 1e-17  # relative size of the first neglected term of the remainder
 
 
@@ -25,7 +30,7 @@ def green_rectangle(points, sources, size, radius=0.0):
     points : (P, 2) array, m
     sources : (Q, 2) array, m
     size : (a, b), m
-    radius : array that broadcasts to (P, Q), m. Shortest distance that counts.
+    radius : mutual radius of each pair (`mutual_radius`), broadcasts to (P, Q), m
 
     Returns
     -------
@@ -42,6 +47,23 @@ def green_rectangle_self(points, size, radius):
     (x, y), (s, t), short, long = _oriented(points, points, size)
     left, right = _remainder(x, y, s, t, short, long)
     return _near(x, y, s, t, short, long, radius) + np.einsum("pm,pm->p", left, right)
+
+
+def mutual_radius(first, second):
+    """(P, Q) radius r that two clouds of radii (P,) and (Q,) have for each other; scalars broadcast."""
+    first, second = np.atleast_1d(first), np.atleast_1d(second)
+    return np.sqrt(np.add.outer(first**2, second**2) / 2)
+
+
+def softened(squared, radius_squared):
+    """Squared distances for the logarithm between clouds: x^2 exp(E1(x^2 / (e^gamma r^2)))."""
+    reach = _CLOUD * np.broadcast_to(radius_squared, squared.shape)
+    near = squared < _FAR * reach
+    out = np.array(squared)
+    ratio = squared[near] / reach[near]
+    close = np.where(ratio > 1e-12, ratio * np.exp(exp1(np.maximum(ratio, 1e-12))), 1 / _CLOUD)
+    out[near] = reach[near] * close
+    return out
 
 
 def _oriented(points, sources, size):
@@ -63,11 +85,11 @@ def _near(x, y, s, t, short, long, radius):
         1 - np.exp(-2 * half * y) * np.exp(-2 * half * t),
         1 - np.exp(-2 * half * (long - y)) * np.exp(-2 * half * (long - t)),
     )
-    floor = (np.pi * np.asarray(radius) / short) ** 2
+    radius_squared = (np.pi * np.asarray(radius) / short) ** 2
     product = 1.0
     for gap in gaps:
         for chord in chords:
-            product = product * np.maximum(gap**2 + (1 - gap) * chord, floor)
+            product = product * softened(gap**2 + (1 - gap) * chord, radius_squared)
     return ladder - np.log(product) / (4 * np.pi)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq
@@ -159,7 +160,7 @@ def _rim(layout, size):
         length = np.linalg.norm(np.diff(curve(np.linspace(0, 1, 33)), axis=0), axis=1).sum()
         samples = int(np.clip(16 * length / (size.radius * size.step), 64, 20000))
         breaks = [0.0, *_crossings(curve, size, samples), 1.0]
-        for start, end in zip(breaks[:-1], breaks[1:]):
+        for start, end in pairwise(breaks):
             corners.append(curve(np.array([start]))[0])
             t = np.linspace(start, end, max(16, int(samples * (end - start))) + 1)
             middle = (t[1:] + t[:-1]) / 2

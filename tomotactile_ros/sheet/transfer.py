@@ -95,7 +95,10 @@ def make_transfer(model, layout, points, between, to_points, self_terms, green) 
     return Transfer(model, points, between, to_points, self_terms, owner, green_with_electrodes)
 
 
-def electrode_of(points, layout) -> np.ndarray:
-    """(K,) index of the electrode that each of `points` (K, 2) lies on, -1 where on none."""
+def electrode_of(points, layout, radius=0.0) -> np.ndarray:
+    """(K,) index of the electrode that each of `points` (K, 2) lies on, -1 where on none.
+
+    With a `radius` (scalar or (K,), m): the electrode that a disc around the point overlaps.
+    """
     distance, nearest = cKDTree(layout.positions).query(points)
-    return np.where(distance < layout.radius, nearest, -1)
+    return np.where(distance < layout.radius + radius, nearest, -1)
