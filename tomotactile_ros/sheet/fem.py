@@ -29,9 +29,9 @@ from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
-_MOST_KEPT = (
-    3000  # unknowns whose mutual Green function is kept (72 MB), for contacts that come back
-)
+
+_NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
+_MOST_KEPT = 3000  # unknowns whose mutual Green function is kept (72 MB)
 
 
 class FemSheet:
