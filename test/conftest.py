@@ -42,3 +42,48 @@ def own_ros_domain():
     with domain_id() as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
         yield
+
+
+@pytest.fixture
+def domain():
+    """A ROS domain for one test."""
+    from ros_support import free_domain
+
+    with free_domain() as number:
+        yield number
+
+
+@pytest.fixture
+def probe(domain):
+    """A node of the test's own in the test's domain."""
+    from ros_support import Probe
+
+    probe = Probe(domain)
+    yield probe
+    probe.close()
+
+
+@pytest.fixture
+def start(domain):
+    """Starts programs of this package in the test's domain, and ends what is left of them."""
+    from ros_support import Process, program, ros_arguments
+
+    processes = []
+
+    def start_one(name, parameters=None, **names):
+        command = [program(name), *ros_arguments(parameters or {}, **names)]
+        processes.append(Process(command, domain))
+        return processes[-1]
+
+    yield start_one
+    for process in processes:
+        process.kill()
+        print(process.output)  # shown where the test has failed
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """File of a scene with one contact, see ros_checks.PRESSED."""
+    from ros_checks import write_scene
+
+    return write_scene(tmp_path)

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 LIMIT = 90.0  # s; a machine that is busy takes long to start a process
-NODE_PARAMETERS = {"get": "get_parameters", "set": "set_parameters"}
 
 
 def program(name: str) -> str:
@@ -163,3 +162,9 @@ class Probe:
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
+
+
+def ends_cleanly(process: Process, number: int = signal.SIGINT) -> None:
+    """Stop a process; it says goodbye with 0 and without a traceback."""
+    assert process.stop(number) == 0, process.output
+    assert "Traceback" not in process.output

@@ -7,50 +7,12 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-import ros_checks  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
-from ros_support import Probe, Process, free_domain, program, ros_arguments  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_support import ends_cleanly
+from std_srvs.srv import Trigger
 
-from tomotactile_ros.msg import ContactArray, VoltageFrame  # noqa: E402
-
-
-@pytest.fixture
-def domain():
-    with free_domain() as number:
-        yield number
-
-
-@pytest.fixture
-def probe(domain):
-    probe = Probe(domain)
-    yield probe
-    probe.close()
-
-
-@pytest.fixture
-def start(domain):
-    """Starts programs of this package; what is left of them is ended after the test."""
-    processes = []
-
-    def start_one(name, parameters=None, **names):
-        command = [program(name), *ros_arguments(parameters or {}, **names)]
-        processes.append(Process(command, domain))
-        return processes[-1]
-
-    yield start_one
-    for process in processes:
-        process.kill()
-
-
-@pytest.fixture
-def scene(tmp_path):
-    return ros_checks.write_scene(tmp_path)
-
-
-def ends_cleanly(process, number=signal.SIGINT):
-    assert process.stop(number) == 0, process.output
-    assert "Traceback" not in process.output
+from tomotactile_ros.msg import ContactArray, VoltageFrame
 
 
 def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):

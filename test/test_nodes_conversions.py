@@ -5,19 +5,19 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-from hypothesis.extra.numpy import arrays  # noqa: E402
-from visualization_msgs.msg import Marker  # noqa: E402
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from visualization_msgs.msg import Marker
 
-from tomotactile_ros.devices import Frame  # noqa: E402
-from tomotactile_ros.errors import InputError  # noqa: E402
-from tomotactile_ros.grid import Grid  # noqa: E402
-from tomotactile_ros.layout import Layout, load_layout  # noqa: E402
-from tomotactile_ros.nodes import conversions  # noqa: E402
-from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers  # noqa: E402
-from tomotactile_ros.reconstruction import ContactEstimate  # noqa: E402
-from tomotactile_ros.surface import Surface  # noqa: E402
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.nodes import conversions
+from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
+from tomotactile_ros.reconstruction import ContactEstimate
+from tomotactile_ros.surface import Surface
 
 HEADER = conversions.make_header(12.25, "skin")
 LAYOUT = load_layout("equal-4x4")

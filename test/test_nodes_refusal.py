@@ -1,0 +1,128 @@
+"""The reconstruction refuses frames that do not fit, goes on, and says why there is no image."""
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from ros_support import ends_cleanly
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes.conversions import frame_to_message
+
+LAYOUT = load_layout("equal-4x4")
+STATUS = "reconstruction: reconstruction"
+
+
+class Source:
+    """Publishes frames of the test's making, until an answer comes."""
+
+    def __init__(self, probe, **qos):
+        self._probe = probe
+        self._publisher = probe.node.create_publisher(
+            VoltageFrame, "/voltage_frame", QoSProfile(depth=2, **qos)
+        )
+        self._message = None
+        self.stamp = 1000
+        probe.node.create_timer(0.1, self._publish)
+
+    def send(self, layout_id="equal-4x4", **changes):
+        """Publish this frame from now on; returns its stamp (s)."""
+        self.stamp += 1
+        voltages = np.full((16, 16), 0.5, np.float32)
+        np.fill_diagonal(voltages, np.nan)
+        frame = Frame(voltages, np.arange(16, dtype=np.uint16), self.stamp, self.stamp, 3.3)
+        self._message = frame_to_message(frame, layout_id, "skin")
+        for name, value in changes.items():
+            setattr(self._message, name, value)
+        return self.stamp
+
+    def _publish(self):
+        if self._message is not None:
+            self._publisher.publish(self._message)
+
+
+BAD_FRAMES = [
+    ({"layout_id": "equal-8x8"}, "its layout is 'equal-8x8', this node has 'equal-4x4'"),
+    ({"electrodes": 15}, "do not fit"),
+    ({"grounded": [1] * 16}, "named twice"),
+]
+
+
+def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
+    reconstruction = start("reconstruction", {"layout": "equal-4x4"})
+    source = Source(probe)
+    for changes, reason in BAD_FRAMES:
+        source.send(**changes)
+        ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, reason)
+        stamp = source.send()
+        contacts = probe.wait_for(
+            ContactArray, "/contacts", lambda m, stamp=stamp: m.header.stamp.sec == stamp
+        )
+        assert contacts.header.frame_id == "skin"
+    warnings = [line for line in reconstruction.output.splitlines() if "frame refused" in line]
+    assert warnings
+    ends_cleanly(reconstruction)
+
+
+def test_extreme_voltages_never_give_an_image_that_is_not_finite(probe, start):
+    start("reconstruction", {"layout": "equal-4x4"})
+    source = Source(probe)
+    images = probe.listen(Image, "/pressure")
+    reports = probe.listen(DiagnosticArray, "/diagnostics")
+    for voltage in (3e38, -3e38, 1e-38, 900.0):
+        stamp = source.send(voltages=np.full(256, voltage, np.float32).tolist())
+        del reports[:]
+        probe.until(lambda stamp=stamp: answers(images, reports, stamp), "image or refusal")
+    for image in images:
+        assert np.isfinite(np.frombuffer(image.data, np.float32)).all()
+
+
+def answers(images, reports, stamp):
+    """Whether there is an image of this stamp, or a report that frames are refused."""
+    refused = any("refused" in status.message for report in reports for status in report.status)
+    return refused or any(image.header.stamp.sec == stamp for image in images)
+
+
+def test_without_a_publisher_it_says_so(probe, start):
+    start("reconstruction", {"layout": "equal-4x4"})
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "nobody publishes /voltage_frame"
+    )
+    answer = probe.call(Trigger, "/reconstruction/tare")
+    assert not answer.success and "nobody publishes /voltage_frame" in answer.message
+
+
+def test_a_publisher_of_something_else_is_named(probe, start):
+    probe.node.create_publisher(String, "/voltage_frame", 1)
+    start("reconstruction", {"layout": "equal-4x4"})
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "/voltage_frame carries std_msgs/msg/String"
+    )
+
+
+def test_a_mismatch_of_the_quality_of_service_is_named(probe, start):
+    override = "qos_overrides./voltage_frame.subscription.reliability"
+    start("reconstruction", {"layout": "equal-4x4", override: "reliable"})
+    Source(probe, reliability=ReliabilityPolicy.BEST_EFFORT).send()
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "quality of service does not match"
+    )
+
+
+def test_the_quality_of_service_can_be_overridden(probe, start):
+    override = "qos_overrides./contacts.publisher.reliability"
+    start("reconstruction", {"layout": "equal-4x4", override: "best_effort"})
+    Source(probe).send()
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    probe.wait_for(ContactArray, "/contacts", qos=best_effort)
+    (publisher,) = probe.node.get_publishers_info_by_topic("/contacts")
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
