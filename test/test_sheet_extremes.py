@@ -26,7 +26,7 @@ def sheet_of(model, rows=4, resistance=1.0):
     key = model, rows, resistance
     if key not in _SHEETS:
         layout = equal_grid(rows, rows, (0.2, 0.2), 0.004, resistance)
-        _SHEETS[key] = make_sheet(layout, model)
+        _SHEETS[key] = make_sheet(layout, model, h=0.0025)
     return _SHEETS[key]
 
 

@@ -101,7 +101,7 @@ def test_fem_converges_with_order_two():
         return drop - drop.mean(axis=1, keepdims=True)
 
     exact = differences(ClosedFormSheet(layout, shunting=False))
-    sizes = np.array([0.02, 0.01, 0.005])
+    sizes = np.array([0.01, 0.005, 0.0025])
     errors = [
         np.sqrt(np.mean((differences(FemSheet(layout, h=h, ring=round(0.32 / h), shunting=False))
                          - exact) ** 2))

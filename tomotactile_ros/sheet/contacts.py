@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros.sheet.transfer import Transfer, electrode_of
 
-_SAME = 0.3  # patches closer than this part of the smaller radius become one
+_SAME = 1.0  # patches closer than this part of the smaller radius become one
 
 
 def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, np.ndarray]:

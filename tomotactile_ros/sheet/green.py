@@ -57,12 +57,18 @@ def mutual_radius(first, second):
 
 def softened(squared, radius_squared):
     """Squared distances for the logarithm between clouds: x^2 exp(E1(x^2 / (e^gamma r^2)))."""
-    reach = _CLOUD * np.broadcast_to(radius_squared, squared.shape)
-    near = squared < _FAR * reach
-    out = np.array(squared)
-    ratio = squared[near] / reach[near]
-    close = np.where(ratio > 1e-12, ratio * np.exp(exp1(np.maximum(ratio, 1e-12))), 1 / _CLOUD)
-    out[near] = reach[near] * close
+    return _soften(squared, radius_squared, lambda near: squared[near])
+
+
+def _soften(measure, radius_squared, squared_distance):
+    """`measure`, nearly x^2 where that is small, for clouds; x^2 there by `squared_distance(near)`."""
+    reach = _CLOUD * np.broadcast_to(radius_squared, measure.shape)
+    near = measure < _FAR * reach
+    out = np.array(measure)
+    ratio = squared_distance(near) / reach[near]
+    apart = ratio > 1e-12
+    clouds = measure[near] * np.exp(exp1(np.where(apart, ratio, 1.0)))
+    out[near] = np.where(apart, clouds, reach[near] / _CLOUD)
     return out
 
 
@@ -89,7 +95,12 @@ def _near(x, y, s, t, short, long, radius):
     product = 1.0
     for gap in gaps:
         for chord in chords:
-            product = product * softened(gap**2 + (1 - gap) * chord, radius_squared)
+
+            def squared(near, gap=gap, chord=chord):
+                across = 2 * np.arcsin(np.minimum(np.sqrt(chord[near]) / 2, 1))
+                return np.log1p(-gap[near]) ** 2 + across**2
+
+            product = product * _soften(gap**2 + (1 - gap) * chord, radius_squared, squared)
     return ladder - np.log(product) / (4 * np.pi)
 
 
