@@ -21,8 +21,8 @@ from tomotactile_ros.sheet.frames import frame
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
-_PATCHES = 40  # along the longer side, for the patches of wide contacts
-_ACROSS = 4, 20  # of them to the width of the smallest and of the widest contact
+_PATCHES = 60  # along the longer side, for the patches of wide contacts
+_ACROSS = 4, 24  # of them to the width of the smallest and of the widest contact
 _HORIZON = 60.0  # s of motion that are solved ahead
 _WAVES = 256  # of a random field
 
