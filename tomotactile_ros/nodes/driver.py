@@ -107,7 +107,7 @@ class Driver:
             electrodes = ", ".join(map(str, status.dead))
             message += f"; electrodes that look dead: {electrodes}"
             level = max(level, diagnostics.WARN)
-        if self._active and (status.state, status.dead) != self._said:
+        if status.state != "closed" and (status.state, status.dead) != self._said:
             self._said = (status.state, status.dead)
             self._say(level, f"{status.state}: {message}")
         return Report(level, message, {"state": status.state, **status.counters})
