@@ -32,7 +32,7 @@ class Probe(SerialDevice):
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         super().__init__(*args, **kwargs)
-        self.latencies = np.zeros(1 << 20)
+        self.latencies = np.full(1 << 20, np.nan)
         self.delivered = 0
 
     def _publish(self, rows, arrival, row_bytes) -> None:
