@@ -115,7 +115,7 @@ class _Size:
 
     def __init__(self, layout, h, ring, inner):
         self.h = h
-        self.ring = 4 * int(np.ceil(max(ring, 2 * np.pi * layout.radius / h) / 4 - _TINY))
+        self.ring = 4 * int(np.ceil(max(ring, 4 * np.pi * layout.radius / h) / 4 - _TINY))
         self.positions = layout.positions
         self.step = 2 * np.pi / self.ring
         self.radius = layout.radius
