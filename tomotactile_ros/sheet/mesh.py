@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.spatial import Delaunay, cKDTree
 
 from tomotactile_ros.errors import InputError
@@ -128,28 +127,58 @@ class _Size:
         return np.clip(distance * self.step, smallest * self.step, self.h)
 
 
+class _Segment:
+    """A straight piece of a rim, t in [0, 1]."""
+
+    def __init__(self, start, end):
+        self.start, self.way = start, end - start
+        self.length = np.linalg.norm(self.way)
+
+    def __call__(self, t):
+        return self.start + np.multiply.outer(t, self.way)
+
+    def crossings(self, centres, radius):
+        """Where the line meets circles: |start + t way - centre| = radius."""
+        to_start = self.start - centres
+        half = to_start @ self.way / self.length**2
+        square = half**2 - ((to_start**2).sum(axis=1) - radius**2) / self.length**2
+        root = np.sqrt(square[square > 0])
+        return np.concatenate([-half[square > 0] - root, -half[square > 0] + root])
+
+
+class _Arc:
+    """A quarter of a circle around the origin, t in [0, 1]."""
+
+    def __init__(self, radius, quarter):
+        self.radius, self.first = radius, quarter * np.pi / 2
+        self.length = radius * np.pi / 2
+
+    def __call__(self, t):
+        angle = self.first + np.pi / 2 * np.asarray(t)
+        return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+    def crossings(self, centres, radius):
+        """Where the arc meets circles, by the law of cosines."""
+        apart = np.linalg.norm(centres, axis=1)
+        centres, apart = centres[apart > 0], apart[apart > 0]
+        cosine = (self.radius**2 + apart**2 - radius**2) / (2 * self.radius * apart)
+        met = np.abs(cosine) < 1
+        middle = np.arctan2(centres[met, 1], centres[met, 0])
+        half = np.arccos(cosine[met])
+        angle = np.concatenate([middle - half, middle + half]) - self.first
+        return (angle + np.pi) % (2 * np.pi) / (np.pi / 2) - 2
+
+
 def _curves(outline):
-    """Rim as smooth pieces: functions from t in [0, 1] (n,) to points (n, 2)."""
-
-    def segment(start, end):
-        return lambda t: start + np.multiply.outer(t, end - start)
-
-    def arc(quarter):
-        return lambda t: (
-            outline.radius
-            * np.stack(
-                [np.cos(np.pi / 2 * (quarter + t)), np.sin(np.pi / 2 * (quarter + t))], axis=-1
-            )
-        )
-
+    """The rim as smooth pieces."""
     polygons = list(outline.holes)
     curves = []
     if outline.kind == "circle":
-        curves = [arc(quarter) for quarter in range(4)]
+        curves = [_Arc(outline.radius, quarter) for quarter in range(4)]
     else:
         polygons.append(outline.shell)
     for polygon in polygons:
-        curves += [segment(p, q) for p, q in zip(polygon, np.roll(polygon, -1, axis=0))]
+        curves += [_Segment(p, q) for p, q in zip(polygon, np.roll(polygon, -1, axis=0))]
     return curves
 
 
@@ -157,34 +186,19 @@ def _rim(layout, size):
     """Nodes on the rim: corners and crossings with electrodes; and nodes between them by local size."""
     corners, between = [], []
     for curve in _curves(layout.outline):
-        length = np.linalg.norm(np.diff(curve(np.linspace(0, 1, 33)), axis=0), axis=1).sum()
-        samples = int(np.clip(16 * length / (size.radius * size.step), 64, 20000))
-        breaks = [0.0, *_crossings(curve, size, samples), 1.0]
-        for start, end in pairwise(breaks):
-            corners.append(curve(np.array([start]))[0])
-            t = np.linspace(start, end, max(16, int(samples * (end - start))) + 1)
-            middle = (t[1:] + t[:-1]) / 2
-            measure = np.concatenate([[0], np.cumsum(np.diff(t) * length / size(curve(middle)))])
+        crossings = np.sort(curve.crossings(size.positions, size.radius))
+        crossings = crossings[(crossings > 1e-9) & (crossings < 1 - 1e-9)]
+        for start, end in pairwise([0.0, *crossings, 1.0]):
+            corners.append(curve(start))
+            length = (end - start) * curve.length
+            samples = int(np.clip(4 * length / (size.radius * size.step), 32, 20000))
+            t = np.linspace(start, end, samples + 1)
+            inverse = length / samples / size(curve((t[1:] + t[:-1]) / 2))
+            measure = np.concatenate([[0], np.cumsum(inverse)])
             count = max(1, round(measure[-1] - _TINY))
             wanted = np.arange(1, count) / count * measure[-1]
             between.append(curve(np.interp(wanted, measure, t)))
     return np.array(corners), np.concatenate(between)
-
-
-def _crossings(curve, size, samples):
-    """Parameters at which the curve enters or leaves an electrode."""
-    t = np.linspace(0, 1, samples + 1)
-    nearest = size.tree.query(curve(t))[1]
-    roots = []
-    for electrode in np.unique(nearest):
-
-        def outside(s, centre=size.positions[electrode]):
-            return np.linalg.norm(curve(np.atleast_1d(s)) - centre, axis=-1) - size.radius
-
-        sign = outside(t) > 0
-        for i in np.flatnonzero(sign[1:] != sign[:-1]):
-            roots.append(brentq(lambda s: outside(s)[0], t[i], t[i + 1], xtol=1e-14))
-    return sorted(root for root in roots if 1e-9 < root < 1 - 1e-9)
 
 
 def _rings(layout, size):
