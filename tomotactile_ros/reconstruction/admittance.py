@@ -33,14 +33,11 @@ class Grounded:
     currents  : (n,) y, into each electrode from the driving layer per volt of drive, S
     couplings : (P,) Y - Y0 of neighbours, S; None where noise hides it
     noise     : standard deviation of an entry of Y, S
-    factor    : true admittance over measured
-    matrix    : (n, n) Y in S, lower triangle; None where noise hides it
     """
 
     currents: np.ndarray
     couplings: np.ndarray | None
     noise: float
-    matrix: np.ndarray | None
 
     @property
     def total(self) -> float:
@@ -88,10 +85,9 @@ class AdmittanceMeter:
         noise = spread / factor * self._amplification
         if noise > self._largest:
             return self.read_weak(voltages, drive_voltage)
-        inverse *= factor
-        own = inverse.diagonal()
-        currents = inverse @ self._ones + self._ones @ inverse - own
-        return Grounded(currents, flat[self._place] * factor - self.untouched, noise, inverse)
+        couplings = factor * flat[self._place] - self.untouched
+        currents = factor * (inverse @ self._ones + self._ones @ inverse - inverse.diagonal())
+        return Grounded(currents, couplings, noise)
 
     def read_weak(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
         """The limit of weak contacts, also for frames with NaN off the diagonal."""
@@ -108,7 +104,7 @@ class AdmittanceMeter:
         bent = _balance(rest, valid)
         currents = self._weak_admittance @ bent + total * self._weak_share
         noise = self._largest if total <= 0 else max(self._largest, self.noise / drive_voltage)
-        return Grounded(currents, None, noise, None)
+        return Grounded(currents, None, noise)
 
     def _prepare_weak(self):
         sheet = self.sheet

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.grid import Grid
-from tomotactile_ros.reconstruction.settings import ContactEstimate
-from tomotactile_ros.reconstruction.strength import contact_conductances, effective_conductances
-
 
 FLOOR = 0.3  # of the highest pixel; what is lower is no contact
 PROMINENCE = 0.1  # least height above the saddle to a higher contact, in parts of the own peak
@@ -55,36 +52,6 @@ def find_blobs(
         pixels = np.flatnonzero(np.isin(labels, peaks[owner == peak]) & (flat > floor))
         blobs.append(_blob(flat, pixels, peak, grid, number))
     return sorted(blobs, key=lambda blob: -blob.peak)
-
-
-def describe(blobs, values, currents, local, model, settings):
-    """Pressure (K,), Pa, and the list of `ContactEstimate`, strongest first.
-
-    Parameters
-    ----------
-    blobs : of the image `values` (K,)
-    currents : (n,) into each grounded electrode, S
-    local, model, settings : of the pipeline
-    """
-    pressure = np.zeros(len(values))
-    if not blobs:
-        return pressure, []
-    share = local.meter.sheet.share
-    shapes = [np.maximum(values[blob.pixels], 0.0) for blob in blobs]
-    shapes = [shape / shape.sum() for shape in shapes]
-    shares = np.column_stack([share[:, b.pixels] @ shape for b, shape in zip(blobs, shapes)])
-    effective = effective_conductances(shares, currents)
-    radius = np.full(len(blobs), settings.contact_radius)
-    centres = np.array([blob.centre for blob in blobs])
-    impedance = model.disc_impedance(local, centres, radius)
-    area = np.pi * radius**2
-    peaks = settings.contact_law.pressure(contact_conductances(effective, impedance) / area)
-    contacts = []
-    for blob, shape, force, peak in zip(blobs, shapes, peaks * area, peaks):
-        pressure[blob.pixels] += force * shape / model.grid.cell_area
-        numbers = (*blob.position, force, peak, blob.area, np.sqrt(blob.area / np.pi))
-        contacts.append(ContactEstimate(*map(float, numbers)))
-    return pressure, sorted(contacts, key=lambda contact: -contact.force)
 
 
 def _basins(image):

@@ -53,6 +53,10 @@ class GroundedSheet:
         own = np.einsum("ek,ek->k", self._point, self._solved)
         self.impedance = np.maximum(transfer.point_self - own, 0.0)
 
+    def at(self, transfer: Transfer) -> GroundedSheet:
+        """The same electrodes with the points of another `transfer` of the same sheet."""
+        return GroundedSheet(transfer, self.used)
+
     def between(self, rows, columns) -> np.ndarray:
         """(len(rows), len(columns)) block of D between points, without self terms, ohm."""
         block = np.array(self.transfer.green(rows, columns))

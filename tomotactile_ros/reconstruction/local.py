@@ -39,25 +39,28 @@ class LocalImage:
     Attributes
     ----------
     forward : (D, K) A, the data of a unit conductance in each pixel.
+    spacing : median distance of neighbouring electrodes, m.
+    resistance : of the sheet, ohm/sq.
     typical_impedance : median of D over the pixels, ohm.
     """
 
     def __init__(self, meter: AdmittanceMeter, grid: Grid, positions, resistance: float):
-        self.meter, self.grid = meter, grid
+        self.meter, self.grid, self.resistance = meter, grid, resistance
         sheet = meter.sheet
         share = sheet.share
         self.forward = np.vstack([share, share[meter.first] * share[meter.second]])
-        self._spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
+        self.spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
         self._smoothed = self._smooth()
         self._normal = self.forward @ self._smoothed.T
         self._model_error = _MODEL_ERROR / resistance
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
+        self._areas: dict[int, float] = {}
 
     def _smooth(self):
         """(D, K) A P."""
-        sigma = _WIDTH * self._spacing / np.array(self.grid.cell_size[::-1])
-        scale = 2 * np.pi * sigma.prod() * (_FIELD * self.grid.cell_area / self._spacing**2) ** 2
+        sigma = _WIDTH * self.spacing / np.array(self.grid.cell_size[::-1])
+        scale = 2 * np.pi * sigma.prod() * (_FIELD * self.grid.cell_area / self.spacing**2) ** 2
         rows = [self.grid.fill(row, outside=0.0) for row in self.forward]
         rows = [gaussian_filter(row, sigma, mode="constant") for row in rows]
         return scale * np.array([row[self.grid.inside] for row in rows])
@@ -88,6 +91,18 @@ class LocalImage:
             most = np.maximum(np.minimum(first, second), 0.0) / 2
             data[len(currents) :] = np.minimum(np.maximum(measured.couplings, 0.0), most)
         return inverse @ data
+
+    def point_area(self, measured: Grounded) -> float:
+        """Area of the upper half of a point's image, m^2: the median over a few places."""
+        level = self.level(measured)
+        if level not in self._areas:
+            self.image(measured)
+            inverse = self._levels[level]
+            places = np.linspace(0, self.forward.shape[1] - 1, 64).astype(int)
+            images = inverse @ self.forward[: inverse.shape[1], places]
+            count = np.median(np.count_nonzero(images > images.max(axis=0) / 2, axis=0))
+            self._areas[level] = float(count * self.grid.cell_area)
+        return self._areas[level]
 
     def _inverse(self, level):
         """(K, D) float32 reconstruction matrix; without couplings where lambda is largest."""

@@ -10,11 +10,11 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
 from tomotactile_ros.reconstruction.basis import FrameBasis
+from tomotactile_ros.reconstruction.estimate import PATCH
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.sheet import make_sheet
 
-PATCH = 0.447  # radius of the disc with the mean log distance of a square to itself, in sides
 _KEPT = 8  # sets of electrodes
 
 
@@ -48,9 +48,3 @@ class Model:
             resistance = self.layout.sheet_resistance
             self._electrodes[key] = LocalImage(meter, self.grid, positions, resistance)
         return self._electrodes[key]
-
-    def disc_impedance(self, local: LocalImage, pixels: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """(B,) D of discs of `radius` (B,), m, centred on `pixels` (B,), ohm."""
-        transfer = self.sheet.transfer(self.grid.pixels[pixels], radius)
-        change = transfer.point_self - self.transfer.point_self[pixels]
-        return np.maximum(local.meter.sheet.impedance[pixels] + change, 0.0)

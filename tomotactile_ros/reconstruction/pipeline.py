@@ -11,8 +11,9 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.reconstruction.channels import broken_channels, dead_channels, stuck_channels
 from tomotactile_ros.reconstruction.completion import read_incomplete
-from tomotactile_ros.reconstruction.contacts import describe, find_blobs
+from tomotactile_ros.reconstruction.estimate import contacts_and_pressure
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
+from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.settings import Result, Settings
@@ -40,6 +41,7 @@ class Pipeline:
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
         self.profile = "fast" if settings.profile == "auto" else settings.profile
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
+        self._make_image = ImageMaker(self.profile, self._model.sheet, settings.contact_radius)
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.regularization is not None:
@@ -105,17 +107,17 @@ class Pipeline:
         else:
             measured = read_incomplete(local.meter, local, part, drive_voltage)
         if self.settings.regularization is None:
-            values = local.image(measured).astype(float)
+            image = self._make_image(local, measured)
             level = local.regularization(local.level(measured))
-            potential = values * (drive_voltage * local.typical_impedance)
+            potential = drive_voltage * np.minimum(image.values * local.typical_impedance, 1.0)
         else:
             frame[bad] = np.nan
             frame[:, bad] = np.nan
-            values = potential = self._one_step(frame)
+            potential = self._one_step(frame)
+            image = self._make_image.described(local, measured, potential)
             level = self.settings.regularization
-        blobs = find_blobs(self.grid.fill(values, outside=0.0), self.grid)
-        pressure, contacts = describe(
-            blobs, values, measured.currents, local, self._model, self.settings
+        contacts, pressure = contacts_and_pressure(
+            image.blobs, image.values, image.strengths, self.settings.contact_law, self.grid
         )
         return Result(
             self.grid.fill(potential),

@@ -1,0 +1,107 @@
+"""Contacts and pressure from an image of conductance.
+
+The currents into the grounded electrodes are shared out over the blobs of the image, y = sum_b c_b h_b with h_b
+the mean of H over the core of blob b. A contact's own conductance follows from its effective one by taking off the
+way to the grounded electrodes, 1 / g = 1 / c - D: of a disc of the expected radius where the blob is no wider
+than the image of a point, otherwise the mean of D over all pairs of places in the blob.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from tomotactile_ros.reconstruction.contacts import Blob
+from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.settings import ContactEstimate
+
+EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
+PATCH = 0.447  # the same of a square, in sides
+WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
+_BARE = 0.98  # largest part of the way's conductance that c may reach: a bare conductor has 1
+_PLACES = 40  # in a wide blob
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2."""
+
+    position: np.ndarray
+    conductance: float
+    area: float
+
+
+def strengths(
+    blobs: list[Blob], values: np.ndarray, currents: np.ndarray, local: LocalImage, sheet,
+    point_area: float, radius: float,
+) -> list[Strength]:
+    """How strongly each blob of the image `values` (K,) conducts.
+
+    Parameters
+    ----------
+    currents : (n,) into each grounded electrode, S
+    sheet : model of the sheet
+    point_area : area of the upper half of a point's image, m^2
+    radius : of a contact that looks like a point, m
+    """
+    cores = [core_of(blob, values) for blob in blobs]
+    share = local.meter.sheet.share
+    shares = np.column_stack([share[:, b.pixels] @ core for b, core in zip(blobs, cores)])
+    effective = effective_conductances(shares, currents)
+    found = []
+    for blob, core, value in zip(blobs, cores, effective):
+        area = np.pi * radius**2
+        if blob.area > WIDE * point_area:
+            area = max(area, blob.area - point_area)
+        impedance = _impedance(blob, core, local, sheet, area, blob.area > WIDE * point_area)
+        conductance = value / (1 - min(value * impedance, _BARE))
+        found.append(Strength(blob.position, float(conductance), float(area)))
+    return found
+
+
+def core_of(blob: Blob, values: np.ndarray) -> np.ndarray:
+    """(n,) weights of the blob's pixels, 0 in its lower half; their sum is 1."""
+    core = np.maximum(values[blob.pixels] - (0.5 - 1e-9) * blob.peak, 0.0)
+    return core / core.sum()
+
+
+def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:
+    """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the currents."""
+    if shares.shape[1] == 1:
+        return np.maximum(currents.sum(), 0.0).reshape(1)
+    try:
+        found = nnls(shares, currents)[0]
+    except RuntimeError:  # not converged
+        found = np.maximum(np.linalg.lstsq(shares, currents, rcond=None)[0], 0.0)
+    total = found.sum()
+    return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
+
+
+def _impedance(blob, core, local, sheet, area, wide) -> float:
+    """Mean of D over the blob, ohm."""
+    pixels = local.grid.pixels
+    if not wide:
+        points, size = pixels[[blob.centre]], EVEN_DISC * np.sqrt(area / np.pi)
+    else:
+        inside = blob.pixels[core > 0]
+        chosen = inside[:: max(1, int(np.ceil(len(inside) / _PLACES)))]
+        points, size = pixels[chosen], PATCH * np.sqrt(area / len(chosen))
+    grounded = local.meter.sheet.at(sheet.transfer(points, size))
+    return float(grounded.among(np.arange(len(points))).mean())
+
+
+def contacts_and_pressure(blobs, values, found, law, grid):
+    """Contacts, strongest first, and (K,) pressure in Pa whose integral over each blob is the contact's force."""
+    pressure = np.zeros(len(values))
+    contacts = []
+    for blob, strength in zip(blobs, found):
+        shape = np.maximum(values[blob.pixels], 0.0)
+        peak = float(law.pressure(strength.conductance / strength.area))
+        force = peak * strength.area
+        pressure[blob.pixels] += force * shape / (shape.sum() * grid.cell_area)
+        x, y = strength.position
+        half_width = float(np.sqrt(blob.area / np.pi))
+        contacts.append(ContactEstimate(float(x), float(y), force, peak, strength.area, half_width))
+    return sorted(contacts, key=lambda contact: -contact.force), pressure

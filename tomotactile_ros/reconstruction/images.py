@@ -1,0 +1,97 @@
+"""The image of each profile, from what the grounded electrodes would measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros.reconstruction.admittance import Grounded
+from tomotactile_ros.reconstruction.conductance import conductance_image
+from tomotactile_ros.reconstruction.contacts import Blob, find_blobs
+from tomotactile_ros.reconstruction.estimate import WIDE, Strength, strengths
+from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
+from tomotactile_ros.reconstruction.parametric import refine_discs
+
+SHARP = 0.2  # width of a point in the images of `balanced` and `accurate`, in spacings of the electrodes
+_MOST_DISCS = 6  # that are refined together
+
+
+@dataclass
+class Image:
+    """values (K,), S; its blobs; how strongly each conducts."""
+
+    values: np.ndarray
+    blobs: list[Blob]
+    strengths: list[Strength]
+
+
+class ImageMaker:
+    """Images of one profile; `sheet` is the model of the sheet, `radius` that of a small contact, m."""
+
+    def __init__(self, profile: str, sheet, radius: float):
+        self.profile, self.sheet, self.radius = profile, sheet, radius
+
+    def __call__(self, local: LocalImage, measured: Grounded) -> Image:
+        linear = local.image(measured).astype(float)
+        if self.profile == "fast":
+            return self.described(local, measured, linear, local.point_area(measured))
+        grid = local.grid
+        width = SHARP * local.spacing
+        sharp = spread(nonnegative_image(local, measured, linear), grid, width)
+        point_area = 2 * np.pi * np.log(2) * max(width, 0.6 * grid.cell_size[0]) ** 2
+        if self.profile == "balanced":
+            return self.described(local, measured, sharp, point_area)
+        values = conductance_image(local, measured, sharp, local.spacing)
+        return self._refined(local, measured, spread(values, grid, width), values, point_area, width)
+
+    def described(self, local, measured, values, point_area=None) -> Image:
+        """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""
+        if point_area is None:
+            point_area = local.point_area(measured)
+        blobs = find_blobs(local.grid.fill(values, outside=0.0), local.grid)
+        if not blobs:
+            return Image(values, [], [])
+        found = strengths(
+            blobs, values, measured.currents, local, self.sheet, point_area, self.radius
+        )
+        return Image(values, blobs, found)
+
+    def _refined(self, local, measured, values, exact, point_area, width):
+        """Small blobs as discs, wide ones as they are."""
+        image = self.described(local, measured, values, point_area)
+        small = [i for i, b in enumerate(image.blobs) if b.area <= WIDE * point_area]
+        wide = [i for i in range(len(image.blobs)) if i not in small]
+        sums = np.array([values[blob.pixels].sum() for blob in image.blobs])
+        sums *= values.sum() / max(float(sums.sum()), 1e-300)
+        for i in wide:
+            found = image.strengths[i]
+            image.strengths[i] = Strength(found.position, float(sums[i]), found.area)
+        if not 0 < len(small) <= _MOST_DISCS:
+            return image
+        pixels = np.concatenate([np.empty(0, int), *(image.blobs[i].pixels for i in wide)])
+        pixels = pixels[exact[pixels] > 0]
+        positions, conductances = refine_discs(
+            local,
+            measured,
+            self.sheet,
+            np.array([image.strengths[i].position for i in small]),
+            np.array([max(image.strengths[i].conductance, 1e-12) for i in small]),
+            self.radius,
+            pixels,
+            exact[pixels],
+        )
+        for i, position, conductance in zip(small, positions, conductances):
+            image.strengths[i] = Strength(position, float(conductance), image.strengths[i].area)
+            _draw(image.values, image.blobs[i], position, conductance, width, local.grid)
+        return image
+
+
+def _draw(values, blob, position, total, width, grid):
+    """Put a point of the given width in place of a blob."""
+    width = max(width, 0.6 * max(grid.cell_size))
+    distance = ((grid.pixels[blob.pixels] - position) ** 2).sum(axis=1)
+    shape = np.exp(-distance / (2 * width**2))
+    if shape.sum() > 0:
+        values[blob.pixels] = total * shape / shape.sum()

@@ -1,0 +1,80 @@
+"""Non-negative image: conductances cannot be below zero, and that alone makes the image sharp.
+
+    min over c >= 0 of  sum_i ((A c - d)_i / sigma_i)^2
+
+with the data d and the operator A of `local`. Each datum counts by its own error: currents into electrodes are
+nearly free of errors of the sheet, couplings carry a part of Y0 that stands for an uneven sheet. Currents
+alone leave open how far a contact reaches: they give its centre. Couplings are largest for a current fed in midway
+between electrodes and least for one spread out to them, and a constant added to their data makes contacts as
+compact as the currents allow where couplings are too uncertain to tell. Solutions are
+sparse, a few pixels to a contact; the active-set method of Lawson and Hanson finds them in as many steps. Only
+pixels where the linear image is above a fraction of its maximum take part: the image of the same frame is a better
+start than that of the previous one, and contacts that jump are not followed late.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.optimize import nnls
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.reconstruction.admittance import Grounded
+from tomotactile_ros.reconstruction.local import LocalImage
+
+_SUPPORT = 0.04  # of the linear image's maximum
+_LEAST_SPREAD = 0.6  # pixels
+_MOST = 400  # pixels that take part
+_CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
+_OWN_ERROR = 0.01  # in parts of the electrode's own current
+_COUPLING_ERROR = 0.1  # of Y0: an uneven sheet
+_COMPACT = 0.3  # of Y0, added to couplings
+
+
+def support(linear: np.ndarray) -> np.ndarray:
+    """(n,) pixels of the linear image (K,) that take part."""
+    active = np.flatnonzero(linear > _SUPPORT * linear.max())
+    if len(active) > _MOST:
+        active = np.sort(active[np.argpartition(-linear[active], _MOST)[:_MOST]])
+    return active
+
+
+def weighted_data(
+    local: LocalImage, measured: Grounded, compact: float = _COMPACT
+) -> tuple[np.ndarray, np.ndarray]:
+    """(D,) data and (D,) 1 / sigma; couplings are left out where noise hides them."""
+    currents = measured.currents
+    error = _CURRENT_ERROR * measured.total + _OWN_ERROR * np.abs(currents)
+    if measured.couplings is None:
+        return currents, 1 / error
+    coupling_error = np.hypot(measured.noise, _COUPLING_ERROR * local.meter.untouched)
+    couplings = measured.couplings - compact * local.meter.untouched
+    return np.append(currents, couplings), 1 / np.append(error, coupling_error)
+
+
+def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x >= 0 that minimises |matrix x - right|; the best so far where the steps run out."""
+    try:
+        return nnls(matrix, right)[0]
+    except RuntimeError:
+        return np.maximum(np.linalg.lstsq(matrix, right, rcond=None)[0], 0.0)
+
+
+def nonnegative_image(local: LocalImage, measured: Grounded, linear: np.ndarray) -> np.ndarray:
+    """(K,) effective conductance c of each pixel, S, from the linear image of the same frame."""
+    out = np.zeros(len(linear))
+    active = support(linear)
+    if len(active):
+        data, weight = weighted_data(local, measured)
+        matrix = local.forward[: len(data), active] * weight[:, None]
+        out[active] = solve_nonnegative(matrix, data * weight)
+    return out
+
+
+def spread(values: np.ndarray, grid: Grid, width: float) -> np.ndarray:
+    """(K,) `values` (K,) smoothed by a Gaussian of standard deviation `width`, m; keeps the sum."""
+    sigma = np.maximum(width / np.array(grid.cell_size[::-1]), _LEAST_SPREAD)
+    image = gaussian_filter(grid.fill(values, outside=0.0), sigma, mode="constant")
+    image = grid.gather(image)
+    total = image.sum()
+    return image * (values.sum() / total) if total > 0 else image
