@@ -6,7 +6,8 @@ import pytest
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
-from tomotactile_ros.evaluation.point_spread import PointSpread, layout_point_spread, paper_transfer
+from tomotactile_ros.evaluation.paper_model import green, green_self, paper_transfer
+from tomotactile_ros.evaluation.point_spread import PointSpread, layout_point_spread
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout, equal_grid
@@ -114,6 +115,25 @@ def test_equal_grids_of_the_paper(count, radius, mean, worst_region):
     hwhm = evaluate_layout(layout).metrics["hwhm"]
     assert hwhm["mean"] / 0.2 == pytest.approx(mean, rel=0.01)
     assert hwhm["worst_region"] / 0.2 == pytest.approx(worst_region, rel=0.01)
+
+
+def test_points_with_a_radius_are_means_over_circles():
+    """Potential of a point source, averaged over a circle: in the sheet, at the rim, in a corner."""
+    size, radius = (0.3, 0.2), 0.004
+    angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    for centre in ([0.02, 0.03], [0.02, 0.1], [-0.15, -0.1]):
+        around = np.array(centre) + circle
+        around = around[(np.abs(around) <= np.array(size) / 2).all(axis=1)]
+        for offset in (0.0, 0.4, 0.9, 1.5):
+            source = np.array(centre) * (1 - 1e-9)
+            source = source - offset * radius * np.sign(centre) / np.sqrt(2)
+            exact = green(around, source[None], size, 1e-6).mean()
+            assert green([centre], [source], size, radius)[0, 0] == pytest.approx(exact, abs=3e-3)
+    points = np.array([[0.02, 0.03], [0.02, 0.1], [-0.15, -0.1]])
+    assert green_self(points, size, radius) == pytest.approx(
+        np.diagonal(green(points, points, size, radius)), abs=1e-12
+    )
 
 
 def test_closed_form_and_finite_elements_agree():

@@ -13,13 +13,8 @@ import numpy as np
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.metrics import Quality, statistics
-from tomotactile_ros.evaluation.point_spread import (
-    CONTACT_RADIUS,
-    REGULARIZATION,
-    RESOLUTION,
-    PointSpread,
-    paper_transfer,
-)
+from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS, paper_transfer
+from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION, PointSpread
 from tomotactile_ros.evaluation.regions import Regions, layout_regions
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid

@@ -15,75 +15,15 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.metrics import Quality, quality
+from tomotactile_ros.evaluation.paper_model import paper_transfer
 from tomotactile_ros.evaluation.symmetry import Symmetry, find_symmetry
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
-from tomotactile_ros.sheet.transfer import Transfer
 
 REGULARIZATION = 1000.0  # lambda^2 of the paper
-CONTACT_RADIUS = 0.001  # m
 RESOLUTION = 40  # contact positions, and pixels, along the longer side
-
-
-def paper_transfer(
-    layout: Layout, points, radius: float = CONTACT_RADIUS, symmetry: Symmetry | None = None
-) -> Transfer:
-    """The paper's model of a uniform rectangle at 1 ohm/sq: electrodes and contacts are points with a radius.
-
-    Unlike the models in `sheet`, it knows no contact on an electrode: one that lies within the radius of an
-    electrode is as far from it as the radius. J does not depend on the sheet resistance. With the
-    `symmetry` of the layout and the points G is computed for one electrode of each kind only.
-    """
-    if not layout.outline.is_uniform_rectangle:
-        raise InputError(
-            f"layout {layout.name!r}: the paper's model needs a rectangle without holes, this "
-            f"outline is a {layout.outline.kind}; use model fem"
-        )
-    size = layout.outline.size
-    points = np.asarray(points, float)
-    where = layout.positions
-    kinds = (
-        np.arange(len(where)) if symmetry is None else np.unique(symmetry.electrodes.min(axis=0))
-    )
-    to_points = green(where[kinds], points, size, layout.radius)
-    own = layout.radius * np.equal.outer(kinds, np.arange(len(where)))
-    between = green(where[kinds], where, size, own)
-    if symmetry is not None:
-        to_points = symmetry.spread(to_points, kinds, symmetry.pixels)
-        between = symmetry.spread(between, kinds, symmetry.electrodes)
-    return Transfer(
-        "paper",
-        points,
-        between,
-        to_points,
-        _green_self(points, size, radius),
-        np.full(len(points), -1),
-        lambda i, j: green(points[i], points[j], size, radius),
-    )
-
-
-def green(points, sources, size, radius) -> np.ndarray:
-    """(P, Q) `green_rectangle`; on a square exactly as symmetric as the square.
-
-    The closed form sums along one side, and so treats distances below `radius` along the other a little
-    differently: of relative order radius / side.
-    """
-    out = green_rectangle(points, sources, size, radius)
-    if size[0] == size[1]:
-        out += green_rectangle(points[:, ::-1], sources[:, ::-1], size, radius)
-        out /= 2
-    return out
-
-
-def _green_self(points, size, radius):
-    out = green_rectangle_self(points, size, radius)
-    if size[0] == size[1]:
-        out = (out + green_rectangle_self(points[:, ::-1], size, radius)) / 2
-    return out
 
 
 class PointSpread:

@@ -55,14 +55,19 @@ class Symmetry:
         """(n,) how many pixels each of `first` stands for."""
         return np.bincount(self.orbit)
 
-    def spread(self, values, kinds, moved) -> np.ndarray:
-        """(E, n) rows of all electrodes from those of `kinds` (m,), which stand for the others.
+    @property
+    def kinds(self) -> np.ndarray:
+        """(m,) electrodes that stand for all others."""
+        return np.unique(self.electrodes.min(axis=0))
 
-        values : (m, n); moved : (g, n) where each element sends each column
+    def spread(self, values, moved) -> np.ndarray:
+        """(E, n) rows of all electrodes from those of `kinds` (m, n).
+
+        moved : (g, n) where each element sends each column
         """
         out = np.empty((self.electrodes.shape[1], values.shape[1]))
-        for electrodes, columns in zip(self.electrodes[::-1], moved[::-1]):
-            out[np.ix_(electrodes[kinds], columns)] = values
+        for electrodes, columns in zip(self.electrodes, moved):
+            out[np.ix_(electrodes[self.kinds], columns)] = values
         return out
 
     def quarter_rows(self, rows) -> np.ndarray:

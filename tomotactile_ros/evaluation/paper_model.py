@@ -1,0 +1,92 @@
+"""The paper's model of a uniform rectangle: electrodes and contacts are points with a radius.
+
+Distances below the radius count as the radius, those to mirror images in the rim too: the mean of ln |p - q|
+over a circle around p is ln max(|p - q|, radius). Unlike the models in `sheet`, electrodes do not shunt
+the sheet ("negligible" in Kojima et al. 2023), and no contact is on an electrode: one that lies within its
+radius is as far from it as the radius. Everything is at 1 ohm/sq, which J (eq. 2) does not depend on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.symmetry import Symmetry
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, softened
+from tomotactile_ros.sheet.transfer import Transfer
+
+CONTACT_RADIUS = 0.001  # m
+_POINT = 1e-6  # radius of what is replaced, in parts of the radius that replaces it
+
+
+def paper_transfer(
+    layout: Layout, points, radius: float = CONTACT_RADIUS, symmetry: Symmetry | None = None
+) -> Transfer:
+    """`Transfer` to contacts of `radius` (m) at `points` (K, 2).
+
+    With the `symmetry` that the electrodes and the points have, G is computed for one electrode of each kind.
+
+    Raises InputError for other outlines than rectangles without holes.
+    """
+    if not layout.outline.is_uniform_rectangle:
+        raise InputError(
+            f"layout {layout.name!r}: the paper's model needs a rectangle without holes, this "
+            f"outline is a {layout.outline.kind}; use model fem"
+        )
+    size = layout.outline.size
+    points = np.asarray(points, float)
+    self_term = green_self(points, size, radius)
+    return transfer_of(layout.positions, layout.radius, size, points, self_term, symmetry)
+
+
+def transfer_of(positions, electrode_radius, size, points, point_self, symmetry=None) -> Transfer:
+    """`Transfer` for electrodes at `positions` (E, 2), with the points' self terms (K,) given."""
+    kinds = np.arange(len(positions)) if symmetry is None else symmetry.kinds
+    to_points = green(positions[kinds], points, size, electrode_radius)
+    between = green(positions[kinds], positions, size, electrode_radius)
+    if symmetry is not None:
+        to_points = symmetry.spread(to_points, symmetry.pixels)
+        between = symmetry.spread(between, symmetry.electrodes)
+    nowhere = np.full(len(points), -1)
+    return Transfer("paper", points, between, to_points, point_self, nowhere, _no_pairs)
+
+
+def green(points, sources, size, radius: float) -> np.ndarray:
+    """(P, Q) Green function at 1 ohm/sq between (P, 2) and (Q, 2), distances at least `radius`, m."""
+    points, sources = np.asarray(points, float), np.asarray(sources, float)
+    tiny = _POINT * radius
+    out = green_rectangle(points, sources, size, tiny)
+    for across in _images(points[:, None, 0], sources[:, 0], size[0], radius):
+        for along in _images(points[:, None, 1], sources[:, 1], size[1], radius):
+            near = np.nonzero((np.abs(across) < radius) & (np.abs(along) < radius))
+            out[near] += _excess(across[near] ** 2 + along[near] ** 2, radius)
+    return out
+
+
+def green_self(points, size, radius: float) -> np.ndarray:
+    """(P,) Green function at 1 ohm/sq between each point and itself."""
+    points = np.asarray(points, float)
+    out = green_rectangle_self(points, size, _POINT * radius)
+    for across in _images(points[:, 0], points[:, 0], size[0], radius):
+        for along in _images(points[:, 1], points[:, 1], size[1], radius):
+            out += _excess(across**2 + along**2, radius)
+    return out
+
+
+def _images(x, s, side, radius):
+    """Distances along one axis, from `x` to `s` and to its mirror images as far as they can be near."""
+    yield x - s
+    for rim in (-side, side):
+        if min(np.abs(x - rim / 2).min(), np.abs(s - rim / 2).min()) < radius:
+            yield x + s - rim
+
+
+def _excess(squared, radius):
+    """What a point source at a squared distance has too much of."""
+    point = softened(squared, (_POINT * radius) ** 2)
+    return np.minimum(np.log(point) - 2 * np.log(radius), 0) / (4 * np.pi)
+
+
+def _no_pairs(i, j):
+    raise NotImplementedError("the paper images one contact at a time")
