@@ -1,0 +1,66 @@
+"""`tomotactile calibrate`: the contact law from presses of known force."""
+
+from __future__ import annotations
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.reconstruction.calibration import (
+    fit_contact_law,
+    measure_conductance,
+    save_calibration,
+)
+
+HELP = "fit the contact law to presses of known force"
+
+
+def add_arguments(parser):
+    parser.add_argument(
+        "presses",
+        nargs="+",
+        metavar="FRAMES=FORCE",
+        help="file of frames (.npz) of one contact and its force in N; the file's own truth without '='",
+    )
+    parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
+    parser.add_argument("--out", required=True, help="file to write (.yaml), parameters of the node")
+    parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
+
+
+def run(args):
+    layout = load_layout(args.layout)
+    forces, conductances, areas = [], [], []
+    for press in args.presses:
+        path, force = _split(press)
+        recorded = load_frames(path)
+        force = _true_force(path, recorded.truth) if force is None else force
+        conductance, area = measure_conductance(
+            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage
+        )
+        print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")
+        forces.append(force)
+        conductances.append(conductance)
+        areas.append(area)
+    fit = fit_contact_law(forces, conductances, areas, args.exponent)
+    save_calibration(args.out, fit)
+    print(
+        f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, "
+        f"forces within {fit.error:.1%} rms of {fit.presses} presses"
+    )
+
+
+def _split(press):
+    path, mark, force = press.rpartition("=")
+    if not mark:
+        return press, None
+    try:
+        return path, checks.positive(float(force), press, "force in N")
+    except ValueError:
+        raise InputError(f"{press}: {force!r} is not a force in N, write FRAMES.npz=2.5") from None
+
+
+def _true_force(path, truth):
+    forces = [contact["force"] for frame in truth or [] for contact in frame]
+    if not forces or None in forces or max(forces) - min(forces) > 1e-9:
+        raise InputError(f"{path}: holds no single true force, write {path}=FORCE")
+    return forces[0]

@@ -1,0 +1,104 @@
+"""The contact law from contacts of known force: g = c p^m, a straight line between logarithms.
+
+Whatever is constant in a sensor and not in the model (sheet resistance, size of the contact) ends up in c: presses
+for calibration should resemble those of use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.contact import ContactLaw
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.reconstruction.pipeline import Pipeline
+from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.yamlio import read_mapping, write_mapping
+
+NODE = "/**/reconstruction"
+_LEAST_RATIO = 1.5  # of the largest to the smallest force, to fit the exponent
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A contact law, the root mean square relative error of its forces, and the number of presses."""
+
+    law: ContactLaw
+    error: float
+    presses: int
+
+
+def measure_conductance(layout: Layout, frames, grounded, drive_voltage: float) -> tuple[float, float]:
+    """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the frames."""
+    # with this law a contact's force in N is its conductance in S
+    pipeline = Pipeline(layout, Settings("accurate", contact_law=ContactLaw(1.0, 1.0)))
+    found = [pipeline.process(frame, grounded, drive_voltage).contacts for frame in frames]
+    found = [contacts[0] for contacts in found if contacts]
+    if not found:
+        raise InputError("no frame shows a contact")
+    return float(np.median([c.force for c in found])), float(np.median([c.area for c in found]))
+
+
+def fit_contact_law(forces, conductances, areas, exponent: float | None = None) -> Fit:
+    """Least squares in logarithms.
+
+    Parameters
+    ----------
+    forces : (n,) N; conductances : (n,) S; areas : (n,) m^2
+    exponent : m, where it is known; needed where all forces are alike
+    """
+    forces, conductances, areas = (np.asarray(x, float) for x in (forces, conductances, areas))
+    if not len(forces) or not (forces > 0).all():
+        raise InputError("force: presses with a force above 0 N are needed")
+    if not ((conductances > 0) & np.isfinite(conductances)).all():
+        raise InputError("frames: a press shows no conductance")
+    pressure, density = np.log(forces / areas), np.log(conductances / areas)
+    if exponent is None and forces.max() < _LEAST_RATIO * forces.min():
+        raise InputError(
+            f"force: {forces.min():g} to {forces.max():g} N are too alike to fit the exponent; press with "
+            f"forces {_LEAST_RATIO:g} times apart, or give --exponent"
+        )
+    if exponent is None:
+        slope = np.polyfit(pressure, density, 1)[0]
+    else:
+        slope = checks.positive(exponent, "exponent", "number")
+    if not slope > 0:
+        raise InputError("force: conductance does not grow with force, check the order of the presses")
+    offset = (density - slope * pressure).mean()
+    error = np.expm1((density - offset) / slope - pressure)
+    law = ContactLaw(float(np.exp(offset)), float(slope))
+    return Fit(law, float(np.sqrt((error**2).mean())), len(forces))
+
+
+def save_calibration(path: str | Path, fit: Fit) -> None:
+    """Write the law as parameters of the reconstruction node (`params_file`)."""
+    parameters = {
+        "contact_coefficient": fit.law.coefficient,
+        "contact_exponent": fit.law.exponent,
+    }
+    write_mapping(path, {NODE: {"ros__parameters": parameters}})
+
+
+def load_calibration(path: str | Path) -> ContactLaw:
+    """The contact law in a file of `save_calibration`, or in any parameter file of the node."""
+    content = read_mapping(path)
+    section = content.get(NODE)
+    parameters = section.get("ros__parameters") if isinstance(section, dict) else None
+    if not isinstance(parameters, dict):
+        raise InputError(f"{path}: {NODE}: is missing, a file written by 'calibrate' is needed")
+    values = []
+    for key in ("contact_coefficient", "contact_exponent"):
+        if key not in parameters:
+            raise InputError(f"{path}: {NODE}.ros__parameters.{key}: is missing")
+        value = parameters[key]
+        if isinstance(value, str):  # YAML 1.1 on 1e-4
+            try:
+                value = float(value)
+            except ValueError:
+                pass
+        values.append(checks.positive(value, f"{path}: {NODE}.ros__parameters.{key}", "number"))
+    return ContactLaw(*values)
