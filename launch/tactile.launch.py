@@ -6,19 +6,14 @@ started again. Launch arguments left empty do not override the parameter files.
 
 from launch.actions import (
     DeclareLaunchArgument,
-    EmitEvent,
     OpaqueFunction,
     RegisterEventHandler,
 )
-from launch.event_handlers import OnProcessExit, OnProcessStart
-from launch.events import matches_action
+from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
-from launch_ros.event_handlers import OnStateTransition
-from launch_ros.events.lifecycle import ChangeState
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-from lifecycle_msgs.msg import Transition
 
 from launch import LaunchContext, LaunchDescription
 
@@ -66,7 +61,7 @@ def start(context: LaunchContext) -> list:
     actions = []
     for name in OF_NODE:
         node = make_node(name, given, managed)
-        actions += [*(bring_up(node) if managed else []), fail_if_refused(name, node), node]
+        actions += [fail_if_refused(name, node), node]
     if given["viz"] == "true":
         actions.append(make_rviz(given["namespace"]))
     return actions
@@ -80,6 +75,8 @@ def make_node(name: str, given: dict[str, str], managed: bool) -> Node:
         key: ParameterValue(given[key], value_type=str) for key in OF_NODE[name] if given[key]
     }
     make = LifecycleNode if managed else Node
+    if managed:
+        overrides["autostart"] = True
     return make(
         package=PACKAGE,
         executable=f"{name}_lifecycle" if managed else name,
@@ -100,29 +97,6 @@ def fail_if_refused(name: str, node: Node) -> RegisterEventHandler:
             raise RuntimeError(f"{name} refused its parameters, see its last line")
 
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=judge))
-
-
-def bring_up(node: LifecycleNode) -> list[RegisterEventHandler]:
-    """Configures a managed node whenever it starts, and activates it then."""
-
-    def request(transition: int) -> EmitEvent:
-        return EmitEvent(
-            event=ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition)
-        )
-
-    return [
-        RegisterEventHandler(
-            OnProcessStart(target_action=node, on_start=[request(Transition.TRANSITION_CONFIGURE)])
-        ),
-        RegisterEventHandler(
-            OnStateTransition(
-                target_lifecycle_node=node,
-                start_state="configuring",
-                goal_state="inactive",
-                entities=[request(Transition.TRANSITION_ACTIVATE)],
-            )
-        ),
-    ]
 
 
 def make_rviz(namespace: str) -> Node:

@@ -94,6 +94,21 @@ class Process:
             self._process.wait()
 
 
+def processes_of(name: str, domain: int) -> list[int]:
+    """Process ids of a program of this package, plain or managed, in a ROS domain."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (folder / "cmdline").read_text().split("\0")
+            environment = (folder / "environ").read_text().split("\0")
+        except (OSError, UnicodeDecodeError):
+            continue
+        mine = f"ROS_DOMAIN_ID={domain}" in environment
+        if mine and {program(name), program(f"{name}_lifecycle")} & set(words):
+            found.append(int(folder.name))
+    return found
+
+
 class Probe:
     """A node of the test's own, in a domain of its own.
 

@@ -103,6 +103,14 @@ def test_a_managed_node_says_why_it_cannot_be_configured(probe, start):
     ends_cleanly(driver)
 
 
+def test_a_managed_node_can_start_by_itself(probe, start, scene):
+    start("driver_lifecycle", {"scene": scene, "autostart": "true"})
+    start("reconstruction_lifecycle", {"autostart": "true"})
+    ros_checks.check_contact(probe)
+    refused = start("driver_lifecycle", {"scene": "no-such-scene", "autostart": "true"})
+    assert refused.wait() == 2
+
+
 def test_a_killed_driver_leaves_the_reconstruction_alive_and_both_recover(probe, start, scene):
     driver = start("driver", {"scene": scene})
     start("reconstruction")

@@ -8,7 +8,7 @@ managed one (rclpy.lifecycle).
 import signal
 import sys
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -16,8 +16,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.nodes.parameters import Parameters, Spec
 
 BAD_INPUT = 2
+AUTOSTART = Spec("autostart", False, "Be active from the start", read_only=True)
 
 
 class Part(Protocol):
@@ -62,18 +64,31 @@ class PlainNode(Node):
 
 
 class ManagedNode(LifecycleNode):
-    """A node whose life is managed by services: configure, activate, deactivate, cleanup."""
+    """A node whose life is managed by services: configure, activate, deactivate, cleanup.
+
+    With the parameter `autostart` it configures and activates itself at the start, and so does not
+    depend on a manager to come back after a crash.
+    """
 
     def __init__(self, make_part: Callable[[Node], Part]):
         super().__init__(make_part.name)
+        self._reason = ""
         self.part = make_part(self)
+        if Parameters(self, (AUTOSTART,), _read_only)["autostart"]:
+            self._start()
+
+    def _start(self) -> None:
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            raise InputError(self._reason)
+        self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
         try:
             self.part.configure()
         except InputError as error:
-            self.get_logger().error(str(error))
+            self._reason = str(error)
+            self.get_logger().error(self._reason)
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
@@ -149,6 +164,10 @@ def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None)
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _read_only(changed: set[str], values: dict[str, Any]) -> None:
+    """Nothing changes at run time."""
 
 
 def _refuse(reason: str) -> int:
