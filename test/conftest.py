@@ -28,6 +28,8 @@ def restrict_discovery() -> None:
 prefer_installed_package()
 restrict_discovery()
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# killed processes leave shared memory behind that can make later ones in their domain deaf
+os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
 
 

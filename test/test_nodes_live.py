@@ -1,0 +1,97 @@
+"""`make run`'s program: shows contacts near the truth, writes the picture, leaves nothing behind."""
+
+import os
+import re
+import signal
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from ros_checks import NEAR, write_scene
+from ros_support import Process, processes_of, program
+
+from tomotactile_ros.processes import Child, stop_all
+
+
+def start_live(domain, folder, *words):
+    return Process(
+        [program("live"), "--scene", write_scene(folder), "--out", str(folder / "p.png"), *words],
+        domain,
+    )
+
+
+def children_of(domain):
+    return processes_of("driver", domain) + processes_of("reconstruction", domain)
+
+
+def test_contacts_are_near_the_truth_and_the_picture_is_written(domain, tmp_path):
+    from PIL import Image
+
+    live = start_live(domain, tmp_path, "--duration", "2")
+    assert live.wait() == 0, live.output
+    strongest = re.findall(
+        r"contact 1: .* off by +([\d.]+) mm, true \( \+50.0,  \+40.0\)", live.output
+    )
+    assert strongest and all(float(mm) < 1e3 * NEAR for mm in strongest)
+    assert "\x1b" not in live.output
+    with Image.open(tmp_path / "p.png") as picture:
+        assert min(picture.size) > 300
+    assert not children_of(domain)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_is_clean_at_any_time(domain, tmp_path, number, probe):
+    live = start_live(domain, tmp_path, "--duration", "600")
+    probe.until(lambda: "contact 1" in live.output or not live.running(), "contact")
+    assert live.stop(number) == 0, live.output
+    assert "Traceback" not in live.output
+    assert (tmp_path / "p.png").exists()
+    assert not children_of(domain)
+
+
+def test_children_end_with_a_parent_that_is_killed(domain, tmp_path, probe):
+    live = start_live(domain, tmp_path, "--duration", "600")
+    probe.until(lambda: len(children_of(domain)) == 2 or not live.running(), "children")
+    os.kill(live.pid, signal.SIGKILL)
+    probe.until(lambda: not children_of(domain), "end of the children")
+
+
+def test_a_child_that_ends_is_named_with_its_last_words(domain, tmp_path):
+    live = start_live(domain, tmp_path, "--profile", "best")
+    assert live.wait() == 1
+    last = live.output.splitlines()[-1]
+    assert last.startswith("live: reconstruction ended with status 2: ")
+    assert "profile: 'best' is none of fast" in last
+    assert not children_of(domain)
+
+
+@pytest.mark.parametrize(
+    "words, reason",
+    [
+        (["--layout", "none"], "'none': no such file"),
+        (["--scene", "none"], "'none': no such file"),
+        (["--duration", "nan"], "--duration"),
+        (["--duration", "-1"], "--duration"),
+        (["--rate", "0"], "--rate"),
+    ],
+)
+def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, capsys):
+    from tomotactile_ros.nodes import live
+
+    try:
+        status = live.main(words)
+    except SystemExit as exit_:
+        status = exit_.code
+    assert status == 2
+    assert reason in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):
+    monkeypatch.setattr("tomotactile_ros.processes._PATIENCE", 0.2)
+    stubborn = "trap '' INT TERM; echo ready; while :; do sleep 0.05; done"
+    child = Child("stubborn", ["bash", "-c", stubborn])
+    while child.last_words != "ready":
+        pass
+    stop_all([child])
+    assert child.status == -signal.SIGKILL
