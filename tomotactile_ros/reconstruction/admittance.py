@@ -52,6 +52,8 @@ class AdmittanceMeter:
     ----------
     first, second : (P,) pairs of neighbouring electrodes.
     untouched : (P,) Y0 of each pair, S.
+    amplification : noise of an entry of Y over noise of an entry of Z, S^2.
+    largest_noise : of an entry of Y, S; with more, contacts count as weak.
     """
 
     def __init__(self, sheet: GroundedSheet, noise: float):
@@ -62,8 +64,8 @@ class AdmittanceMeter:
         self.second, self.first = np.nonzero(np.tril(coupling > _COUPLED, -1))
         self.untouched = admittance[self.second, self.first]
         self._place = np.ravel_multi_index((self.first, self.second), admittance.shape)
-        self._amplification = float(np.median((admittance**2).sum(axis=1)))
-        self._largest = _NOISY * float(np.median(own)) ** 2
+        self.amplification = float(np.median((admittance**2).sum(axis=1)))
+        self.largest_noise = _NOISY * float(np.median(own)) ** 2
         self._ones = np.ones(len(own))
         self._prepare_weak()
 
@@ -82,8 +84,8 @@ class AdmittanceMeter:
         if not factor > 0:
             return self.read_weak(voltages, drive_voltage)
         spread = self.noise / drive_voltage * float(impedance.ravel()[:: len(impedance) + 1].mean())
-        noise = spread / factor * self._amplification
-        if noise > self._largest:
+        noise = spread / factor * self.amplification
+        if noise > self.largest_noise:
             return self.read_weak(voltages, drive_voltage)
         couplings = factor * flat[self._place] - self.untouched
         currents = factor * (inverse @ self._ones + self._ones @ inverse - inverse.diagonal())
@@ -103,7 +105,7 @@ class AdmittanceMeter:
         rest = np.where(valid, ratio - total * self._step, 0.0)
         bent = _balance(rest, valid)
         currents = self._weak_admittance @ bent + total * self._weak_share
-        noise = self._largest if total <= 0 else max(self._largest, self.noise / drive_voltage)
+        noise = self.largest_noise if total <= 0 else max(self.largest_noise, self.noise / drive_voltage)
         return Grounded(currents, None, noise)
 
     def _prepare_weak(self):
@@ -116,7 +118,9 @@ class AdmittanceMeter:
         self._weak_share = sheet.rest_share
 
 
-def symmetric_scaling(voltages: np.ndarray, drive_voltage: float, least: float) -> np.ndarray:
+def symmetric_scaling(
+    voltages: np.ndarray, drive_voltage: float, least: float, steps: int = _STEPS
+) -> np.ndarray:
     """(n, n) f_l rho_ln, symmetric but for noise, with f of mean 1/2 on its diagonal.
 
     Parameters
@@ -131,7 +135,7 @@ def symmetric_scaling(voltages: np.ndarray, drive_voltage: float, least: float) 
     ratio.ravel()[:: len(ratio) + 1] = 1.0
     weight = 1.0 / ratio.sum(axis=1)
     factor = weight
-    for _ in range(_STEPS):
+    for _ in range(steps):
         factor = weight * (factor @ ratio)
     ratio *= (factor * (len(factor) / (2 * factor.sum())))[:, None]
     return ratio

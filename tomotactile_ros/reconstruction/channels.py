@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros.reconstruction.admittance import symmetric_scaling
 
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
+_LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
 _CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
 
 
@@ -54,11 +55,13 @@ def broken_channels(frame: np.ndarray, drive_voltage: float, noise: float) -> np
 
 def _contradiction(frame, drive_voltage, noise):
     """(n,) root mean square asymmetry of each channel in parts of the noise."""
-    scaled = symmetric_scaling(frame, drive_voltage, noise / drive_voltage)
-    factor = scaled.diagonal()
-    error = noise / drive_voltage * np.hypot(factor[:, None], factor)
-    difference = (scaled - scaled.T) / error
     valid = np.isfinite(frame)
     both = valid & valid.T
-    squares = np.where(both, difference**2, 0.0)
-    return np.sqrt(squares.sum(axis=0) / np.maximum(np.count_nonzero(both, axis=0), 1))
+    least = noise / drive_voltage
+    # what has no counterpart counts as a full drop: rho = 0 on both sides
+    scaled = symmetric_scaling(np.where(both, frame, drive_voltage), drive_voltage, least)
+    factor = scaled.diagonal()
+    error = least * np.hypot(factor[:, None], factor)
+    squares = np.where(both, ((scaled - scaled.T) / error) ** 2, 0.0)
+    count = np.count_nonzero(both, axis=0)
+    return np.where(count >= _LEAST_PAIRS, np.sqrt(squares.sum(axis=0) / np.maximum(count, 1)), 0.0)

@@ -57,6 +57,12 @@ class GroundedSheet:
         """The same electrodes with the points of another `transfer` of the same sheet."""
         return GroundedSheet(transfer, self.used)
 
+    def resistance_between(self) -> np.ndarray:
+        """(n, n) resistance between electrodes of the untouched sheet, ohm."""
+        green = self.transfer.electrode_electrode[np.ix_(self.used, self.used)]
+        own = np.diagonal(green)
+        return own[:, None] + own - 2 * green
+
     def between(self, rows, columns) -> np.ndarray:
         """(len(rows), len(columns)) block of D between points, without self terms, ohm."""
         block = np.array(self.transfer.green(rows, columns))
