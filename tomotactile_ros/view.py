@@ -69,9 +69,16 @@ class Overlay:
         if electrodes:
             picture[self._electrodes] = _WHITE
         for contact in contacts:
-            ring = np.abs(self._distance(contact.x, contact.y) - contact.radius) < self._stroke
-            picture[ring] = _RED
+            self._draw_ring(picture, contact)
         return picture
+
+    def _draw_ring(self, picture: np.ndarray, contact) -> None:
+        """Draw a contact; only the pixels around it are looked at."""
+        reach = contact.radius + self._stroke
+        columns = slice(*np.searchsorted(self._x, (contact.x - reach, contact.x + reach)))
+        rows = slice(*np.searchsorted(-self._y, (-contact.y - reach, -contact.y + reach)))
+        distance = np.hypot(self._x[columns] - contact.x, (self._y[rows] - contact.y)[:, None])
+        picture[rows, columns][np.abs(distance - contact.radius) < self._stroke] = _RED
 
     def _distance(self, x: float, y: float) -> np.ndarray:
         return np.hypot(self._x - x, (self._y - y)[:, None])

@@ -1,0 +1,154 @@
+"""Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best layout.
+
+It ends by itself; a stop (Ctrl-C) ends it after the step under way and keeps the best layout so far.
+"""
+
+import threading
+from collections.abc import Iterator
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conversions import image_to_message
+from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
+from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
+from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.step import Step, finished
+
+METHODS = {"equalize": equalize}
+SPECS = (
+    Spec(
+        "layout", "equal-8x8", "To start from: a layout file or an installed name", read_only=True
+    ),
+    Spec("method", "equalize", "How electrodes are moved", choices=tuple(METHODS), read_only=True),
+    Spec("steps", 5, "How many steps at most", low=1, high=1000, read_only=True),
+    Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
+    Spec("name", "optimized", "Name of the best layout", read_only=True),
+    Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True),
+)
+
+
+class Optimizer:
+    """What the optimizer does: steps in a thread of its own, while the node answers."""
+
+    name = "optimizer"
+
+    def __init__(self, node: Node):
+        self._node = node
+        self._log = node.get_logger()
+        self.parameters = Parameters(node, SPECS, _nothing_changes)
+        self.status = 0
+        self._layout: Layout | None = None
+        self._history: list[Step] = []
+        self._stop = threading.Event()
+        self._worker: threading.Thread | None = None
+        self._publisher = node.create_publisher(
+            Image,
+            "resolution_map",
+            QoSProfile(
+                depth=1,
+                reliability=ReliabilityPolicy.RELIABLE,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        layout = self.parameters["layout"]
+        self._diagnostics = Diagnostics(node, "optimization", layout, self.report)
+        self.parameters.warn_of_typos()
+
+    def configure(self) -> None:
+        """Read the layout to start from."""
+        self._layout = load_layout(self.parameters["layout"])
+
+    def activate(self) -> None:
+        """Begin."""
+        self._worker = threading.Thread(target=self._work, name="optimizer", daemon=True)
+        self._worker.start()
+
+    def deactivate(self) -> None:
+        """End after the step under way; the best layout is written."""
+        self._stop.set()
+        if self._worker is not None:
+            self._worker.join()
+            self._worker = None
+
+    def cleanup(self) -> None:
+        """Nothing is left to do."""
+
+    def report(self) -> Report:
+        """Progress for /diagnostics."""
+        if not self._history:
+            return Report(diagnostics.OK, "evaluating the layout to start from")
+        step = self._history[-1]
+        figures = {"step": step.iteration, "of": step.total, "score": step.score, "eta": step.eta}
+        return Report(diagnostics.OK, _progress(step), figures)
+
+    def _work(self) -> None:
+        try:
+            for step in self._steps():
+                self._show(step)
+                if self._stop.is_set():
+                    break
+            self._write()
+        except InputError as error:
+            self.status = BAD_INPUT
+            self._log.fatal(str(error))
+        except Exception as error:  # noqa: BLE001 - a thread has nobody to raise it to
+            self.status = 1
+            self._log.fatal(f"{type(error).__name__}: {error}")
+        finally:
+            rclpy.try_shutdown()  # ends the node
+
+    def _steps(self) -> Iterator[Step]:
+        return METHODS[self.parameters["method"]](self._layout, self.parameters["steps"])
+
+    def _show(self, step: Step) -> None:
+        self._history.append(step)
+        self._log.info(_progress(step))
+        if rclpy.ok():
+            stamp = self._node.get_clock().now().to_msg()
+            header = Header(stamp=stamp, frame_id=self.parameters["frame_id"])
+            self._publisher.publish(image_to_message(step.hwhm_map, header))
+
+    def _write(self) -> None:
+        best = [step for step in self._history if step.best][-1]
+        values = self.parameters
+        settings = {"steps": values["steps"], "start": self._layout.name}
+        layout = finished(
+            best.layout, values["name"], values["method"], settings, self._history, best
+        )
+        layout.save(values["out"])
+        self._log.info(f"step {best.iteration} was the best, {values['out']} written")
+
+
+def _progress(step: Step) -> str:
+    hwhm = step.metrics["hwhm"]
+    return (
+        f"step {step.iteration} of {step.total}: HWHM {1e3 * hwhm['mean']:.2f} mm, worst region "
+        f"{1e3 * hwhm['worst_region']:.2f} mm, {step.eta:.0f} s left"
+    )
+
+
+def _nothing_changes(changed: set[str], values: dict) -> None:
+    """All parameters are read-only."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    parts: list[Optimizer] = []
+
+    def make_part(node: Node) -> Optimizer:
+        parts.append(Optimizer(node))
+        return parts[0]
+
+    make_part.name = Optimizer.name
+    status = run(lambda: [PlainNode(make_part)], args)
+    return status or parts[0].status
