@@ -24,22 +24,12 @@ def stream(electrodes: int, frames: int, sheet: str) -> bytes:
     for sequence in range(frames):
         counts = SHEETS[sheet](random, (electrodes, electrodes)).astype(np.uint16)
         np.fill_diagonal(counts, protocol.NO_READING)
+        constant = (4000, 4000 * sequence, 3.3 / 4096, 3.3)
         packets += [
             protocol.encode(
-                protocol.Row(
-                    electrodes,
-                    row,
-                    electrodes,
-                    sequence,
-                    62 * (row + 1),
-                    4000 * sequence,
-                    3.3 / 4096,
-                    3.3,
-                    row,
-                    protocol.pack_counts(counts[row]),
-                )  # fmt: skip
+                protocol.Row(electrodes, row, electrodes, sequence, *constant, row, readings)
             )
-            for row in range(electrodes)
+            for row, readings in enumerate(map(protocol.pack_counts, counts))
         ]
     return b"".join(packets)
 

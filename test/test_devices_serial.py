@@ -104,9 +104,19 @@ def plugged(simulated, make_port=emulator.PtyPort, **options):
         running.unplug()
 
 
+@contextlib.contextmanager
+def connected(simulated=None, make_port=emulator.PtyPort, mangle=bytes, **settings):
+    """Emulator and serial device at both ends of one line: the running emulator and the watch."""
+    with (
+        plugged(simulated or sensor(), make_port, mangle=mangle) as port,
+        watched(SerialDevice(port.path, E, **settings)) as watch,
+    ):
+        yield port, watch
+
+
 @pytest.mark.parametrize("make_port", [emulator.PtyPort, emulator.TcpPort], ids=["pty", "tcp"])
 def test_frames_arrive_whole_in_order_and_stamped(make_port):
-    with plugged(sensor(), make_port) as port, watched(SerialDevice(port.path, E)) as watch:
+    with connected(make_port=make_port) as (_, watch):
         watch.wait_for_frames(50)
         status = watch.device.status()
     assert status.state == "streaming"
@@ -126,12 +136,12 @@ def test_frames_arrive_through_a_port_without_file_descriptor():
     def opener(path, baud):
         return line.Line(Plain(path, timeout=0.02))
 
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E, opener=opener)) as watch:
+    with connected(opener=opener) as (_, watch):
         watch.wait_for_frames(10)
 
 
 def test_rate_stop_and_start_at_run_time():
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E, rate=50.0)) as watch:
+    with connected(rate=50.0) as (port, watch):
         watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
         watch.device.set_rate(200.0)
         watch.wait_for(lambda s: s.counters["rate_device"] == 200.0)
@@ -144,9 +154,8 @@ def test_rate_stop_and_start_at_run_time():
 
 
 def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():
-    with plugged(sensor(max_rate=150.0)) as port:
-        with watched(SerialDevice(port.path, E, rate=1000.0)) as watch:
-            watch.wait_for(lambda s: s.state == "streaming" and "at most 150" in s.message)
+    with connected(sensor(max_rate=150.0), rate=1000.0) as (_, watch):
+        watch.wait_for(lambda s: s.state == "streaming" and "at most 150" in s.message)
 
 
 def test_close_stops_the_device_and_it_can_be_opened_again():
@@ -161,9 +170,8 @@ def test_close_stops_the_device_and_it_can_be_opened_again():
 
 
 def test_opening_twice_is_a_mistake():
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
-        with pytest.raises(RuntimeError, match="open already"):
-            watch.device.open(watch)
+    with connected() as (_, watch), pytest.raises(RuntimeError, match="open already"):
+        watch.device.open(watch)
 
 
 def test_a_receiver_that_raises_does_not_end_the_stream():
@@ -177,18 +185,16 @@ def test_a_receiver_that_raises_does_not_end_the_stream():
 
 def test_unplug_and_replug_a_hundred_times(tmp_path):
     link = str(tmp_path / "port")
-    with plugged(sensor(), lambda: emulator.PtyPort(link)) as port:
-        with watched(SerialDevice(link, E)) as watch:
+    with connected(make_port=lambda: emulator.PtyPort(link)) as (port, watch):
+        watch.wait_for_frames(1)
+        for cycle in range(100):
+            port.unplug()
+            if cycle % 10 == 0:
+                watch.wait_for(lambda s: s.state == "disconnected")
+            port.plug()
+            watch.wait_for(lambda s, n=cycle: s.counters["reconnects"] > n)
             watch.wait_for_frames(1)
-            for cycle in range(100):
-                port.unplug()
-                if cycle % 10 == 0:
-                    watch.wait_for(lambda s: s.state == "disconnected")
-                port.plug()
-                reconnects = cycle
-                watch.wait_for(lambda s, n=reconnects: s.counters["reconnects"] > n)
-                watch.wait_for_frames(1)
-            assert watch.device.status().counters["reconnects"] == 100
+        assert watch.device.status().counters["reconnects"] == 100
 
 
 def test_replug_over_tcp():
@@ -271,15 +277,14 @@ def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
 
 
 def test_a_device_that_never_answers_is_silent():
-    with plugged(sensor(), mangle=lambda data: b"") as port:
-        with watched(SerialDevice(port.path, E)) as watch:
-            watch.wait_for(lambda s: s.state == "silent" and "nothing answers" in s.message)
-            port._mangle = bytes
-            watch.wait_for_frames(3)
+    with connected(mangle=lambda data: b"") as (port, watch):
+        watch.wait_for(lambda s: s.state == "silent" and "nothing answers" in s.message)
+        port._mangle = bytes
+        watch.wait_for_frames(3)
 
 
 def test_a_device_that_falls_silent_and_comes_back():
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
+    with connected() as (port, watch):
         watch.wait_for_frames(3)
         port._mangle = lambda data: b""
         watch.wait_for(lambda s: s.state == "silent")
@@ -289,7 +294,7 @@ def test_a_device_that_falls_silent_and_comes_back():
 
 
 def test_a_device_that_forgets_to_stream_is_started_again():
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
+    with connected() as (port, watch):
         watch.wait_for_frames(3)
         port.device.streaming = False
         watch.wait_for_frames(3)
@@ -297,9 +302,8 @@ def test_a_device_that_forgets_to_stream_is_started_again():
 
 
 def test_a_device_ten_times_too_fast_is_told():
-    with plugged(sensor(rate=25.0, haste=10.0)) as port:
-        with watched(SerialDevice(port.path, E, rate=25.0)) as watch:
-            watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
+    with connected(sensor(rate=25.0, haste=10.0), rate=25.0) as (_, watch):
+        watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
 
 
 def losing(share: float, seed: int = 0):
@@ -314,14 +318,13 @@ def losing(share: float, seed: int = 0):
 
 
 def test_half_of_the_packets_lost_is_told_and_no_wrong_frame_comes():
-    with plugged(sensor(), mangle=losing(0.5)) as port:
-        with watched(SerialDevice(port.path, E)) as watch:
-            watch.wait_for(lambda s: s.counters["packets_lost"] > 300)
-            port._mangle = losing(0.99)
-            watch.wait_for(lambda s: s.state in ("garbled", "silent"))
-            port._mangle = bytes
-            watch.wait_for(lambda s: s.state == "streaming")
-            watch.wait_for_frames(3)
+    with connected(mangle=losing(0.5)) as (port, watch):
+        watch.wait_for(lambda s: s.counters["packets_lost"] > 300)
+        port._mangle = losing(0.99)
+        watch.wait_for(lambda s: s.state in ("garbled", "silent"))
+        port._mangle = bytes
+        watch.wait_for(lambda s: s.state == "streaming")
+        watch.wait_for_frames(3)
 
 
 def test_no_complete_frame_for_long_is_told():
@@ -329,18 +332,16 @@ def test_no_complete_frame_for_long_is_told():
         packets = protocol.Parser().feed(data)
         return b"".join(protocol.encode(p) for p in packets if getattr(p, "row", 1) != 0)
 
-    with plugged(sensor(), mangle=without_row_0) as port:
-        with watched(SerialDevice(port.path, E)) as watch:
-            watch.wait_for(lambda s: s.state == "garbled" and "no complete frame" in s.message)
+    with connected(mangle=without_row_0) as (_, watch):
+        watch.wait_for(lambda s: s.state == "garbled" and "no complete frame" in s.message)
         assert watch.frames == []
 
 
 def test_half_of_the_packets_lost_with_partial_frames():
-    with plugged(sensor()) as port:
-        with watched(SerialDevice(port.path, E, partial_frames=True)) as watch:
-            watch.wait_for_frames(1)
-            port._mangle = losing(0.5)
-            watch.wait_for_frames(50)
+    with connected(partial_frames=True) as (port, watch):
+        watch.wait_for_frames(1)
+        port._mangle = losing(0.5)
+        watch.wait_for_frames(50)
     rows_missing = [np.isnan(f.voltages).all(axis=1).sum() for f in watch.frames]
     assert max(rows_missing) >= 3
     assert all(f.grounded.tolist() == list(range(E)) for f in watch.frames)
@@ -379,7 +380,11 @@ device.close()
 """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=environment
+        [sys.executable, "-c", program],
+        check=False,
+        capture_output=True,
+        text=True,
+        env=environment,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("disconnected port: no permission to open /dev/"), done.stdout
@@ -392,9 +397,8 @@ def test_the_wrong_baud_rate():
     def garbage(data: bytes) -> bytes:
         return random.integers(0, 256, len(data) // 2 + 100, dtype=np.uint8).tobytes()
 
-    with plugged(sensor(), mangle=garbage) as port:
-        with watched(SerialDevice(port.path, E, baud=9600)) as watch:
-            watch.wait_for(lambda s: s.state == "garbled" and "wrong baud rate" in s.message)
+    with connected(mangle=garbage, baud=9600) as (_, watch):
+        watch.wait_for(lambda s: s.state == "garbled" and "wrong baud rate" in s.message)
         assert watch.frames == []
 
 
@@ -415,16 +419,15 @@ def test_a_device_of_another_protocol_version_is_refused():
     def version_2(data: bytes) -> bytes:
         return b"".join(protocol.frame(bytes([0x11, 2, 0, 0])) for _ in range(bool(data)))
 
-    with plugged(sensor(), mangle=version_2) as port:
-        with watched(SerialDevice(port.path, E)) as watch:
-            watch.wait_for(lambda s: s.state == "refused" and "version 2" in s.message)
+    with connected(mangle=version_2) as (_, watch):
+        watch.wait_for(lambda s: s.state == "refused" and "version 2" in s.message)
 
 
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
 def test_a_device_clock_that_jumps(jump):
     offset = [1e5]
     device = sensor(clock=lambda: time.monotonic() + offset[0])
-    with plugged(device) as port, watched(SerialDevice(port.path, E)) as watch:
+    with connected(device) as (_, watch):
         watch.wait_for_frames(10)
         offset[0] += jump
         watch.wait_for(lambda s: s.counters["clock_jumps"] == 1)

@@ -1,27 +1,22 @@
 """The sensor as a program: speaks docs/protocol.md on a pseudo-terminal or a TCP port.
 
-`EmulatedDevice` is the firmware (bytes in, bytes out, no I/O), `PtyPort` and `TcpPort` are the
-cable, `Emulator` joins them in a loop that never sleeps longer than to the next row.
+`EmulatedDevice` is the firmware (bytes in, bytes out, no I/O), a port of `ports` the cable, and
+`Emulator` joins them in a loop that never sleeps longer than to the next row.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import pty
-import select
 import signal
-import socket
 import sys
-import termios
 import threading
 import time
-import tty
 from collections.abc import Callable
 
 import numpy as np
 
 from tomotactile_ros.devices import protocol
+from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.scene import load_scene
@@ -118,21 +113,20 @@ class EmulatedDevice:
     def _row_packet(self, row: int, now: float) -> bytes:
         if row == 0:
             self._sample(now)
-        end = (row + 1) * self._period / self.rows
-        return protocol.encode(
-            protocol.Row(
-                self.electrodes,
-                row,
-                self.rows,
-                self.sequence & 0xFFFFFFFF,
-                round(1e6 * end),
-                self._frame_time,
-                self._range / 2**self._bits,
-                self._drive,
-                row,
-                self._readings[row],
-            )  # fmt: skip
+        row_end = round(1e6 * (row + 1) * self._period / self.rows)
+        packet = protocol.Row(
+            self.electrodes,
+            row,
+            self.rows,
+            self.sequence & 0xFFFFFFFF,
+            row_end,
+            self._frame_time,
+            self._range / 2**self._bits,
+            self._drive,
+            row,
+            self._readings[row],
         )
+        return protocol.encode(packet)
 
     def _sample(self, now: float) -> None:
         self._frame_time = max(0, round(1e6 * (self._clock() - (now - self._start))))
@@ -180,99 +174,6 @@ class EmulatedDevice:
 
     def _ack(self, tag: int, command: int) -> bytes:
         return protocol.encode(protocol.Ack(tag, command, self.streaming, self.rate))
-
-
-class PtyPort:
-    """A pseudo-terminal; `path` is what a host opens, `link` an optional symbolic link to it."""
-
-    def __init__(self, link: str | None = None) -> None:
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave, termios.TCSANOW)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
-        self._link = link
-        if link:
-            _replace_link(self.path, link)
-            self.path = link
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until the host has sent something."""
-        return bool(select.select([self._master], [], [], timeout)[0])
-
-    def receive(self) -> bytes:
-        """What the host has sent."""
-        try:
-            return os.read(self._master, 65536)
-        except BlockingIOError:
-            return b""
-
-    def send(self, data: bytes) -> int:
-        """Send as much of `data` as fits, return how much that was."""
-        try:
-            return os.write(self._master, data)
-        except BlockingIOError:
-            return 0
-
-    def close(self) -> None:
-        """Pull the plug: the host's end fails with an I/O error."""
-        if self._link and os.path.islink(self._link):
-            os.unlink(self._link)
-        os.close(self._master)
-        os.close(self._slave)
-
-
-class TcpPort:
-    """A TCP server for one host at a time; `path` is the URL that a host opens."""
-
-    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        self._server = socket.create_server((host, port))
-        self._peer: socket.socket | None = None
-        self.path = "socket://{}:{}".format(*self._server.getsockname()[:2])
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until a host connects, sends or goes."""
-        watched = [self._server] + ([self._peer] if self._peer else [])
-        readable = select.select(watched, [], [], timeout)[0]
-        if self._server in readable:
-            self._drop_peer()
-            self._peer = self._server.accept()[0]
-            self._peer.setblocking(False)
-            self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return self._peer in readable
-
-    def receive(self) -> bytes:
-        """What the host has sent."""
-        try:
-            data = self._peer.recv(65536)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._drop_peer()
-        return data
-
-    def send(self, data: bytes) -> int:
-        """Send as much of `data` as fits; without a host it goes nowhere."""
-        if self._peer is None:
-            return len(data)
-        try:
-            return self._peer.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._drop_peer()
-            return len(data)
-
-    def close(self) -> None:
-        """End the connection and the server."""
-        self._drop_peer()
-        self._server.close()
-
-    def _drop_peer(self) -> None:
-        if self._peer is not None:
-            self._peer.close()
-            self._peer = None
 
 
 class Emulator:
@@ -346,26 +247,6 @@ class Emulator:
         if due is None:
             return self.IDLE
         return max(0.0, min(self.TICK, due - time.monotonic()))
-
-
-def _replace_link(target: str, link: str) -> None:
-    temporary = f"{link}.{os.getpid()}"
-    try:
-        os.symlink(target, temporary)
-        os.replace(temporary, link)
-    except OSError as error:
-        raise InputError(f"port: cannot make the link {link}: {error.strerror}") from None
-
-
-def port_maker(port: str) -> Callable[[], PtyPort | TcpPort]:
-    """Factory for what `--port` names: ``pty``, ``pty:LINK``, ``tcp:PORT`` or ``tcp:HOST:PORT``."""
-    kind, _, rest = port.partition(":")
-    if kind == "pty":
-        return lambda: PtyPort(rest or None)
-    host, _, number = rest.rpartition(":")
-    if kind != "tcp" or not number.isdecimal() or int(number) > 65535:
-        raise InputError(f"port: {port!r} is none of pty, pty:LINK, tcp:PORT, tcp:HOST:PORT")
-    return lambda: TcpPort(host or "127.0.0.1", int(number))
 
 
 def idle_source(electrodes: int) -> Source:

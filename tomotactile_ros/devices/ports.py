@@ -1,0 +1,126 @@
+"""The device's end of a cable: a pseudo-terminal or a TCP port, for the emulator."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import socket
+import termios
+import tty
+from collections.abc import Callable
+
+from tomotactile_ros.errors import InputError
+
+
+class PtyPort:
+    """A pseudo-terminal; `path` is what a host opens, `link` an optional symbolic link to it."""
+
+    def __init__(self, link: str | None = None) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave, termios.TCSANOW)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._link = link
+        if link:
+            _replace_link(self.path, link)
+            self.path = link
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until the host has sent something."""
+        return bool(select.select([self._master], [], [], timeout)[0])
+
+    def receive(self) -> bytes:
+        """What the host has sent."""
+        try:
+            return os.read(self._master, 65536)
+        except BlockingIOError:
+            return b""
+
+    def send(self, data: bytes) -> int:
+        """Send as much of `data` as fits, return how much that was."""
+        try:
+            return os.write(self._master, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Pull the plug: the host's end fails with an I/O error."""
+        if self._link and os.path.islink(self._link):
+            os.unlink(self._link)
+        os.close(self._master)
+        os.close(self._slave)
+
+
+class TcpPort:
+    """A TCP server for one host at a time; `path` is the URL that a host opens."""
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._server = socket.create_server((host, port))
+        self._peer: socket.socket | None = None
+        self.path = "socket://{}:{}".format(*self._server.getsockname()[:2])
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until a host connects, sends or goes."""
+        watched = [self._server] + ([self._peer] if self._peer else [])
+        readable = select.select(watched, [], [], timeout)[0]
+        if self._server in readable:
+            self._drop_peer()
+            self._peer = self._server.accept()[0]
+            self._peer.setblocking(False)
+            self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return self._peer in readable
+
+    def receive(self) -> bytes:
+        """What the host has sent."""
+        try:
+            data = self._peer.recv(65536)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop_peer()
+        return data
+
+    def send(self, data: bytes) -> int:
+        """Send as much of `data` as fits; without a host it goes nowhere."""
+        if self._peer is None:
+            return len(data)
+        try:
+            return self._peer.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._drop_peer()
+            return len(data)
+
+    def close(self) -> None:
+        """End the connection and the server."""
+        self._drop_peer()
+        self._server.close()
+
+    def _drop_peer(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+
+def _replace_link(target: str, link: str) -> None:
+    temporary = f"{link}.{os.getpid()}"
+    try:
+        os.symlink(target, temporary)
+        os.replace(temporary, link)
+    except OSError as error:
+        raise InputError(f"port: cannot make the link {link}: {error.strerror}") from None
+
+
+def port_maker(port: str) -> Callable[[], PtyPort | TcpPort]:
+    """Factory for what `--port` names: ``pty``, ``pty:LINK``, ``tcp:PORT`` or ``tcp:HOST:PORT``."""
+    kind, _, rest = port.partition(":")
+    if kind == "pty":
+        return lambda: PtyPort(rest or None)
+    host, _, number = rest.rpartition(":")
+    if kind != "tcp" or not number.isdecimal() or int(number) > 65535:
+        raise InputError(f"port: {port!r} is none of pty, pty:LINK, tcp:PORT, tcp:HOST:PORT")
+    return lambda: TcpPort(host or "127.0.0.1", int(number))
