@@ -1,0 +1,116 @@
+"""How good the results of a pipeline are on recorded frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
+from tomotactile_ros.evaluation.metrics import quality
+from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.report import pair
+
+_MOST = 0.8  # of all pairs that must be told apart
+
+
+def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
+    """Figures of merit with the ground conditions `conditions` (L,); lengths in m.
+
+    hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
+    contact_error         distance of the strongest reported contact from the true one
+    defective             position and contact error on the sensor with defects
+    two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if none
+    force_error           |found - true| / true of one contact and of two, missed ones count as 1
+    noise_gain            noise of a pixel per noise of a reading, V per V, root mean square
+    regularization        median of what was chosen
+    """
+    singles = process(pipeline, trials.singles, conditions)
+    defective = process(pipeline, trials.defective, conditions)
+    pairs = process(pipeline, trials.pairs, conditions)
+    repeats = process(pipeline, trials.repeats, conditions)
+    images = _quality(pipeline, singles, trials.singles)
+    resolved = _resolved(pairs, trials.pairs)
+    noise = np.std([result.potential for result in repeats], axis=0, ddof=1)
+    return {
+        "hwhm": spread(images.hwhm),
+        "position_error": spread(images.position_error),
+        "contact_error": spread(_contact_error(singles, trials.singles)),
+        "defective": {
+            "position_error": spread(
+                _quality(pipeline, defective, trials.defective).position_error
+            ),
+            "contact_error": spread(_contact_error(defective, trials.defective)),
+        },
+        "two_contacts": _distance(resolved, trials.separations),
+        "force_error": {
+            "one": spread(_force_error(singles, trials.singles)),
+            "two": spread(_force_error(pairs, trials.pairs)[np.repeat(resolved, 2)]),
+        },
+        "noise_gain": float(np.sqrt(np.nanmean(noise**2)) / NOISE),
+        "regularization": float(np.median([result.regularization for result in singles])),
+    }
+
+
+def process(pipeline: Pipeline, recording: Recording, conditions: np.ndarray) -> list:
+    """Results of all frames."""
+    return [pipeline.process(frame[conditions], conditions, DRIVE) for frame in recording.frames]
+
+
+def spread(values) -> dict:
+    """Mean, median and 95th percentile; None of no values."""
+    values = np.asarray(values, float)
+    if not len(values):
+        return {"mean": None, "median": None, "p95": None}
+    return {
+        "mean": float(values.mean()),
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95)),
+    }
+
+
+def _quality(pipeline, results, recording):
+    images = np.array([pipeline.grid.gather(result.potential) for result in results])
+    return quality(images, np.concatenate(recording.positions), pipeline.grid)
+
+
+def _contact_error(results, recording):
+    """(N,) m; as far as the middle of the sheet where nothing was reported."""
+    out = []
+    for result, true in zip(results, recording.positions, strict=True):
+        found = [(c.x, c.y) for c in result.contacts[:1]] or [(0.0, 0.0)]
+        out.append(np.linalg.norm(np.subtract(found[0], true[0])))
+    return np.array(out)
+
+
+def _matches(result, true):
+    """For each true contact (n, 2) the reported one, None where there is none."""
+    partner = pair(result.contacts, [{"x": x, "y": y} for x, y in true])
+    found = {j: contact for j, contact in zip(partner, result.contacts) if j is not None}
+    return [found.get(j) for j in range(len(true))]
+
+
+def _force_error(results, recording):
+    """(sum n,) relative error of every true contact's force."""
+    out = []
+    for result, true, forces in zip(results, recording.positions, recording.forces, strict=True):
+        for contact, force in zip(_matches(result, true), forces, strict=True):
+            out.append(1.0 if contact is None else abs(contact.force / force - 1))
+    return np.array(out)
+
+
+def _resolved(results, recording):
+    """(N,) bool: exactly two contacts, each nearer to its true place than to the middle."""
+    out = []
+    for result, true in zip(results, recording.positions, strict=True):
+        limit = np.linalg.norm(true[0] - true[1]) / 2
+        near = [
+            contact is not None and np.hypot(contact.x - x, contact.y - y) < limit
+            for contact, (x, y) in zip(_matches(result, true), true, strict=True)
+        ]
+        out.append(len(result.contacts) == 2 and all(near))
+    return np.array(out)
+
+
+def _distance(resolved, separations):
+    rate = resolved.reshape(len(separations), -1).mean(axis=1)
+    enough = np.minimum.accumulate((rate >= _MOST)[::-1])[::-1]
+    return float(separations[enough][0]) if enough.any() else None

@@ -1,0 +1,109 @@
+"""A result as text for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from tomotactile_ros.bench import tables
+
+_MODES = {
+    "quick": "quick: equal-8x8, and of the other choices one at a time; --full: everything with everything",
+    "full": "full: every profile, resolution, number of ground conditions and layout",
+}
+
+
+def lines(result: dict) -> Iterator[str]:
+    """Everything that was measured, as tables."""
+    machine = result["machine"]
+    yield f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, {machine['date']}"
+    libraries = (f"{name} {version or '-'}" for name, version in machine["libraries"].items())
+    yield f"Python {machine['python']}, {', '.join(libraries)}, {machine['blas']}"
+    threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
+    yield f"threads: {', '.join(threads)}; {result['seconds']:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
+    yield _MODES[result["mode"]]
+    yield ""
+    yield "Speed and accuracy"
+    yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]))
+    yield tables.LEGEND
+    yield ""
+    yield "What `profile: auto` takes, and the most accurate measured profile within the deadline"
+    yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
+    yield ""
+    yield "Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels"
+    yield from _peers(result["peers"])
+    yield ""
+    yield "Growth of cost, profile fast: exponents of electrodes and pixels"
+    yield from _growth(result["growth"])
+    yield ""
+    yield "Stability"
+    yield from tables.text(
+        ("what", "value", "error of", "error", "refusal, warnings"),
+        map(_extreme, result["stability"]),
+    )
+
+
+def _choice(row):
+    return f"{1e3 * row['deadline']:g}", row["auto"], row["measured"]
+
+
+def _peers(peers):
+    header = ("what", "set-up s", "frame ms", "spread ms", "HWHM mm", "PE mm", "p95")
+    rows, skipped = [], []
+    for name, found in peers.items():
+        if "skipped" in found if isinstance(found, dict) else False:
+            skipped.append(found["skipped"])
+        elif isinstance(found, dict) and "frame" in found:
+            rows.append(_peer(name, found))
+    yield from tables.text(header, rows)
+    yield from skipped
+    for name, found in peers.items():
+        if isinstance(found, float):
+            yield f"{name}: {found:.3g}"
+        elif "low" in found:
+            yield f"{name}: {found['median']:.3g} (quartiles {found['low']:.3g} to {found['high']:.3g})"
+    forward = []
+    for name, found in peers["forward"].items():
+        text = found.get("skipped") or f"{1e3 * found['median']:.3g} ms"
+        forward.append(f"{name}: {text}")
+    yield f"the sheet for all electrodes: {', '.join(forward)}"
+
+
+def _peer(name, found):
+    hwhm, error = found.get("hwhm", {}), found.get("position_error", {})
+    return (
+        name,
+        f"{found['setup']:.2f}" if "setup" in found else "-",
+        tables.milliseconds(found["frame"]["median"]),
+        tables.milliseconds(found["frame"]["spread"]),
+        tables.millimetres(hwhm.get("mean")),
+        tables.millimetres(error.get("mean")),
+        tables.millimetres(error.get("p95")),
+    )
+
+
+def _growth(growth):
+    header = ("electrodes", "pixels", "set-up s", "frame ms", "MB")
+    for by, found in growth.items():
+        yield from tables.text(header, map(_cost, found["points"]))
+        exponents = found["exponents"]
+        yield (
+            f"with n {by}: set-up n^{exponents['setup']:.2f}, frame n^{exponents['frame']:.2f}, "
+            f"memory n^{exponents['memory']:.2f}"
+        )
+
+
+def _cost(point):
+    return (
+        str(point["electrodes"]),
+        str(point["pixels"]),
+        f"{point['setup']:.3f}",
+        tables.milliseconds(point["frame"]),
+        tables.megabytes(point["memory"]),
+    )
+
+
+def _extreme(row):
+    error = row["error"]
+    text = "-" if error is None else error if isinstance(error, str) else f"{error:.1e}"
+    remarks = [row["refusal"] or "", *(f"warning: {each}" for each in row["warnings"])]
+    return row["what"], f"{float(row['value']):g}", row["measure"], text, " ".join(remarks).strip()

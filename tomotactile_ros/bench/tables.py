@@ -1,0 +1,77 @@
+"""Measured rows as text: aligned columns for the terminal, Markdown for documents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+Row = Sequence[str]
+
+
+def text(header: Row, rows: Iterable[Row]) -> list[str]:
+    """Lines with aligned columns."""
+    rows = [list(header), *map(list, rows)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(header))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows
+    ]
+    return [lines[0], "  ".join("-" * width for width in widths), *lines[1:]]
+
+
+def markdown(header: Row, rows: Iterable[Row]) -> list[str]:
+    """Lines of a table in Markdown."""
+    return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
+
+
+def milliseconds(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{1e3 * seconds:.3g}"
+
+
+def millimetres(metres: float | None) -> str:
+    return "-" if metres is None else f"{1e3 * metres:.1f}"
+
+
+def megabytes(count: float) -> str:
+    return f"{count / 1e6:.3g}"
+
+
+def percent(part: float | None) -> str:
+    return "-" if part is None else f"{100 * part:.0f}"
+
+
+TRADE = (
+    "layout", "profile", "pixels", "grounds", "set-up s", "frame ms", "p99 ms", "MB", "HWHM mm",
+    "PE mm", "p95", "contact mm", "p95", "defects mm", "two mm", "force %", "two %", "noise", "lambda",
+)  # fmt: skip
+
+
+def trade_row(row: dict) -> Row:
+    """Cells of one row of `trade.measure`, in the order of TRADE."""
+    frame, force = row["frame"], row["force_error"]
+    return (
+        row["layout"],
+        row["profile"],
+        f"{row['resolution']}²",
+        str(row["conditions"] or "all"),
+        f"{row['setup']:.2f}",
+        milliseconds(frame["median"]),
+        milliseconds(frame["p99"]),
+        megabytes(row["memory"]["held"]),
+        millimetres(row["hwhm"]["mean"]),
+        millimetres(row["position_error"]["mean"]),
+        millimetres(row["position_error"]["p95"]),
+        millimetres(row["contact_error"]["mean"]),
+        millimetres(row["contact_error"]["p95"]),
+        millimetres(row["defective"]["contact_error"]["mean"]),
+        millimetres(row["two_contacts"]),
+        percent(force["one"]["mean"]),
+        percent(force["two"]["mean"]),
+        f"{row['noise_gain']:.2g}",
+        f"{row['regularization'] ** 0.5:.2g}",
+    )
+
+
+LEGEND = """\
+frame: median, p99: 99th percentile, of one frame from voltages to contacts; MB: held by the pipeline; HWHM, PE: of the
+image of one contact, mean (p95: 95th percentile); contact: reported place of one contact against the true one; defects: the same
+with dead channels, drift, hum, switch resistance and a sheet that varies by 20 %; two: smallest distance from which on
+80 % of the pairs are told apart; force: mean error of one contact and of pairs told apart; noise: of a pixel per noise of a reading, V/V."""

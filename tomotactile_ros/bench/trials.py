@@ -1,0 +1,151 @@
+"""The frames on which everything is scored: from finite elements, noise and conversion included.
+
+The reconstruction uses another model of the sheet (the closed form on rectangles) and never sees this one.
+Every random number has a seed: the same layout and size give the same frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
+DRIVE = 3.3  # V
+NOISE = 0.001  # V
+BITS = 12
+PRESSURE = 30000.0  # Pa
+RADIUS = 0.025  # of a contact, in parts of the longer side: 5 mm on 200 mm
+MARGIN = 0.06  # that contacts keep from the rim, in parts of each side
+SEPARATIONS = (0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3, 0.4)  # in parts of the longer side
+_REPEATS = 12  # frames of one contact, for the noise
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured: `side`^2 places of single contacts, pairs for each separation."""
+
+    side: int
+    pairs: int
+
+
+QUICK, FULL = Size(5, 6), Size(10, 20)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Frames (N, E, E), V, and for each the true positions (n, 2), m, and forces (n,), N."""
+
+    frames: np.ndarray
+    positions: list[np.ndarray]
+    forces: list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Recordings of one layout.
+
+    singles    one contact, 1 mV of noise and a 12-bit converter
+    defective  the same contacts on a sensor with every defect that a scene can name but exchanged wires
+    pairs      two contacts for each of `separations` (S,), m: (S * n) frames in this order
+    repeats    one contact many times: only the noise differs
+    """
+
+    layout: Layout
+    singles: Recording
+    defective: Recording
+    pairs: Recording
+    repeats: Recording
+    separations: np.ndarray
+
+
+def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
+    """Simulate all frames of `layout`."""
+    random = np.random.default_rng(seed)
+    places = _places(layout, size.side, random)
+    separations = np.array(SEPARATIONS) * max(layout.outline.size)
+    pairs = [_pair(layout, apart, random) for apart in separations for _ in range(size.pairs)]
+    repeats = [places[len(places) // 3][None]] * _REPEATS
+    singles = [place[None] for place in places]
+    clean = record(layout, make_scene(layout), [*singles, *pairs, *repeats])
+    cuts = np.cumsum([len(singles), len(pairs)])
+    return Trials(
+        layout,
+        _part(clean, 0, cuts[0]),
+        record(layout, _defective(layout), singles),
+        _part(clean, cuts[0], cuts[1]),
+        _part(clean, cuts[1], None),
+        separations,
+    )
+
+
+def record(
+    layout: Layout, scene: Scene, places: list[np.ndarray], pressure: float = PRESSURE
+) -> Recording:
+    """One frame for each set of contact positions (n, 2), each with its own noise."""
+    radius = RADIUS * max(layout.outline.size)
+    contacts = [
+        Contact("disc", center=where, radius=radius, pressure=pressure, start=i, end=i + 1)
+        for i, points in enumerate(places)
+        for where in points
+    ]
+    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)))
+    frames = np.stack([simulator.frame(i + 0.5, i) for i in range(len(places))])
+    force = pressure * np.pi * radius**2
+    return Recording(frames, list(places), [np.full(len(points), force) for points in places])
+
+
+def _part(recording, start, stop):
+    return Recording(
+        recording.frames[start:stop],
+        recording.positions[start:stop],
+        recording.forces[start:stop],
+    )
+
+
+def make_scene(layout: Layout) -> Scene:
+    """No contact yet; the measurement of a good microcontroller."""
+    return Scene("trials", DRIVE, (), LAW, Noise(NOISE, 1), Adc(BITS, DRIVE))
+
+
+def _defective(layout):
+    count = layout.electrodes
+    defects = Defects(
+        dead=tuple(sorted({count // 5, count // 2 + 1})),
+        drift=Drift(0.003, 30.0, 2),
+        hum=Hum(0.002, 50.0),
+        switch_resistance=60.0,
+        sheet_variation=SheetVariation(0.2, max(layout.outline.size) / 4, 3),
+    )
+    return replace(make_scene(layout), defects=defects)
+
+
+def _places(layout, side, random):
+    """(n, 2) a jittered lattice inside the margin."""
+    low, size = np.array(layout.outline.bounds[:2]), np.array(layout.outline.size)
+    cell = (np.indices((side, side)).reshape(2, -1).T + random.random((side**2, 2))) / side
+    points = low + size * (MARGIN + (1 - 2 * MARGIN) * cell)
+    return points[_fits(layout, points)]
+
+
+def _pair(layout, apart, random):
+    """(2, 2) two places `apart` m from each other, inside the margin."""
+    low, size = np.array(layout.outline.bounds[:2]), np.array(layout.outline.size)
+    while True:
+        angle = 2 * np.pi * random.random()
+        half = apart / 2 * np.array([np.cos(angle), np.sin(angle)])
+        points = low + size * random.random(2) + np.array([half, -half])
+        if _fits(layout, points).all():
+            return points
+
+
+def _fits(layout, points):
+    outline = layout.outline
+    far = outline.rim_distance(points) >= 0.999 * MARGIN * min(outline.size)
+    return outline.contains(points) & far
