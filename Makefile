@@ -27,7 +27,8 @@ bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)
 
 fuzz:
-	@$(SETUP) python3 benchmark/fuzz_protocol.py
+	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \
+		exec python3 benchmark/fuzz_protocol.py'
 
 clean:
 	rm -rf .venv build install log out
