@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -62,6 +63,14 @@ class Layout:
         """What a voltage frame names to say which layout it was measured with."""
         return self.name
 
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) distance, m, and number of the electrode whose centre is nearest to each of (P, 2) points."""
+        return self._tree.query(points)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.positions)
+
     def save(self, path: str | os.PathLike) -> None:
         """Write the layout as YAML; an existing file is replaced whole or not at all."""
         content = {
@@ -94,7 +103,7 @@ class Layout:
             raise InputError(
                 f"electrodes.positions: {self.electrodes} electrodes, at most {MAX_ELECTRODES} work"
             )
-        distance, neighbour = cKDTree(self.positions).query(self.positions, k=2)
+        distance, neighbour = self._tree.query(self.positions, k=2)
         first = int(np.argmin(distance[:, 1]))
         nearest = distance[first, 1]
         if nearest <= 2 * self.radius:

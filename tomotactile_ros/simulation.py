@@ -53,6 +53,8 @@ class Simulator:
             resistance = random_sheet(variation, layout.sheet_resistance)
         self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
+        widths = [np.ptp(contact.vertices, axis=0).max() for contact in scene.contacts]
+        self._across = [int(np.clip(np.ceil(each / self._step), *_ACROSS)) for each in widths]
         self.sheet.prepare(self._paths())
         self._last: tuple[list, np.ndarray] | None = None
 
@@ -89,15 +91,16 @@ class Simulator:
 
     def ideal_frame(self, t: float) -> np.ndarray:
         """(L, E) voltages before anything is wrong with their measurement."""
-        contacts = [now for contact in self.scene.contacts if (now := contact.at(t)) is not None]
-        if self._last is None or not _same(contacts, self._last[0]):
-            self._last = contacts, self._solve(contacts)
+        now = [contact.at(t) for contact in self.scene.contacts]
+        if self._last is None or not _same(now, self._last[0]):
+            self._last = now, self._solve(now)
         return self._last[1]
 
     def _solve(self, contacts):
-        patches = [self._patches(contact) for contact in contacts]
+        present = [(c, across) for c, across in zip(contacts, self._across) if c is not None]
+        patches = [contact.patches(across) for contact, across in present]
         counts = [len(areas) for _, areas, _ in patches]
-        conductance = np.repeat([self._conductance(contact) for contact in contacts], counts)
+        conductance = np.repeat([self._conductance(contact) for contact, _ in present], counts)
         points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
         transfer, resistance = contact_points(self.sheet, points, areas, radii, conductance)
         return frame(
@@ -107,21 +110,17 @@ class Simulator:
             switch_resistance=self.scene.defects.switch_resistance,
         )
 
-    def _patches(self, contact):
-        across = np.ptp(contact.vertices, axis=0).max() / self._step
-        return contact.patches(int(np.clip(np.ceil(across), *_ACROSS)))
-
     def _paths(self):
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
         reach = 2 * max(self.layout.outline.size)
         paths = [np.empty((0, 2))]
-        for contact in self.scene.contacts:
+        for contact, across in zip(self.scene.contacts, self._across):
             speed = np.linalg.norm(contact.velocity)
             if speed > 0:
                 way = min(reach, speed * min(_HORIZON, contact.end - contact.start))
                 distance = np.arange(0, way, self._step)
                 steps = distance[:, None] * (contact.velocity / speed)
-                points = self._patches(contact)[0]
+                points = contact.patches(across)[0]
                 paths.append((points + steps[:, None]).reshape(-1, 2))
         return np.concatenate(paths)
 

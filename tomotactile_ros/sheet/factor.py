@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.sparse.csgraph import dijkstra
 
 from tomotactile_ros.errors import InputError
 
@@ -22,27 +23,43 @@ class LevelCholesky:
     """
 
     def __init__(self, matrix, start):
-        self.levels = _levels(matrix, start)
         self.size = matrix.shape[0]
-        self.level = np.empty(self.size, int)
+        self.level = _levels(matrix, start)
+        order = np.argsort(self.level, kind="stable")
+        edges = np.searchsorted(self.level[order], np.arange(1, self.level.max() + 1))
+        self.levels = np.split(order, edges)
         self.place = np.empty(self.size, int)
-        for i, nodes in enumerate(self.levels):
-            self.level[nodes], self.place[nodes] = i, np.arange(len(nodes))
+        self.place[order] = np.arange(self.size) - np.repeat([0, *edges], list(map(len, self.levels)))
         self._corner = []  # Cholesky factor of each level's block
         self._down = []  # its coupling to the next level, times the inverse transposed factor
         schur = None
-        for i, nodes in enumerate(self.levels):
-            rows = matrix[nodes]
-            block = rows[:, nodes].toarray()
-            if i:
+        for block, coupling in self._blocks(matrix):
+            if schur is not None:
                 block -= schur
             corner = cholesky(block, lower=True, check_finite=False, overwrite_a=True)
             self._corner.append(corner)
-            if i + 1 < len(self.levels):
-                coupling = rows[:, self.levels[i + 1]].toarray()
+            if coupling is not None:
                 down = solve_triangular(corner, coupling, lower=True, check_finite=False).T
                 self._down.append(down)
                 schur = down @ down.T
+
+    def _blocks(self, matrix):
+        """For each level the dense block of its own and the one to the next level, None for the last."""
+        entries = matrix.tocoo()
+        first, second = self.level[entries.row], self.level[entries.col]
+        sizes = [len(nodes) for nodes in self.levels]
+        for step in 0, 1:
+            kept = np.flatnonzero(second - first == step)
+            kept = kept[np.argsort(first[kept], kind="stable")]
+            parts = np.split(kept, np.searchsorted(first[kept], np.arange(1, len(sizes))))
+            blocks = []
+            for height, width, part in zip(sizes, sizes[step:], parts):
+                block = np.zeros((height, width))
+                block[self.place[entries.row[part]], self.place[entries.col[part]]] = entries.data[part]
+                blocks.append(block)
+            if step == 0:
+                own = blocks
+        return zip(own, [*blocks, None], strict=True)
 
     def solve(self, right) -> np.ndarray:
         """(N, n) solutions for right-hand sides (N, n)."""
@@ -93,17 +110,9 @@ class LevelCholesky:
 
 
 def _levels(matrix, start):
-    """Breadth-first levels of the matrix graph from the unknowns `start`."""
-    seen = np.zeros(matrix.shape[0], bool)
-    front = np.unique(start)
-    levels = []
-    while len(front):
-        seen[front] = True
-        levels.append(front)
-        neighbours = np.unique(matrix[front].indices)
-        front = neighbours[~seen[neighbours]]
-    if not seen.all():
-        raise InputError(
-            f"outline: {np.count_nonzero(~seen)} mesh nodes are not connected to the rest"
-        )
-    return levels
+    """(N,) breadth-first level of each unknown in the matrix graph, counted from those of `start`."""
+    steps = dijkstra(abs(matrix), indices=np.unique(start), unweighted=True, min_only=True)
+    lost = np.count_nonzero(np.isinf(steps))
+    if lost:
+        raise InputError(f"outline: {lost} mesh nodes are not connected to the rest")
+    return steps.astype(int)

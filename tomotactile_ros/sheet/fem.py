@@ -64,7 +64,6 @@ class FemSheet:
         along = self.where[free, axis]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
         self._factor = LevelCholesky(self.stiffness[free][:, free], start)
-        self._nearest = cKDTree(layout.positions)
         self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
         self._kept_green = np.empty((0, 0))
         self._radius = self._node_radius(nodal)
@@ -199,7 +198,7 @@ class FemSheet:
         excess = self._self_log(corners, weights) - np.log(radius)
         self_terms = self._self_terms(corners, weights) + excess * local / (2 * np.pi)
         to_points = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
-        nearest = self._nearest.query(points)[1]
+        nearest = self.layout.nearest(points)[1]
         excess = self._electrode_log(points, radius, corners, weights, nearest)
         to_points[nearest, np.arange(len(points))] += excess * local / (2 * np.pi)
 
@@ -210,9 +209,9 @@ class FemSheet:
             first = _weights(number[: len(i)], weights[i], len(nodes))
             second = _weights(number[len(i) :], weights[j], len(nodes))
             true_log = _log_distance(points[i], points[j], mutual_radius(radius[i], radius[j]))
-            excess = first @ self._mesh_log(nodes) @ second.T - true_log
+            excess = first @ (self._mesh_log(nodes) @ second.T) - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
-            return first @ self._among(nodes) @ second.T + scale * excess
+            return first @ (self._among(nodes) @ second.T) + scale * excess
 
         between = self.electrode_electrode
         return make_transfer(self.model, self.layout, points, between, to_points, self_terms, green)
@@ -274,7 +273,9 @@ def _pairs(corners, weights):
 def _weights(number, weights, count):
     """(n, count) dense rows with three `weights` each at `number`."""
     out = np.zeros((len(number), count))
-    np.add.at(out, (np.arange(len(number))[:, None], number), weights)
+    row = np.arange(len(number))
+    for corner in range(3):
+        out[row, number[:, corner]] += weights[:, corner]
     return out
 
 

@@ -42,10 +42,11 @@ def frame(
     electrodes = transfer.electrodes
     grounded = np.arange(electrodes) if grounded is None else np.asarray(grounded, int)
     resistance = np.asarray(resistance, float)
-    touching = np.flatnonzero(np.isfinite(resistance))
     out = np.zeros((len(grounded), electrodes))
     touching = np.flatnonzero(np.isfinite(resistance))
-    contacts, resistance = transfer.at(touching), resistance[touching]
+    contacts = transfer
+    if len(touching) < len(resistance):
+        contacts, resistance = transfer.at(touching), resistance[touching]
     green = contacts.among(np.arange(len(touching)))
     covered = np.isin(grounded, contacts.electrode_of)
     if len(touching) and not covered.all():

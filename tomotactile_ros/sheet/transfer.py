@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +81,8 @@ def make_transfer(model, layout, points, between, to_points, self_terms, green) 
     """
     owner = electrode_of(points, layout)
     covered = np.flatnonzero(owner >= 0)
+    if not len(covered):
+        return Transfer(model, points, between, to_points, self_terms, owner, green)
     to_points[:, covered] = between[:, owner[covered]]
     self_terms[covered] = between[owner[covered], owner[covered]]
 
@@ -100,5 +101,5 @@ def electrode_of(points, layout, radius=0.0) -> np.ndarray:
 
     With a `radius` (scalar or (K,), m): the electrode that a disc around the point overlaps.
     """
-    distance, nearest = cKDTree(layout.positions).query(points)
+    distance, nearest = layout.nearest(points)
     return np.where(distance < layout.radius + radius, nearest, -1)
