@@ -14,14 +14,14 @@ with t the sum of all conductances, b the potential of the contacts' share of cu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
 
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
-_STEPS = 8  # of the power iteration; each gains about a digit
+_STEPS = 6  # of the power iteration; each gains about a digit
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _NOISY = 0.1  # largest noise of an admittance, in parts of an electrode's own
 
@@ -33,11 +33,13 @@ class Grounded:
     currents  : (n,) y, into each electrode from the driving layer per volt of drive, S
     couplings : (P,) Y - Y0 of neighbours, S; None where noise hides it
     noise     : standard deviation of an entry of Y, S
+    asymmetry : root mean square contradiction to reciprocity, in parts of the noise
     """
 
     currents: np.ndarray
     couplings: np.ndarray | None
     noise: float
+    asymmetry: float = 0.0
 
     @property
     def total(self) -> float:
@@ -73,23 +75,30 @@ class AdmittanceMeter:
         """`Grounded` of a complete frame (n, n), V; its diagonal does not matter."""
         scaled = symmetric_scaling(voltages, drive_voltage, self.noise / drive_voltage)
         impedance = scaled + scaled.T
+        asymmetry = self._asymmetry(scaled, drive_voltage)
         inverse = _inverse(impedance)
         if inverse is None:
-            return self.read_weak(voltages, drive_voltage)
+            return replace(self.read_weak(voltages, drive_voltage), asymmetry=asymmetry)
         # LAPACK counts columns first: its lower triangle is the upper one here
         flat = inverse.T.ravel()
-        ratios = self.untouched / flat[self._place]
+        couplings = flat[self._place]
+        ratios = couplings / self.untouched
         middle = len(ratios) // 2
         factor = float(np.partition(ratios, middle)[middle])
-        if not factor > 0:
-            return self.read_weak(voltages, drive_voltage)
-        spread = self.noise / drive_voltage * float(impedance.ravel()[:: len(impedance) + 1].mean())
+        factor = 1 / factor if factor > 0 else np.inf
+        spread = self.noise / drive_voltage * float(impedance.diagonal().mean())
         noise = spread / factor * self.amplification
-        if noise > self.largest_noise:
-            return self.read_weak(voltages, drive_voltage)
-        couplings = factor * flat[self._place] - self.untouched
+        if not 0 < noise < self.largest_noise:
+            return replace(self.read_weak(voltages, drive_voltage), asymmetry=asymmetry)
+        couplings = factor * couplings - self.untouched
         currents = factor * (inverse @ self._ones + self._ones @ inverse - inverse.diagonal())
-        return Grounded(currents, couplings, noise)
+        return Grounded(currents, couplings, noise, asymmetry)
+
+    def _asymmetry(self, scaled, drive_voltage):
+        difference = (scaled - scaled.T).ravel()
+        # f_l rho_ln and f_n rho_nl: each with the noise times its factor, which is about 1/2
+        error = self.noise / drive_voltage * np.sqrt(0.5 * difference.size)
+        return float(np.sqrt(difference @ difference) / error)
 
     def read_weak(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
         """The limit of weak contacts, also for frames with NaN off the diagonal."""

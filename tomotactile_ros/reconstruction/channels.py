@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.reconstruction.admittance import symmetric_scaling
+from tomotactile_ros.reconstruction.admittance import Grounded, symmetric_scaling
 
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
+_DOUBT = 1.15  # asymmetry of a frame, in parts of the noise, from which on channels are compared
 _LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
 _CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
 
@@ -23,25 +24,33 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
     return np.count_nonzero(valid, axis=0) < possible / 2
 
 
-def stuck_channels(frame: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
-    """(E,) bool: all readings of a channel are the same but for less than the noise (V)."""
+def is_doubtful(frame: np.ndarray, measured: Grounded, noise: float) -> bool:
+    """Whether a complete frame (n, n), V, deserves a closer look; cheap."""
+    if measured.asymmetry > _DOUBT:
+        return True
+    readings = frame.ravel()[1:].reshape(len(frame) - 1, -1)[:, :-1]  # without the diagonal
+    return float(readings.std()) < _STUCK * noise
+
+
+def stuck_channels(frame: np.ndarray, noise: float) -> np.ndarray:
+    """(n,) bool: all readings of a channel are the same but for less than the noise (V)."""
+    valid = np.isfinite(frame)
     counts = np.maximum(np.count_nonzero(valid, axis=0), 1)
-    readings = np.where(valid, frame, 0.0)
-    mean = readings.sum(axis=0) / counts
+    mean = np.where(valid, frame, 0.0).sum(axis=0) / counts
     spread = np.sqrt((np.where(valid, frame - mean, 0.0) ** 2).sum(axis=0) / counts)
     return (counts > 2) & (spread < _STUCK * noise)
 
 
 def broken_channels(frame: np.ndarray, drive_voltage: float, noise: float) -> np.ndarray:
-    """(E,) bool: channels that contradict all others, worst first until the rest agrees.
+    """(n,) bool: channels that are stuck, or contradict all others, worst first until the rest agrees.
 
     Parameters
     ----------
-    frame : (E, E) V; NaN where there is no reading
+    frame : (n, n) V; NaN where there is no reading
     noise : of a reading, V rms
     """
     electrodes = len(frame)
-    used = np.arange(electrodes)
+    used = np.flatnonzero(~stuck_channels(frame, noise))
     while len(used) > max(3, electrodes // 2):
         excess = _contradiction(frame[np.ix_(used, used)], drive_voltage, noise)
         worst = int(np.argmax(excess))

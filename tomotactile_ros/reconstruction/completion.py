@@ -24,6 +24,7 @@ from tomotactile_ros.reconstruction.nonnegative import nonnegative_image
 _ROUNDS = 8
 _ENOUGH = 0.002  # change of the currents, in parts of all, at which it ends
 _PAIR_STEPS = 3
+_TINY = 1e-60
 _LEAST_ROWS = 3
 _LEAST_PAIRS = 6  # of measured neighbours, for the factor
 
@@ -81,15 +82,15 @@ class _Completion:
     def fill(self, admittance: np.ndarray) -> np.ndarray:
         """Unknown entries for which the inverse there is `admittance` (n, n); the inverse (n, n)."""
         self._fill_rows(admittance)
-        inverse = np.linalg.inv(self.impedance)
+        inverse = _inverse(self.impedance)
         i, j = self._first, self._second
         for _ in range(_PAIR_STEPS if len(i) else 0):
             change = inverse[i, j] - admittance[i, j]
-            change /= inverse[i, i] * inverse[j, j] + inverse[i, j] ** 2
+            change /= np.maximum(inverse[i, i] * inverse[j, j] + inverse[i, j] ** 2, _TINY)
             self.impedance[i, j] += change
             self.impedance[j, i] += change
             self._fill_rows(admittance)
-            inverse = np.linalg.inv(self.impedance)
+            inverse = _inverse(self.impedance)
         return inverse
 
     def _fill_rows(self, admittance):
@@ -150,6 +151,13 @@ def _take_turns(meter, local, completion, least):
         admittance = sheet.admittance + (sheet.share * conductance) @ sheet.share.T
         admittance += _slight(sheet.admittance)
     return measured
+
+
+def _inverse(matrix):
+    inverse = np.linalg.inv(matrix)
+    if not (np.abs(inverse) < 1 / _TINY).all():
+        raise np.linalg.LinAlgError("singular")
+    return inverse
 
 
 def _slight(admittance):

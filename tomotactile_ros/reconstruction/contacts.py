@@ -12,7 +12,8 @@ import numpy as np
 
 from tomotactile_ros.grid import Grid
 
-FLOOR = 0.3  # of the highest pixel; what is lower is no contact
+FLOOR = 0.2  # of the highest pixel; what is lower is no contact
+SHARP_FLOOR = 0.08  # the same in non-negative images, which have no ripples
 PROMINENCE = 0.1  # least height above the saddle to a higher contact, in parts of the own peak
 
 
@@ -41,86 +42,85 @@ def find_blobs(
     top = float(image.max())
     if not top > 0:
         return []
-    floor = floor * top
-    flat = image.ravel()
-    labels, peaks = _basins(image)
-    peaks = peaks[flat[peaks] > floor]
-    owner = _merge(flat, labels.reshape(image.shape), peaks, floor, prominence)
-    number = np.cumsum(grid.inside.ravel()) - 1
-    blobs = []
-    for peak in np.unique(owner):
-        pixels = np.flatnonzero(np.isin(labels, peaks[owner == peak]) & (flat > floor))
-        blobs.append(_blob(flat, pixels, peak, grid, number))
+    padded = np.zeros((image.shape[0] + 2, image.shape[1] + 2))
+    padded[1:-1, 1:-1] = image
+    flat, width = padded.ravel(), padded.shape[1]
+    places = np.flatnonzero(flat > floor * top)
+    places = places[np.argsort(-flat[places], kind="stable")]  # number 0 is the highest pixel
+    values = flat[places]
+    number = np.full(flat.size, -1)
+    number[places] = np.arange(len(places))
+    around = number[places + _neighbours(width)[:, None]]  # (8, n), -1 where below the floor
+    owner = _join(values, around, _climb(around), prominence)
+    row, column = np.divmod(places, width)
+    cells = (row - 1) * grid.width + column - 1
+    blobs = [_blob(values, cells, np.flatnonzero(owner == peak), grid) for peak in np.unique(owner)]
     return sorted(blobs, key=lambda blob: -blob.peak)
 
 
-def _basins(image):
-    """(H W,) index of the peak above each pixel, and the (n,) peaks."""
-    height, width = image.shape
-    padded = np.full((height + 2, width + 2), -np.inf)
-    padded[1:-1, 1:-1] = image
-    best = image.copy()
-    index = np.arange(image.size).reshape(image.shape)
-    target = index.copy()
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
-            if dy or dx:
-                other = padded[1 + dy : height + 1 + dy, 1 + dx : width + 1 + dx]
-                # among equals the first index wins, so that a plateau has one peak
-                higher = (other > best) | ((other == best) & (dy * width + dx < 0) & (target == index))
-                best = np.where(higher, other, best)
-                target = np.where(higher, index + dy * width + dx, target)
-    target = target.ravel()
+def _neighbours(width):
+    return np.array([-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1])
+
+
+def _climb(around):
+    """(n,) number of the peak that steepest ascent from each pixel leads to.
+
+    Pixels are numbered from the highest, equal ones in the order of the image: the neighbour with the lowest
+    number is the way up, and a plateau has one peak.
+    """
+    count = around.shape[1]
+    target = np.minimum(np.where(around < 0, count, around).min(axis=0), np.arange(count))
     while True:
         further = target[target]
         if np.array_equal(further, target):
-            return target, np.unique(target)
+            return target
         target = further
 
 
-def _merge(flat, labels, peaks, floor, prominence):
-    """(n,) index of the peak that each peak belongs to, at last itself."""
-    pairs = []
-    for first, second in (
-        (labels[:, :-1], labels[:, 1:]),
-        (labels[:-1], labels[1:]),
-        (labels[:-1, :-1], labels[1:, 1:]),
-        (labels[:-1, 1:], labels[1:, :-1]),
-    ):
-        pairs.append((first, second))
-    image = flat.reshape(labels.shape)
-    lows = (
-        np.minimum(image[:, :-1], image[:, 1:]),
-        np.minimum(image[:-1], image[1:]),
-        np.minimum(image[:-1, :-1], image[1:, 1:]),
-        np.minimum(image[:-1, 1:], image[1:, :-1]),
-    )
-    saddles = []
-    for (first, second), low in zip(pairs, lows):
-        border = (first != second) & (low > floor)
-        saddles += zip(low[border].tolist(), first[border].tolist(), second[border].tolist())
-    owner = {int(peak): int(peak) for peak in peaks}
+def _join(values, around, basin, prominence):
+    """(n,) `basin` with peaks of little prominence made part of what they lean on."""
+    if not basin.any():
+        return basin
+    here = np.broadcast_to(np.arange(len(values)), around.shape)
+    border = (around > here) & (basin[around] != basin)
+    saddle = around[border]  # the lower pixel of each pair across a border
+    order = np.argsort(saddle, kind="stable")
+    owner = {int(peak): int(peak) for peak in np.unique(basin)}
 
     def root(peak):
         while owner[peak] != peak:
             peak = owner[peak]
         return peak
 
-    for low, first, second in sorted(saddles, reverse=True):
-        first, second = root(first), root(second)
-        if first == second:
+    pairs = zip(saddle[order], basin[here[border]][order], basin[saddle][order])
+    seen = set()
+    for low, first, second in pairs:
+        first, second = sorted((root(int(first)), root(int(second))))
+        if first == second or (first, second) in seen:
             continue
-        lower, higher = sorted((first, second), key=lambda p: flat[p])
-        if flat[lower] - low < prominence * flat[lower]:
-            owner[lower] = higher
-    return np.array([root(int(peak)) for peak in peaks])
+        seen.add((first, second))
+        if values[second] - values[low] < prominence * values[second]:
+            owner[second] = first
+    roots = {peak: root(peak) for peak in owner}
+    return np.array([roots[int(peak)] for peak in basin])
 
 
-def _blob(flat, pixels, peak, grid, number):
-    height = flat[peak]
-    core = pixels[flat[pixels] >= height / 2]
-    weights = flat[core] - (0.5 - 1e-9) * height
-    position = weights @ grid.centres[core] / weights.sum()
-    centre = core[np.argmin(((grid.centres[core] - position) ** 2).sum(axis=1))]
-    area = len(core) * grid.cell_area
-    return Blob(number[pixels], position, int(number[centre]), float(height), area)
+def _blob(values, cells, members, grid):
+    """Blob of the pixels `members`, highest first, of the image's `cells`."""
+    values, cells = values[members], cells[members]
+    height = float(values[0])
+    core = values >= height / 2
+    places = grid.centres[cells[core]]
+    weights = values[core] - (0.5 - 1e-9) * height
+    position = weights @ places / weights.sum()
+    centre = cells[core][((places - position) ** 2).sum(axis=1).argmin()]
+    number = _numbers(grid)
+    area = np.count_nonzero(core) * grid.cell_area
+    return Blob(number[cells], position, int(number[centre]), height, area)
+
+
+def _numbers(grid):
+    """(H W,) number of each cell among those inside."""
+    if grid.inside.all():
+        return np.arange(grid.inside.size)
+    return np.cumsum(grid.inside.ravel()) - 1

@@ -20,7 +20,8 @@ from tomotactile_ros.reconstruction.settings import ContactEstimate
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
-_BARE = 0.98  # largest part of the way's conductance that c may reach: a bare conductor has 1
+_BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
+LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
 _PLACES = 40  # in a wide blob
 
 
@@ -34,15 +35,20 @@ class Strength:
 
 
 def strengths(
-    blobs: list[Blob], values: np.ndarray, currents: np.ndarray, local: LocalImage, sheet,
-    point_area: float, radius: float,
+    blobs: list[Blob],
+    values: np.ndarray,
+    currents: np.ndarray,
+    local: LocalImage,
+    disc_impedance: np.ndarray,
+    point_area: float,
+    radius: float,
 ) -> list[Strength]:
     """How strongly each blob of the image `values` (K,) conducts.
 
     Parameters
     ----------
     currents : (n,) into each grounded electrode, S
-    sheet : model of the sheet
+    disc_impedance : (K,) D of a disc of `radius` centred on each pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
     """
@@ -53,10 +59,12 @@ def strengths(
     found = []
     for blob, core, value in zip(blobs, cores, effective):
         area = np.pi * radius**2
+        impedance = disc_impedance[blob.centre]
         if blob.area > WIDE * point_area:
             area = max(area, blob.area - point_area)
-        impedance = _impedance(blob, core, local, sheet, area, blob.area > WIDE * point_area)
+            impedance = _mean_impedance(blob.pixels[core > 0], local, area)
         conductance = value / (1 - min(value * impedance, _BARE))
+        conductance = min(conductance, LARGEST / local.resistance)
         found.append(Strength(blob.position, float(conductance), float(area)))
     return found
 
@@ -79,17 +87,15 @@ def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarr
     return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
 
 
-def _impedance(blob, core, local, sheet, area, wide) -> float:
-    """Mean of D over the blob, ohm."""
-    pixels = local.grid.pixels
-    if not wide:
-        points, size = pixels[[blob.centre]], EVEN_DISC * np.sqrt(area / np.pi)
-    else:
-        inside = blob.pixels[core > 0]
-        chosen = inside[:: max(1, int(np.ceil(len(inside) / _PLACES)))]
-        points, size = pixels[chosen], PATCH * np.sqrt(area / len(chosen))
-    grounded = local.meter.sheet.at(sheet.transfer(points, size))
-    return float(grounded.among(np.arange(len(points))).mean())
+def _mean_impedance(pixels, local, area) -> float:
+    """Mean of D over all pairs of places in a blob of many `pixels`, ohm; a few pixels stand for all."""
+    chosen = pixels[:: max(1, int(np.ceil(len(pixels) / _PLACES)))]
+    sheet = local.meter.sheet
+    block = sheet.among(chosen)
+    coarser = area / len(chosen) / local.grid.cell_area  # each stands for so many pixels
+    own = block.diagonal() - local.resistance / (4 * np.pi) * np.log(max(coarser, 1.0))
+    total = block.sum() - block.diagonal().sum() + np.maximum(own, 0.0).sum()
+    return max(float(total) / len(chosen) ** 2, 0.0)
 
 
 def contacts_and_pressure(blobs, values, found, law, grid):

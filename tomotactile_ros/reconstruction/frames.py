@@ -54,13 +54,21 @@ def check_drive_voltage(value) -> float:
     return value
 
 
-def is_idle(frame: np.ndarray, valid: np.ndarray, limit: float) -> bool:
+def is_idle(frame: np.ndarray, bad: np.ndarray, limit: float) -> bool:
     """Whether nothing touches: the median over electrodes of the mean reading is below `limit`, V.
 
     Contacts raise all readings but the grounded electrode's, a broken channel only its own.
+
+    Parameters
+    ----------
+    frame : (E, E) V, NaN where there is no reading; bad : (E,) bool, channels that are left out
     """
-    counts = np.count_nonzero(valid, axis=0)
+    missing = np.isnan(frame)
+    counts = len(frame) - np.count_nonzero(missing, axis=0)
+    counts[bad] = 0
     if counts.sum() < _LEAST_READINGS:
         return True
-    sums = np.where(valid, frame, 0.0).sum(axis=0)
-    return float(np.median(sums[counts > 0] / counts[counts > 0])) < limit
+    sums = np.where(missing, 0.0, frame).sum(axis=0)
+    read = counts > 0
+    means = np.sort(sums[read] / counts[read])
+    return bool(means[len(means) // 2] < limit)

@@ -8,13 +8,14 @@ import numpy as np
 
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.conductance import conductance_image
-from tomotactile_ros.reconstruction.contacts import Blob, find_blobs
-from tomotactile_ros.reconstruction.estimate import WIDE, Strength, strengths
+from tomotactile_ros.reconstruction.contacts import FLOOR, SHARP_FLOOR, Blob, find_blobs
+from tomotactile_ros.reconstruction.estimate import EVEN_DISC, WIDE, Strength, strengths
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 from tomotactile_ros.reconstruction.parametric import refine_discs
 
 SHARP = 0.2  # width of a point in the images of `balanced` and `accurate`, in spacings of the electrodes
+_LEAST = 0.02  # conductance of a contact, in parts of the strongest
 _MOST_DISCS = 6  # that are refined together
 
 
@@ -28,10 +29,12 @@ class Image:
 
 
 class ImageMaker:
-    """Images of one profile; `sheet` is the model of the sheet, `radius` that of a small contact, m."""
+    """Images of one profile; `model` of the layout, `radius` of a small contact, m."""
 
-    def __init__(self, profile: str, sheet, radius: float):
-        self.profile, self.sheet, self.radius = profile, sheet, radius
+    def __init__(self, profile: str, model, radius: float):
+        self.profile, self.sheet, self.radius = profile, model.sheet, radius
+        own = model.sheet.transfer(model.grid.pixels, EVEN_DISC * radius).point_self
+        self._change = own - model.transfer.point_self  # of D from a pixel to a disc, ohm
 
     def __call__(self, local: LocalImage, measured: Grounded) -> Image:
         linear = local.image(measured).astype(float)
@@ -50,13 +53,22 @@ class ImageMaker:
         """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""
         if point_area is None:
             point_area = local.point_area(measured)
-        blobs = find_blobs(local.grid.fill(values, outside=0.0), local.grid)
+        floor = FLOOR if values.min() < 0 else SHARP_FLOOR
+        blobs = find_blobs(local.grid.fill(values, outside=0.0), local.grid, floor)
         if not blobs:
             return Image(values, [], [])
         found = strengths(
-            blobs, values, measured.currents, local, self.sheet, point_area, self.radius
+            blobs,
+            values,
+            measured.currents,
+            local,
+            np.maximum(local.meter.sheet.impedance + self._change, 0.0),
+            point_area,
+            self.radius,
         )
-        return Image(values, blobs, found)
+        least = _LEAST * max(strength.conductance for strength in found)
+        kept = [i for i, strength in enumerate(found) if strength.conductance >= least]
+        return Image(values, [blobs[i] for i in kept], [found[i] for i in kept])
 
     def _refined(self, local, measured, values, exact, point_area, width):
         """Small blobs as discs, wide ones as they are."""

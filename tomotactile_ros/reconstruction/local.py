@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.grid import Grid
@@ -30,6 +31,8 @@ _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts 
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
 _MODEL_ERROR = 0.01  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+_LARGE = 2_000_000  # entries of a reconstruction matrix from which on it is made sparse
+_NEGLIGIBLE = 5e-4  # of its largest entry
 _LEVELS = 16  # of lambda of the couplings, each twice the last
 
 
@@ -105,10 +108,17 @@ class LocalImage:
         return self._areas[level]
 
     def _inverse(self, level):
-        """(K, D) float32 reconstruction matrix; without couplings where lambda is largest."""
+        """(K, D) float32 reconstruction matrix; without couplings where lambda is largest.
+
+        Pixels depend on near electrodes: large matrices are kept sparse.
+        """
         count = len(self.meter.sheet.used)
         kept = count if level == _LEVELS - 1 else len(self.forward)
         error = np.full(kept, np.sqrt(self.regularization(level)))
         error[:count] = _CURRENT_ERROR
         system = self._normal[:kept, :kept] + np.diag(error**2)
-        return np.linalg.solve(system, self._smoothed[:kept]).T.astype(np.float32, order="C")
+        inverse = np.linalg.solve(system, self._smoothed[:kept]).T.astype(np.float32, order="C")
+        if inverse.size > _LARGE:
+            inverse[np.abs(inverse) < _NEGLIGIBLE * np.abs(inverse).max()] = 0.0
+            return csr_matrix(inverse)
+        return inverse

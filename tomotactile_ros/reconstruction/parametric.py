@@ -12,7 +12,7 @@ import numpy as np
 
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.conductance import ConductanceProblem
-from tomotactile_ros.reconstruction.estimate import EVEN_DISC, PATCH
+from tomotactile_ros.reconstruction.estimate import EVEN_DISC, LARGEST, PATCH
 from tomotactile_ros.reconstruction.local import LocalImage
 
 _STEPS = 4
@@ -57,7 +57,7 @@ def refine_discs(
         moved = positions + radius * step[:2].T
         moved = np.clip(moved, start - _REACH * radius, start + _REACH * radius)
         positions = np.where(local.grid.outline.contains(moved)[:, None], moved, positions)
-        conductances = conductances * np.exp(step[2])
+        conductances = np.minimum(conductances * np.exp(step[2]), LARGEST / local.resistance)
     return best[1], best[2]
 
 

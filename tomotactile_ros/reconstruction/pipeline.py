@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.reconstruction.channels import broken_channels, dead_channels, stuck_channels
+from tomotactile_ros.reconstruction.channels import (
+    broken_channels,
+    dead_channels,
+    is_doubtful,
+)
 from tomotactile_ros.reconstruction.completion import read_incomplete
 from tomotactile_ros.reconstruction.estimate import contacts_and_pressure
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
 from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
+from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_time, trial_frame
 from tomotactile_ros.reconstruction.settings import Result, Settings
 
 _KEPT = 8  # regularised inverses for patterns of missing readings
@@ -39,15 +46,19 @@ class Pipeline:
                 f"{layout.name} has 0 to {layout.electrodes - 1}"
             )
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
-        self.profile = "fast" if settings.profile == "auto" else settings.profile
+        self.profile = settings.profile
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
-        self._make_image = ImageMaker(self.profile, self._model.sheet, settings.contact_radius)
+        self._excluded = np.zeros(layout.electrodes, bool)
+        self._excluded[list(settings.excluded)] = True
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.regularization is not None:
             self._linear_for(np.empty(0, int))
-        self._model.local(self._usable(np.zeros(layout.electrodes, bool)))
+        self._model.local(np.flatnonzero(~self._excluded))
         self.report = f"profile {self.profile}"
+        if settings.profile == "auto":
+            self.profile, self.report = self._measure_profiles()
+        self._make_image = ImageMaker(self.profile, self._model, settings.contact_radius)
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
@@ -85,27 +96,15 @@ class Pipeline:
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
-        valid = np.isfinite(frame)
-        bad = dead_channels(valid)
-        bad[list(self.settings.excluded)] = True
-        valid &= ~bad
-        noise = self.settings.noise
-        if is_idle(frame, valid, self.settings.threshold * noise):
+        bad = self._excluded.copy()
+        complete = np.count_nonzero(np.isnan(frame)) == len(frame)
+        if not complete:
+            bad |= dead_channels(np.isfinite(frame))
+        if is_idle(frame, bad, self.settings.threshold * self.settings.noise):
             return self._idle(bad)
-        bad |= stuck_channels(frame, valid, noise)
-        used = self._usable(bad)
-        broken = broken_channels(frame[np.ix_(used, used)], drive_voltage, noise)
-        bad[used[broken]] = True
-        used = used[~broken]
-        if len(used) < 2:
+        local, measured = self._measure(frame, bad, drive_voltage)
+        if measured is None:
             return self._idle(bad)
-        local = self._model.local(used)
-        part = frame[np.ix_(used, used)]
-        complete = np.count_nonzero(np.isfinite(part)) == len(used) * (len(used) - 1)
-        if complete:
-            measured = local.meter.read(part, drive_voltage)
-        else:
-            measured = read_incomplete(local.meter, local, part, drive_voltage)
         if self.settings.regularization is None:
             image = self._make_image(local, measured)
             level = local.regularization(local.level(measured))
@@ -128,10 +127,41 @@ class Pipeline:
             level,
         )
 
-    def _usable(self, bad):
-        bad = bad.copy()
-        bad[list(self.settings.excluded)] = True
-        return np.flatnonzero(~bad)
+    def _measure_profiles(self):
+        """The profile to use, and a line for the log."""
+        trial = trial_frame(
+            self._model.transfer, self.layout.sheet_resistance, self.settings.noise
+        )
+        grounded, times = np.arange(self.layout.electrodes), {}
+        for profile in MEASURED:
+            settings = replace(self.settings, profile=profile)
+            other = Pipeline(self.layout, settings, model=self._model)
+            times[profile] = median_time(partial(other.process, trial, grounded, 3.3))
+        return choose(times, self.settings.deadline)
+
+    def _measure(self, frame, bad, drive_voltage):
+        """`LocalImage` and `Grounded` of the good channels; broken ones are added to `bad` (E,)."""
+        used = np.flatnonzero(~bad)
+        for attempt in range(2):
+            if len(used) < 2:
+                return None, None
+            local = self._model.local(used)
+            part = frame if len(used) == len(frame) else frame[np.ix_(used, used)]
+            if np.count_nonzero(np.isnan(part)) > len(used):
+                doubtful = attempt == 0
+                measured = None
+            else:
+                measured = local.meter.read(part, drive_voltage)
+                doubtful = attempt == 0 and is_doubtful(part, measured, self.settings.noise)
+            if doubtful:
+                broken = broken_channels(part, drive_voltage, self.settings.noise)
+                if broken.any():
+                    bad[used[broken]] = True
+                    used = used[~broken]
+                    continue
+            if measured is None:
+                measured = read_incomplete(local.meter, local, part, drive_voltage)
+            return local, measured
 
     def _idle(self, bad) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))

@@ -1,0 +1,46 @@
+"""Profile `auto`: the most accurate profile that meets the deadline on this machine, by measurement."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.transfer import Transfer
+
+MEASURED = ("accurate", "balanced", "fast")  # most accurate first
+_REPEATS = 7
+_CONTACTS = 4
+_STRENGTH = 1.0  # conductance of each contact, times the sheet resistance
+
+
+def trial_frame(transfer: Transfer, resistance: float, noise: float, drive_voltage: float = 3.3):
+    """(E, E) frame of a few contacts spread over the pixels of `transfer`, V, with `noise` (V rms)."""
+    count = len(transfer.points)
+    chosen = np.unique(np.linspace(0, count - 1, _CONTACTS + 2).astype(int)[1:-1])
+    voltages = frame(
+        transfer.at(chosen), np.full(len(chosen), resistance / _STRENGTH), drive_voltage
+    )
+    return voltages + noise * np.random.default_rng(0).standard_normal(voltages.shape)
+
+
+def median_time(work: Callable[[], object]) -> float:
+    """Median time of `work`, s, after one call that warms up."""
+    work()
+    times = []
+    for _ in range(_REPEATS):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def choose(times: dict[str, float], deadline: float) -> tuple[str, str]:
+    """The most accurate profile within `deadline` (s), else the fastest; and a line for the log."""
+    fitting = [profile for profile in MEASURED if times[profile] <= deadline]
+    chosen = fitting[0] if fitting else min(times, key=times.get)
+    figures = ", ".join(f"{profile} {1e3 * times[profile]:.2f} ms" for profile in MEASURED)
+    verdict = "" if fitting else "; none meets it"
+    return chosen, f"profile {chosen} by measurement ({figures}; deadline {1e3 * deadline:g} ms{verdict})"
