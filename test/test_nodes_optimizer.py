@@ -1,0 +1,75 @@
+"""The optimizer node: maps while it works, a layout at its end, a reason when it cannot."""
+
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_support import Probe, ros_arguments
+from sensor_msgs.msg import Image
+
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.nodes import optimizer
+from tomotactile_ros.nodes.life import PlainNode
+from tomotactile_ros.optimizer.equalize import equalize
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_it_writes_the_layout_and_ends(start, tmp_path):
+    out = tmp_path / "better.yaml"
+    parameters = {"layout": "equal-4x4", "steps": 1, "out": out, "name": "better"}
+    process = start("optimizer", parameters)
+    assert process.wait() == 0, process.output
+    layout = load_layout(out)
+    assert layout.name == "better" and layout.electrodes == 16
+    assert layout.provenance["algorithm"] == "equalize"
+    assert "step 1 of 1" in process.output
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """Lets the optimizer repeat its steps until it is stopped."""
+
+    def repeat(layout, steps):
+        first = list(equalize(layout, 1))
+        while True:
+            yield from first
+            time.sleep(0.05)
+
+    monkeypatch.setitem(optimizer.METHODS, "equalize", repeat)
+
+
+def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, domain, tmp_path):
+    out = tmp_path / "best.yaml"
+    rclpy.init(args=ros_arguments({"layout": "equal-4x4", "out": out}), domain_id=domain)
+    node = PlainNode(optimizer.Optimizer)
+    probe = Probe(domain)
+    shown = probe.wait_for(Image, "/resolution_map", qos=LATCHED)
+    node.destroy_node()
+    probe.close()
+    hwhm = np.frombuffer(shown.data, np.float32)
+    assert shown.encoding == "32FC1" and shown.header.frame_id == "tactile_link"
+    assert 0.0 < hwhm.min() < hwhm.max() < 0.2
+    assert not rclpy.ok()  # what ends the program
+    best = load_layout(out).provenance["metrics"]["after"]["hwhm"]["worst_region"]
+    assert best < load_layout(out).provenance["metrics"]["before"]["hwhm"]["worst_region"]
+
+
+@pytest.mark.parametrize(
+    "parameters, reason",
+    [
+        ({"layout": "none"}, "'none': no such file"),
+        ({"steps": 0}, "steps"),
+        ({"method": "guess"}, "method: 'guess' is none of"),
+        ({"layout": "equal-4x4", "steps": 1, "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
+    ],
+)
+def test_what_is_impossible_ends_with_status_2(start, parameters, reason):
+    process = start("optimizer", parameters)
+    assert process.wait() == 2
+    assert reason in process.output.splitlines()[-1]
+    assert "Traceback" not in process.output

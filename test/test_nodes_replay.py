@@ -1,0 +1,64 @@
+"""A recorded bag, played by the driver, gives the images of the recording, byte by byte."""
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+rosbags = pytest.importorskip("rosbags")
+
+from pathlib import Path
+
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
+
+from tomotactile_ros.msg import VoltageFrame
+
+COUNT = 5
+DEEP = 100
+
+
+def record(messages, folder) -> None:
+    """Write frames as a rosbag2."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    name = "tomotactile_ros/msg/VoltageFrame"
+    text = (Path(__file__).resolve().parent.parent / "msg/VoltageFrame.msg").read_text("utf-8")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(text, name))
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/voltage_frame", name, typestore=store)
+        for message in messages:
+            stamp = message.header.stamp
+            nanoseconds = stamp.sec * 10**9 + stamp.nanosec
+            writer.write(connection, nanoseconds, serialize_message(message))
+
+
+def pictures(images):
+    return [bytes(image.data) for image in images]
+
+
+def test_a_bag_replays_to_identical_images(probe, start, scene, tmp_path):
+    driver = start("driver", {"scene": scene, "rate": 5})
+    reconstruction = start("reconstruction")
+    frames = probe.listen(VoltageFrame, "/voltage_frame", DEEP)
+    images = probe.listen(Image, "/pressure", DEEP)
+
+    def complete():
+        """Frames in a row whose images have come, too."""
+        shown = {(i.header.stamp.sec, i.header.stamp.nanosec): i for i in images}
+        both = [f for f in frames if (f.header.stamp.sec, f.header.stamp.nanosec) in shown]
+        return [(f, shown[f.header.stamp.sec, f.header.stamp.nanosec]) for f in both]
+
+    probe.until(lambda: len(complete()) >= COUNT, f"{COUNT} frames with images")
+    recorded = complete()[:COUNT]
+    assert driver.stop() == 0
+    assert len(set(pictures(image for _, image in recorded))) == COUNT  # the noise differs
+    record([frame for frame, _ in recorded], tmp_path / "bag")
+
+    del images[:]
+    parameters = {"device": "replay", "recording": tmp_path / "bag", "rate": 5, "loop": "true"}
+    start("driver", parameters)
+    expected = set(pictures(image for _, image in recorded))
+    probe.until(lambda: expected <= set(pictures(images)), "replayed images")
+    assert set(pictures(images)) == expected
+    assert reconstruction.running()
