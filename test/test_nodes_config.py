@@ -1,0 +1,50 @@
+"""config/*.yaml names every parameter of its node, with the default and a comment."""
+
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import yaml
+
+from tomotactile_ros.nodes import driver, optimizer, reconstruction
+
+CONFIG = Path(__file__).resolve().parent.parent / "config"
+DOCUMENT = CONFIG.parent / "docs" / "parameters.md"
+SPECS = {
+    "driver": driver.SPECS,
+    "reconstruction": reconstruction.SPECS,
+    "optimizer": optimizer.SPECS,
+}
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_every_parameter_is_there_with_its_default(name):
+    content = yaml.safe_load((CONFIG / f"{name}.yaml").read_text("utf-8"))
+    given = content[f"/**/{name}"]["ros__parameters"]
+    defaults = {spec.name: spec.default for spec in SPECS[name]}
+    assert {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()} == defaults
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_every_parameter_has_a_comment(name):
+    lines = (CONFIG / f"{name}.yaml").read_text("utf-8").splitlines()
+    for spec in SPECS[name]:
+        (line,) = (line for line in lines if line.strip().startswith(f"{spec.name}:"))
+        assert "# " in line
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_every_parameter_is_documented(name):
+    text = DOCUMENT.read_text("utf-8")
+    section = text.split(f"## `{name}`")[1].split("\n## ")[0]
+    for spec in SPECS[name]:
+        (row,) = (line for line in section.splitlines() if line.startswith(f"| `{spec.name}` |"))
+        assert row.split("|")[3].strip() == _range(spec)
+
+
+def _range(spec) -> str:
+    if spec.choices:
+        return ", ".join(f"`{choice}`" for choice in spec.choices)
+    return "" if spec.low is None else f"{spec.low:g} to {spec.high:g}"

@@ -1,0 +1,111 @@
+"""Pictures: colours mean pressures, contacts and electrodes are where they belong."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.figure import save_pressure
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.report import contact_lines, pair
+from tomotactile_ros.terminal import picture
+from tomotactile_ros.view import OUTSIDE, Overlay, colour, full_scale, palette
+
+LAYOUT = load_layout("equal-4x4")
+GRID = Grid.for_outline(LAYOUT.outline, 40)
+UPPER_RIGHT = SimpleNamespace(x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01)
+
+
+def pressed(contact) -> np.ndarray:
+    near = np.linalg.norm(GRID.pixels - (contact.x, contact.y), axis=1) < contact.radius
+    return GRID.fill(np.where(near, 1e4, 0.0))
+
+
+def test_the_palette_grows_evenly_lighter():
+    lightness = palette() @ (0.2126, 0.7152, 0.0722)
+    assert (np.diff(lightness) > -1).all() and lightness[-1] > 4 * lightness[0]
+
+
+def test_colours_run_from_nothing_to_full_scale():
+    rgb = colour(np.array([[0.0, 500.0, 1000.0, 5000.0, -3.0, np.nan]]), 1000.0)[0].tolist()
+    first, middle, last = (palette()[i].tolist() for i in (0, 128, 255))
+    assert rgb == [first, middle, last, last, first, list(OUTSIDE)]
+
+
+def test_the_automatic_range_follows_the_peak_but_not_the_noise():
+    assert full_scale(np.array([np.nan, 5e3]), 0.0, 1e3) == 5e3
+    assert full_scale(np.array([1.0, 2.0]), 0.0, 1e3) == 1e3
+    assert full_scale(np.array([1.0, 5e3]), 2e3, 1e3) == 2e3
+
+
+def test_a_contact_is_drawn_in_the_upper_right_and_electrodes_at_their_places():
+    overlay = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius)
+    drawn = overlay.draw(np.zeros((40, 40, 3), np.uint8), [UPPER_RIGHT])
+    assert drawn.shape == (160, 160, 3)
+    red = (drawn == (255, 64, 64)).all(axis=2)
+    rows, columns = np.nonzero(red)
+    assert (rows.mean(), columns.mean()) == pytest.approx(
+        (0.15 * 160 - 0.5, 0.75 * 160 - 0.5), abs=1
+    )
+    assert np.hypot(rows - rows.mean(), columns - columns.mean()).max() <= 10 / 1.25 + 2
+    white = (drawn == 255).all(axis=2)
+    assert white[0, 0] and white[-1, -1] and not white[40, 30]
+    assert not (overlay.draw(np.zeros((40, 40, 3), np.uint8), [], electrodes=False)).any()
+
+
+def test_a_contact_on_the_rim_is_drawn_as_far_as_it_is_inside():
+    rim = SimpleNamespace(**{**vars(UPPER_RIGHT), "x": 0.1, "y": -0.1})
+    overlay = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius)
+    drawn = overlay.draw(np.zeros((40, 40, 3), np.uint8), [rim], electrodes=False)
+    rows, columns = np.nonzero(drawn.any(axis=2))
+    assert rows.min() > 140 and columns.min() > 140
+
+
+def test_the_terminal_shows_a_contact_in_the_upper_right():
+    lines = picture(pressed(UPPER_RIGHT), LAYOUT.outline.bounds, 1e4, 100, 40)
+    assert len(lines) == 21
+    brightest = "{};{};{}".format(*palette()[255])
+    cells = [re.findall(r"38;2;([\d;]+?);48;2", line)[:40] for line in lines[:-1]]
+    found = np.argwhere(np.array(cells) == brightest)
+    assert found[:, 0].max() < 10 and found[:, 1].min() >= 20
+    assert lines[0].lstrip().startswith("+100") and lines[0].endswith("10 kPa")
+    assert re.sub(r"\s+", " ", lines[-1]).strip() == "-100 0 +100 mm"
+
+
+@pytest.mark.parametrize("columns, lines", [(30, 10), (80, 24), (10, 3), (300, 100)])
+@pytest.mark.parametrize("shape", [(40, 40), (41, 7), (1, 1), (200, 150)])
+def test_the_picture_fits_the_terminal(shape, columns, lines):
+    image = np.full(shape, 10.0)
+    image[0, 0] = 2000.0
+    text = picture(image, (-0.1, -0.1, 0.1, 0.1), 2000.0, columns, lines)
+    assert len(text) <= max(lines, 6)
+    for line in text[:-1]:
+        assert len(re.sub(r"\x1b\[[\d;]*m", "", line)) <= max(columns, 8 + 19)
+
+
+def test_the_figure_is_written_with_holes_contacts_and_truth(tmp_path):
+    from PIL import Image
+
+    image = pressed(UPPER_RIGHT)
+    image[0, 0] = np.nan
+    truth = [{"x": 0.05, "y": 0.07, "force": None, "pressure": None}]
+    save_pressure(tmp_path / "new/p.png", image, LAYOUT, [UPPER_RIGHT], truth, "title")
+    with Image.open(tmp_path / "new/p.png") as figure:
+        pixels = np.asarray(figure.convert("RGB")).astype(int)
+    yellow = np.argwhere((abs(pixels - palette()[255]) < 12).all(axis=2))
+    plot = yellow[yellow[:, 1] < 0.75 * pixels.shape[1]]  # not the colour bar
+    assert len(plot) > 100
+    assert plot[:, 0].max() < 0.45 * pixels.shape[0] and plot[:, 1].min() > 0.4 * pixels.shape[1]
+
+
+def test_contacts_are_paired_with_the_nearest_truth():
+    here, there = (SimpleNamespace(**{**vars(UPPER_RIGHT), "x": x}) for x in (0.0, 0.08))
+    truth = [{"x": x, "y": 0.07, "force": 1.0, "pressure": 1e4} for x in (0.09, 0.01)]
+    assert pair([here, there], truth) == [1, 0]
+    assert pair([here, there], truth[:1]) == [None, 0]
+    lines = contact_lines([here, there], truth[:1])
+    assert "nothing is there" in lines[0] and "off by 10.0 mm" in lines[1]
+    assert contact_lines([here], truth)[-1].startswith("not found: true ( +90.0,  +70.0) mm")
+    assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
