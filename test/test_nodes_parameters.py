@@ -13,7 +13,9 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
 
+from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.reconstruction.calibration import Fit, save_calibration
 
 BAD_STARTS = [
     ("driver", {"layout": "nowhere"}, "'nowhere': no such file"),
@@ -28,6 +30,7 @@ BAD_STARTS = [
     ("driver", {"device": "replay", "recording": "/none.npz"}, "/none.npz"),
     ("reconstruction", {"profile": "best"}, "profile: 'best' is none of fast"),
     ("reconstruction", {"resolution": "4.5"}, "resolution"),
+    ("reconstruction", {"calibration": "/none.yaml"}, "/none.yaml"),
     ("reconstruction", {"excluded": "[64]"}, "electrode 64 does not exist"),
     ("reconstruction", {"excluded": "[0.5]"}, "not a list of whole numbers"),
     ("reconstruction", {"contact_exponent": "0"}, "contact_exponent"),
@@ -110,7 +113,7 @@ def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
     ends_cleanly(driver)
 
 
-def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene):
+def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene, tmp_path):
     start("driver", {"scene": scene})
     reconstruction = start("reconstruction", {"resolution": 20, "view_size": 100})
     image = probe.wait_for(Image, "/pressure")
@@ -133,6 +136,11 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene)
     ros_checks.check_diagnostics(
         probe, "reconstruction: reconstruction", b"\x01", "electrodes left out: 3, 7"
     )
+    law = tmp_path / "law.yaml"
+    save_calibration(law, Fit(ContactLaw(2e-4, 1.0), 0.0, 1))
+    before = probe.wait_for(ContactArray, "/contacts").contacts[0].force
+    assert probe.set_parameter("/reconstruction", "calibration", str(law)).successful
+    probe.wait_for(ContactArray, "/contacts", lambda m: m.contacts[0].force < 0.6 * before)
     assert probe.set_parameter("/reconstruction", "profile", "balanced").successful
     probe.wait_for(ContactArray, "/contacts", lambda m: len(m.contacts) > 0)
     ends_cleanly(reconstruction)

@@ -24,6 +24,7 @@ from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.sheet import MODELS
 
@@ -41,6 +42,7 @@ SPECS = (
         high=1e30,
     ),
     Spec("noise", 0.001, "Noise of a reading, V rms", low=1e-7, high=1.0),
+    Spec("calibration", "", "File of `tomotactile calibrate`; overrides the contact law below"),
     Spec("contact_coefficient", 1e-4, "c of the contact law g = c p^m", low=1e-12, high=1e6),
     Spec("contact_exponent", 1.0, "m of the contact law g = c p^m", low=0.1, high=10.0),
     Spec("contact_radius", 0.005, "Typical radius of a contact, m", low=1e-5, high=1.0),
@@ -234,9 +236,15 @@ def _policy_name(kind) -> str:
 def _settings(values: dict[str, Any]) -> Settings:
     return Settings(
         regularization=values["regularization"] or None,
-        contact_law=ContactLaw(values["contact_coefficient"], values["contact_exponent"]),
+        contact_law=_contact_law(values),
         **{key: values[key] for key in _PLAIN_SETTINGS},
     )
+
+
+def _contact_law(values: dict[str, Any]) -> ContactLaw:
+    if values["calibration"]:
+        return load_calibration(values["calibration"])
+    return ContactLaw(values["contact_coefficient"], values["contact_exponent"])
 
 
 def main(args: list[str] | None = None) -> int:
