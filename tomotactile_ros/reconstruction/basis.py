@@ -12,7 +12,7 @@ import numpy as np
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.transfer import Transfer
 
-_SMALLEST = 1e-8  # s^2 of the last direction, in parts of the largest
+_SMALLEST = 1e-10  # s^2 of the last direction, in parts of the largest
 _MOST_PIXELS = 1600  # that find the directions; on finer images a subset does
 
 

@@ -25,7 +25,7 @@ _HALVINGS = 4
 _SUPPORT = 0.03  # of the start's maximum
 _MOST = 450  # pixels that take part
 _COMPACT = 0.2  # see `nonnegative`
-_TYPICAL = 3.0  # conductance of a pixel, per its width in spacings, times the sheet resistance
+_TYPICAL = 3.5  # conductance of a pixel, per its width in spacings, times the sheet resistance
 _ENOUGH = 1e-3  # relative gain of the misfit below which it ends
 
 

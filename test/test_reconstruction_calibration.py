@@ -1,0 +1,129 @@
+"""The contact law from presses of known force, its file, and the commands around it."""
+
+import json
+from argparse import ArgumentParser
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.commands import calibrate, reconstruct
+from tomotactile_ros.commands.simulate import write_frames
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.reconstruction.calibration import (
+    Fit,
+    fit_contact_law,
+    load_calibration,
+    save_calibration,
+)
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+TRUE = ContactLaw(3e-4, 0.8)
+
+
+def run(command, *words):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    return command.run(parser.parse_args([str(word) for word in words]))
+
+
+def test_fit_recovers_coefficient_and_exponent():
+    forces, areas = np.array([0.5, 1.0, 3.0, 8.0]), np.array([8e-5, 8e-5, 1e-4, 2e-4])
+    conductances = areas * TRUE.conductance(forces / areas)
+    fit = fit_contact_law(forces, conductances, areas)
+    assert fit.law.coefficient == pytest.approx(TRUE.coefficient)
+    assert fit.law.exponent == pytest.approx(TRUE.exponent)
+    assert fit.error < 1e-9
+    known = fit_contact_law([1.0], conductances[1:2], areas[1:2], exponent=0.8)
+    assert known.law.coefficient == pytest.approx(TRUE.coefficient)
+
+
+@pytest.mark.parametrize("forces, conductances, message", [
+    ([1.0, 1.1], [1e-4, 1e-4], "--exponent"),
+    ([], [], "above 0 N"),
+    ([0.0, 1.0], [1e-4, 1e-4], "above 0 N"),
+    ([1.0, 2.0], [1e-4, 0.0], "no conductance"),
+    ([1.0, 2.0], [2e-4, 1e-4], "does not grow"),
+])
+def test_presses_that_say_nothing_are_refused(forces, conductances, message):
+    with pytest.raises(InputError, match=message):
+        fit_contact_law(forces, conductances, np.full(len(forces), 1e-4))
+
+
+def test_calibration_file_is_read_back(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    save_calibration(path, Fit(TRUE, 0.01, 3))
+    assert load_calibration(path) == TRUE
+
+
+@pytest.mark.parametrize("text, message", [
+    ("a: 1", "is missing"),
+    ("/**/reconstruction: {ros__parameters: {contact_coefficient: 1.0}}", "contact_exponent: is missing"),
+    ("/**/reconstruction: {ros__parameters: {contact_coefficient: x, contact_exponent: 1}}", "finite"),
+    ("/**/reconstruction: 3", "is missing"),
+])
+def test_other_files_are_refused(tmp_path, text, message):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_calibration(path)
+
+
+@pytest.fixture(scope="module")
+def presses(tmp_path_factory):
+    """Files of simulated presses with 1 and 4 N under the law TRUE."""
+    folder, layout = tmp_path_factory.mktemp("presses"), load_layout("equal-4x4")
+    paths = []
+    for force in (1.0, 4.0):
+        pressure = force / (np.pi * 0.005**2)
+        contact = Contact("disc", center=(0.02, -0.035), radius=0.005, pressure=pressure)
+        scene = Scene("press", 3.3, [contact], TRUE)
+        simulator = Simulator(layout, scene, "closed_form")
+        paths.append(folder / f"press-{force:g}.npz")
+        voltages = simulator.frame(0.0)[None]
+        write_frames(paths[-1], layout, scene, voltages, simulator.grounded, np.zeros(1))
+    return paths
+
+
+def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, capsys):
+    out = tmp_path / "calibration.yaml"
+    run(calibrate, presses[0], f"{presses[1]}=4", "--layout", "equal-4x4", "--out", out)
+    law = load_calibration(out)
+    assert law.exponent == pytest.approx(TRUE.exponent, abs=0.1)
+    result = tmp_path / "result.npz"
+    run(
+        reconstruct, presses[1], "--layout", "equal-4x4", "--profile", "accurate",
+        "--calibration", out, "--out", result,
+    )
+    assert "1 frames" in capsys.readouterr().out
+    with np.load(result) as content:
+        ((contact,),) = json.loads(str(content["contacts"]))
+        assert content["pressure"].shape == content["potential"].shape == (1, 40, 40)
+        assert content["latency"].shape == (1,)
+    assert contact["force"] == pytest.approx(4.0, rel=0.05)
+    assert set(contact) == {"x", "y", "force", "pressure", "area", "radius"}
+
+
+def test_frames_of_another_layout_are_refused(tmp_path, presses):
+    with pytest.raises(InputError, match="the frames are of 'equal-4x4'"):
+        run(reconstruct, presses[0], "--layout", "equal-8x8", "--out", tmp_path / "result.npz")
+
+
+@pytest.mark.parametrize("text", ["press.npz=none", "press.npz=-1"])
+def test_forces_must_be_positive_numbers(tmp_path, text):
+    with pytest.raises(InputError, match="force in N"):
+        run(calibrate, text, "--layout", "equal-4x4", "--out", tmp_path / "c.yaml")
+
+
+def test_files_that_hold_no_frames_are_refused(tmp_path):
+    path = tmp_path / "other.npz"
+    path.write_text("text")
+    with pytest.raises(InputError, match="not a file of frames"):
+        run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
+    np.savez(path, voltages=np.zeros((2, 3)), grounded=np.zeros(2, int))
+    with pytest.raises(InputError, match="voltages"):
+        run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
+    with pytest.raises(InputError, match="cannot be read"):
+        run(reconstruct, tmp_path / "none.npz", "--layout", "equal-4x4", "--out", tmp_path / "r.npz")

@@ -1,0 +1,87 @@
+"""Contacts are told apart by the topology of the image."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.contact import ContactLaw
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.reconstruction.contacts import find_blobs
+from tomotactile_ros.reconstruction.estimate import (
+    Strength,
+    contacts_and_pressure,
+    effective_conductances,
+)
+
+GRID = Grid.for_outline(Outline.rectangle(0.2, 0.2), 40)
+X, Y = GRID.centres.T
+
+
+def bump(x, y, width=0.01, height=1.0):
+    return height * np.exp(-((X - x) ** 2 + (Y - y) ** 2) / (2 * width**2)).reshape(GRID.shape)
+
+
+def test_two_bumps_are_two_blobs_highest_first():
+    blobs = find_blobs(bump(-0.05, 0.03, height=0.6) + bump(0.04, -0.02), GRID)
+    assert len(blobs) == 2
+    assert np.allclose([b.position for b in blobs], [[0.04, -0.02], [-0.05, 0.03]], atol=5e-4)
+    assert blobs[0].peak > blobs[1].peak
+
+
+@pytest.mark.parametrize("x", [0.0, 0.0011, 0.0025, 0.0037])
+def test_positions_are_finer_than_pixels(x):
+    (blob,) = find_blobs(bump(x, 0.01 - x), GRID)
+    assert np.linalg.norm(blob.position - [x, 0.01 - x]) < 3e-4
+
+
+def test_shoulder_without_prominence_belongs_to_its_neighbour():
+    image = bump(0, 0) + bump(0.018, 0, height=0.25)
+    assert len(find_blobs(image, GRID)) == 1
+    assert len(find_blobs(bump(0, 0) + bump(0.045, 0, height=0.25), GRID)) == 2
+
+
+def test_plateau_and_ring_are_one_blob_each():
+    flat = np.zeros(GRID.shape)
+    flat[10:20, 12:30] = 1.0
+    (blob,) = find_blobs(flat, GRID)
+    assert blob.area == pytest.approx(180 * GRID.cell_area)
+    radius = np.hypot(X, Y).reshape(GRID.shape)
+    (ring,) = find_blobs(np.exp(-(((radius - 0.06) / 0.01) ** 2)), GRID)
+    assert np.linalg.norm(ring.position) < 1e-3
+
+
+def test_every_pixel_above_the_floor_belongs_to_one_blob():
+    random = np.random.default_rng(4)
+    image = random.random(GRID.shape)
+    blobs = find_blobs(image, GRID, floor=0.5)
+    pixels = np.concatenate([blob.pixels for blob in blobs])
+    assert len(np.unique(pixels)) == len(pixels)
+    assert set(pixels) == set(np.flatnonzero(image.ravel() > 0.5 * image.max()))
+
+
+def test_nothing_above_zero_is_no_blob():
+    assert find_blobs(np.zeros(GRID.shape), GRID) == []
+    assert find_blobs(-np.ones(GRID.shape), GRID) == []
+
+
+def test_blobs_at_the_rim_of_the_image_do_not_wrap_around():
+    image = np.zeros(GRID.shape)
+    image[10, 39] = image[11, 0] = 1.0
+    assert len(find_blobs(image, GRID)) == 2
+
+
+def test_force_is_the_integral_of_pressure():
+    image = bump(0, 0.05) + bump(0.03, -0.04)
+    blobs = find_blobs(image, GRID)
+    found = [Strength(b.position, g, 8e-5) for b, g in zip(blobs, (2e-4, 1e-4))]
+    law = ContactLaw(2e-4, 0.8)
+    contacts, pressure = contacts_and_pressure(blobs, image.ravel(), found, law, GRID)
+    assert contacts[0].force == pytest.approx(8e-5 * law.pressure(2e-4 / 8e-5))
+    assert sum(c.force for c in contacts) == pytest.approx(pressure.sum() * GRID.cell_area)
+    assert contacts[0].force > contacts[1].force
+
+
+def test_currents_are_shared_out_without_loss():
+    shares = np.array([[0.5, 0.0], [0.5, 0.3], [0.0, 0.7]])
+    assert effective_conductances(shares, shares @ [2.0, 3.0]) == pytest.approx([2.0, 3.0])
+    assert effective_conductances(shares, np.array([1.0, 1.0, -0.5])).min() >= 0

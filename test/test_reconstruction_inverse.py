@@ -1,0 +1,102 @@
+"""Non-negative image, nonlinear inverse and refined discs, each on its own model."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
+from tomotactile_ros.reconstruction.conductance import ConductanceProblem, solve_conductance
+from tomotactile_ros.reconstruction.estimate import EVEN_DISC
+from tomotactile_ros.reconstruction.grounded import GroundedSheet
+from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
+from tomotactile_ros.reconstruction.parametric import refine_discs
+from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.sheet.frames import frame
+
+DRIVE, RESISTANCE, NOISE = 3.3, 1e4, 1e-4
+
+
+@pytest.fixture(scope="module")
+def setting():
+    layout = equal_grid(6, 6, (0.15, 0.15), 0.0025, RESISTANCE)
+    grid = Grid.for_outline(layout.outline, 30)
+    sheet = make_sheet(layout)
+    transfer = sheet.transfer(grid.pixels, 0.447 * 0.005)
+    meter = AdmittanceMeter(GroundedSheet(transfer), NOISE)
+    return sheet, transfer, meter, LocalImage(meter, grid, layout.positions, RESISTANCE)
+
+
+def measured(setting, places, conductance):
+    _, transfer, meter, _ = setting
+    return meter.read(frame(transfer.at(places), 1 / np.asarray(conductance), DRIVE), DRIVE)
+
+
+def problem(setting, reading, active, compact=0.0):
+    _, _, meter, local = setting
+    share, impedance = meter.sheet.share[:, active], meter.sheet.among(active)
+    return ConductanceProblem(local, reading, share, impedance, compact)
+
+
+def test_non_negative_image_is_non_negative_sparse_and_keeps_the_total(setting):
+    _, _, _, local = setting
+    reading = measured(setting, [330, 520], [1e-4, 2e-4])
+    image = nonnegative_image(local, reading, local.image(reading).astype(float))
+    assert image.min() >= 0
+    assert np.count_nonzero(image) < 40
+    assert image.sum() == pytest.approx(reading.total, rel=0.01)
+    wide = spread(image, local.grid, 0.006)
+    assert wide.min() >= 0
+    assert wide.sum() == pytest.approx(image.sum())
+
+
+def test_slopes_are_those_of_the_prediction(setting):
+    reading = measured(setting, [330], [1e-4])
+    active = np.array([300, 330, 331, 365, 640])
+    task = problem(setting, reading, active)
+    start = np.array([1e-5, 2e-4, 3e-5, 0.0, 5e-5])
+    predicted, slopes = task.predict(start)
+    for k in range(len(active)):
+        step = np.zeros(len(active))
+        step[k] = 1e-9
+        change = (task.predict(start + step)[0] - predicted) / 1e-9
+        assert np.allclose(change, slopes[:, k], rtol=1e-3, atol=1e-4 * np.abs(slopes[:, k]).max())
+
+
+def test_nonlinear_inverse_finds_its_own_contacts(setting):
+    places, true = np.array([330, 331, 362, 361]), np.array([1e-4, 2e-5, 8e-5, 4e-5])
+    reading = measured(setting, places, true)
+    around = np.add.outer(np.arange(-2, 4) * 30, np.arange(-2, 4)).ravel() + 330
+    values, costs = solve_conductance(problem(setting, reading, around), np.full(36, 1e-5), 1e3)
+    assert (np.diff(costs) < 0).all()
+    assert costs[-1] < 1e-3 * costs[0]
+    assert values.min() >= 0
+    assert values.sum() == pytest.approx(true.sum(), rel=0.05)
+    centre = values @ setting[1].points[around] / values.sum()
+    assert np.linalg.norm(centre - true @ setting[1].points[places] / true.sum()) < 3e-4
+
+
+def test_contacts_close_together_do_not_bias_each_other(setting):
+    true = np.array([3e-4, 3e-4])
+    reading = measured(setting, [330, 332], true)
+    active = np.array([330, 332])
+    values, _ = solve_conductance(problem(setting, reading, active), np.full(2, 1e-4), 1e3)
+    linear = setting[2].sheet.share[:, active]
+    effective = np.linalg.lstsq(linear, reading.currents, rcond=None)[0]
+    assert values == pytest.approx(true, rel=0.01)
+    assert effective.sum() < 0.7 * true.sum()
+
+
+def test_discs_are_refined_between_pixels(setting):
+    sheet, _, meter, local = setting
+    positions = np.array([[0.0212, -0.0337], [-0.0471, 0.0118]])
+    true = np.array([1.5e-4, 3e-4])
+    contact = sheet.transfer(positions, EVEN_DISC * 0.005)
+    reading = meter.read(frame(contact, 1 / true, DRIVE), DRIVE)
+    start = positions + [[0.002, -0.0015], [-0.001, 0.002]]
+    found, conductance = refine_discs(
+        local, reading, sheet, start, 0.7 * true, 0.005, np.empty(0, int), np.empty(0)
+    )
+    assert np.abs(found - positions).max() < 1e-4
+    assert conductance == pytest.approx(true, rel=0.01)

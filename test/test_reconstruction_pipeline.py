@@ -1,0 +1,256 @@
+"""Frames of finite elements in, contacts by the closed form out; broken channels and bad input on the way."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.profiles import choose
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
+TRUE = [(0.034, 0.051, 20e3), (-0.045, -0.022, 30e3)]
+PROFILES = ("fast", "balanced", "accurate")
+
+
+@pytest.fixture(scope="module")
+def layout():
+    return load_layout("equal-8x8")
+
+
+@pytest.fixture(scope="module")
+def frame(layout):
+    contacts = [Contact("disc", center=(x, y), radius=0.005, pressure=p) for x, y, p in TRUE]
+    scene = Scene("two", DRIVE, contacts, LAW, Noise(1e-3), Adc(12, DRIVE))
+    return Simulator(layout, scene, h=0.0035).frame(0.0)
+
+
+@pytest.fixture(scope="module")
+def pipelines(layout):
+    first = Pipeline(layout, Settings("fast"))
+    return {p: first.with_settings(Settings(p)) for p in PROFILES}
+
+
+def found(result):
+    """Contacts in the order of TRUE: distance in m and relative error of force."""
+    out = []
+    for x, y, pressure in TRUE:
+        c = min(result.contacts, key=lambda c: np.hypot(c.x - x, c.y - y))
+        force = pressure * np.pi * 0.005**2
+        out.append((np.hypot(c.x - x, c.y - y), abs(c.force / force - 1)))
+    return np.array(out)
+
+
+GROUNDED = np.arange(64)
+
+
+@pytest.mark.parametrize("profile, distance, force", [
+    ("fast", 0.0055, 0.4), ("balanced", 0.002, 0.25), ("accurate", 0.001, 0.12),
+])
+def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profile, distance, force):
+    result = pipelines[profile].process(frame, GROUNDED, DRIVE)
+    assert len(result.contacts) == 2
+    assert not result.idle
+    assert result.excluded == ()
+    errors = found(result)
+    assert errors[:, 0].max() < distance
+    assert errors[:, 1].max() < force
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_contact_at_plus_x_plus_y_shows_upper_right(layout, pipelines, frame, profile):
+    result = pipelines[profile].process(frame, GROUNDED, DRIVE)
+    image = result.pressure
+    upper_right = np.unravel_index(np.argmax(image[:20, 20:]), (20, 20))
+    assert image[:20, 20:].max() > 5 * image[:20, :20].max()
+    expected = (0.1 - 0.051) / 0.005 - 0.5, (0.034 + 0.1) / 0.005 - 0.5 - 20
+    assert np.hypot(upper_right[0] - expected[0], upper_right[1] - expected[1]) < 1.5
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, frame, profile):
+    readings = frame.copy()
+    readings[:, 20] = np.nan
+    readings[:, 43] = 1.25
+    readings[:, 9] = np.random.default_rng(0).uniform(0, DRIVE, 64)
+    readings[:, 54] *= 0.8
+    result = pipelines[profile].process(readings, GROUNDED, DRIVE)
+    assert result.excluded == (9, 20, 43, 54)
+    assert found(result)[:, 0].max() < 0.0055
+
+
+def test_electrodes_excluded_by_settings_are_not_read(pipelines, frame):
+    readings = frame.copy()
+    readings[:, 5] = 77.0
+    pipeline = pipelines["fast"].with_settings(Settings("fast", excluded=(5,)))
+    result = pipeline.process(readings, GROUNDED, DRIVE)
+    assert result.excluded == (5,)
+    assert found(result)[:, 0].max() < 0.0055
+
+
+@pytest.mark.parametrize("rows", [
+    GROUNDED[::-1], GROUNDED[::2], GROUNDED[1::3], np.array([0, 7, 56, 63, 27, 36, 18, 45]),
+], ids=["reversed", "half", "third", "eight"])
+def test_any_subset_of_conditions_in_any_order(pipelines, frame, rows):
+    result = pipelines["balanced"].process(frame[rows], rows, DRIVE)
+    assert result.excluded == ()
+    assert len(result.contacts) == 2
+    assert found(result)[:, 0].max() < 0.002
+
+
+def test_lost_readings_change_little(pipelines, frame):
+    readings = frame.copy()
+    readings[np.random.default_rng(1).random(frame.shape) < 0.1] = np.nan
+    result = pipelines["balanced"].process(readings, GROUNDED, DRIVE)
+    assert result.excluded == ()
+    assert found(result)[:, 0].max() < 0.001
+
+
+def test_tare_takes_an_offset_off(pipelines, frame):
+    random = np.random.default_rng(5)
+    offset = 0.02 * random.standard_normal((64, 64))
+    pipeline = pipelines["balanced"].with_settings(Settings("balanced"))
+    noise = 1e-3 * random.standard_normal((20, 64, 64))
+    pipeline.tare([(offset + n, GROUNDED) for n in noise[:16]])
+    assert pipeline.process(offset + noise[17], GROUNDED, DRIVE).idle
+    result = pipeline.process(frame + offset, GROUNDED, DRIVE)
+    assert result.excluded == ()
+    assert found(result)[:, 0].max() < 0.001
+    kept = pipeline.with_settings(Settings("fast"))
+    assert kept.process(offset + noise[18], GROUNDED, DRIVE).idle
+    kept.untare()
+    assert not kept.process(offset + 0.05, GROUNDED, DRIVE).idle
+    with pytest.raises(InputError, match="at least one frame"):
+        pipeline.tare([])
+
+
+def test_idle_frames_give_a_zero_image_and_no_contact(pipelines):
+    random = np.random.default_rng(0)
+    step = DRIVE / 4096
+    for _ in range(200):
+        noise = np.clip(np.round(1e-3 * random.standard_normal((64, 64)) / step), 0, None) * step
+        result = pipelines["accurate"].process(noise, GROUNDED, DRIVE)
+        assert result.idle
+        assert result.contacts == []
+        assert not result.pressure.any()
+
+
+def test_eq_1_can_be_asked_for(layout, frame, pipelines):
+    pipeline = pipelines["fast"].with_settings(Settings("fast", regularization=1000.0))
+    result = pipeline.process(frame, GROUNDED, DRIVE)
+    assert result.regularization == 1000.0
+    x, y, _ = TRUE[1]
+    assert min(np.hypot(c.x - x, c.y - y) for c in result.contacts) < 0.02
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda v, g: (v[:, :60], g), r"voltages: .*\(rows, 64\)"),
+    (lambda v, g: (v[0], g), "voltages"),
+    (lambda v, g: (v, g[:10]), "grounded: .* each of the 64 rows"),
+    (lambda v, g: (v, g + 5), "grounded: .* 0 to 63"),
+    (lambda v, g: (v, g.astype(float)), "grounded"),
+    (lambda v, g: (v.astype(str), g), "voltages"),
+    (lambda v, g: (v, np.where(g == 3, 4, g)), "electrode 4 is named twice"),
+])
+def test_frames_that_do_not_fit_are_refused(pipelines, frame, change, message):
+    with pytest.raises(InputError, match=message) as error:
+        pipelines["fast"].process(*change(frame, GROUNDED), DRIVE)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("drive", [0.0, -1.0, np.nan, np.inf, "3"])
+def test_drive_voltage_must_be_positive(pipelines, frame, drive):
+    with pytest.raises(InputError, match="drive_voltage"):
+        pipelines["fast"].process(frame, GROUNDED, drive)
+
+
+@pytest.mark.parametrize("bad, key", [
+    ({"profile": "quick"}, "profile"), ({"resolution": 1}, "resolution"), ({"noise": 0}, "noise"),
+    ({"regularization": -1}, "regularization"), ({"regularization": 1e31}, "regularization"),
+    ({"deadline": 0}, "deadline"), ({"model": "bem"}, "model"), ({"excluded": (-1,)}, "excluded"),
+    ({"threshold": 0}, "threshold"), ({"contact_radius": 0}, "contact_radius"),
+])
+def test_settings_are_checked(bad, key):
+    with pytest.raises(InputError, match=key):
+        Settings(**bad)
+
+
+def test_excluded_electrode_must_exist(layout):
+    with pytest.raises(InputError, match="electrode 64 does not exist"):
+        Pipeline(layout, Settings(excluded=(64,)))
+
+
+def test_auto_takes_the_most_accurate_profile_within_the_deadline(layout):
+    times = {"fast": 1e-3, "balanced": 5e-3, "accurate": 50e-3}
+    assert choose(times, 0.1)[0] == "accurate"
+    assert choose(times, 0.01)[0] == "balanced"
+    assert choose(times, 0.002)[0] == "fast"
+    chosen, report = choose(times, 1e-4)
+    assert chosen == "fast"
+    assert "none meets it" in report
+    pipeline = Pipeline(layout, Settings("auto", deadline=60.0))
+    assert pipeline.profile == "accurate"
+    assert "accurate" in pipeline.report
+
+
+SMALL = equal_grid(4, 4, (0.1, 0.1), 0.002, 1e4)
+SMALL_PIPELINES = [
+    Pipeline(SMALL, Settings(profile, resolution=12, regularization=regularization))
+    for profile, regularization in
+    [("fast", None), ("balanced", None), ("accurate", None), ("fast", 0.0), ("fast", 1e30)]
+]
+
+
+def all_finite(result):
+    numbers = [[c.x, c.y, c.force, c.pressure, c.area, c.radius] for c in result.contacts]
+    return all(np.isfinite(part).all() for part in (result.potential, result.pressure, numbers))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    hnp.arrays(
+        np.float32,
+        st.tuples(st.integers(0, 16), st.just(16)),
+        elements=st.one_of(
+            st.floats(width=32), st.sampled_from([0.0, 3.3, -3.3, 1e-3, float("nan"), 1.65])
+        ),
+    ),
+    st.randoms(use_true_random=False),
+    st.sampled_from([1e-6, 3.3, 1000.0]),
+)
+def test_whatever_comes_in_nothing_infinite_goes_out(voltages, random, drive):
+    grounded = np.array(random.sample(range(16), len(voltages)), int)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for pipeline in SMALL_PIPELINES:
+            assert all_finite(pipeline.process(voltages, grounded, drive))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(0, 1e6), st.floats(5e-4, 0.03)
+        ),
+        max_size=4,
+    )
+)
+def test_whatever_presses_nothing_infinite_goes_out(contacts):
+    scene = Scene(
+        "any", DRIVE,
+        [Contact("disc", center=(x, y), radius=r, pressure=p) for x, y, p, r in contacts], LAW,
+    )
+    readings = Simulator(SMALL, scene, "closed_form").frame(0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for pipeline in SMALL_PIPELINES:
+            assert all_finite(pipeline.process(readings, np.arange(16), DRIVE))
