@@ -15,6 +15,8 @@ _MARKERS = {20: "v", 40: "o", 80: "^"}
 
 def save_front(path: str | Path, result: dict) -> None:
     """Position error of the reported contact against the time of one frame; the front as a line."""
+    from matplotlib.ticker import LogFormatter
+
     figure = _figure(7.5, 5.2)
     axes = figure.add_subplot()
     rows = [row for row in result["trade"] if row["layout"] == trade.DEFAULT_LAYOUT]
@@ -32,7 +34,7 @@ def save_front(path: str | Path, result: dict) -> None:
     for row in others + [row for row in rows if row["conditions"] is not None]:
         axes.annotate(_name(row), _place(row), (5, 4), textcoords="offset points", fontsize=7)
     line = [_place(row) for row in trade.front(rows)]
-    axes.plot(*np.transpose(line), color="0.3", linewidth=1, zorder=0)
+    axes.step(*np.transpose(line), where="post", color="0.3", linewidth=1, zorder=0)
     for label, style in _legend():
         axes.plot([], [], label=label, **style)
     axes.set(
@@ -40,6 +42,9 @@ def save_front(path: str | Path, result: dict) -> None:
         ylabel="error of a contact's place, mean / mm",
         title=f"Speed and accuracy, one thread of {result['machine']['processor']}",
     )  # fmt: skip
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
     axes.grid(which="both", color="0.9")
     axes.legend(frameon=False, fontsize=8)
     _write(figure, path)

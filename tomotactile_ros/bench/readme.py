@@ -1,14 +1,13 @@
-"""The table of profiles in the README, rewritten between two comments from a measured result."""
+"""Measured figures in documents, rewritten between two comments: the table of profiles, the whole report."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tomotactile_ros.bench import tables, trade
+from tomotactile_ros.bench import report, tables, trade
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.yamlio import write_atomic
 
-BEGIN, END = "<!-- bench:profiles -->", "<!-- /bench:profiles -->"
 _HEADER = (
     "profile", "set-up", "frame, median", "frame, p99", "memory", "one contact: error, p95",
     "with defects", "two contacts from", "force error, one and two",
@@ -16,21 +15,36 @@ _HEADER = (
 
 
 def rewrite(path: str | Path, result: dict) -> None:
-    """Put the profiles of `result` between the comments in the file at `path`.
+    """Fill the file at `path`: what stands between `<!-- bench:NAME -->` and `<!-- /bench:NAME -->`.
 
-    Raises InputError where the file or one of the comments is missing.
+    NAME is `profiles` or `report`. Raises InputError where the file or the end of a block is missing, and
+    where there is no block at all.
     """
     path = Path(path)
     try:
         content = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
-    before, begin, rest = content.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise InputError(f"{path}: needs a line {BEGIN} and below it a line {END}")
-    table = "\n".join(profile_table(result))
-    write_atomic(path, f"{before}{BEGIN}\n{table}\n{END}{after}".encode())
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file in UTF-8") from None
+    blocks = {"profiles": profile_table, "report": _whole_report}
+    found = [name for name in blocks if f"<!-- bench:{name} -->" in content]
+    if not found:
+        raise InputError(
+            f"{path}: needs a line <!-- bench:profiles --> and below it <!-- /bench:profiles -->"
+        )
+    for name in found:
+        before, begin, rest = content.partition(f"<!-- bench:{name} -->")
+        _, end, after = rest.partition(f"<!-- /bench:{name} -->")
+        if not end:
+            raise InputError(
+                f"{path}: <!-- bench:{name} --> has no <!-- /bench:{name} --> below it"
+            )
+        text = "\n".join(blocks[name](result))
+        content = f"{before}{begin}\n{text}\n{end}{after}"
+    write_atomic(path, content.encode())
+
+
+def _whole_report(result):
+    return ["```text", *report.lines(result), "```"]
 
 
 def profile_table(result: dict) -> list[str]:

@@ -15,7 +15,7 @@ def add_arguments(parser):
     mode.add_argument("--quick", action="store_true", help="a representative part (the default)")
     mode.add_argument("--full", action="store_true", help="everything with everything")
     parser.add_argument("--out", default="out/bench.json", help="file to write, plots beside it")
-    parser.add_argument("--readme", help="file whose table of profiles is rewritten")
+    parser.add_argument("--readme", help="document whose measured figures are rewritten")
     parser.add_argument("--from", dest="source", help="take this result instead of measuring")
 
 
@@ -40,7 +40,7 @@ def run(args):
         print(f"\n{out}, with {out.stem}-front.png and {out.stem}-growth.png beside it")
     if args.readme:
         readme.rewrite(args.readme, result)
-        print(f"{args.readme}: table of profiles rewritten")
+        print(f"{args.readme}: figures rewritten")
 
 
 def load(path):

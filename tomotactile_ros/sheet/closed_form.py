@@ -19,6 +19,8 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
+_BLOCK = 128  # points at a time: temporaries fit in the cache
+
 
 class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
@@ -68,13 +70,15 @@ class ClosedFormSheet:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
-        charges = self._green(self._charges, points, mutual_radius(self._radius, radius))
         self_terms = green_rectangle_self(points, self._size, radius) * self.layout.sheet_resistance
-        if self.shunting:
-            to_points = self._average @ charges
-            self_terms -= np.einsum("pk,pk->k", charges, self._induced @ charges)
-        else:
-            to_points = charges
+        charges = np.empty((len(self._charges), len(points)))
+        for start in range(0, len(points), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            mutual = mutual_radius(self._radius, radius[part])
+            charges[:, part] = block = self._green(self._charges, points[part], mutual)
+            if self.shunting:
+                self_terms[part] -= np.einsum("pk,pk->k", block, self._induced @ block)
+        to_points = self._average @ charges if self.shunting else charges
 
         def green(i, j):
             block = self._green(points[i], points[j], mutual_radius(radius[i], radius[j]))

@@ -29,7 +29,6 @@ from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
-
 _NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
 _MOST_KEPT = 3000  # unknowns whose mutual Green function is kept (72 MB)
 
@@ -237,7 +236,7 @@ class FemSheet:
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
         rows, columns, product = _pairs(corners, weights)
         nodes = np.unique(corners)
-        if len(nodes) < _MOST_KEPT / 2:
+        if len(nodes) < min(_MOST_KEPT / 2, len(self.where) / 4):
             self._among(nodes)
             return (product * self._kept_green[self._place[rows], self._place[columns]]).sum(axis=1)
         entries = np.zeros(rows.shape)

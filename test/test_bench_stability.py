@@ -1,0 +1,59 @@
+"""The stability table: known errors come out as known, refusals as lines."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.bench import stability
+from tomotactile_ros.errors import InputError
+
+
+def rows(what, *values):
+    """Rows of the extremes whose name begins with `what`, at these values."""
+    found = [trial for trial in stability.trials() if trial.what.startswith(what)]
+    assert found
+    return [stability._row(trial, value) for trial in found for value in values]
+
+
+def test_sheet_resistance_changes_no_voltage():
+    voltage = rows("sheet resistance", 1e-3, 1e9)[:2]
+    assert all(row["error"] < 1e-12 and not row["warnings"] for row in voltage)
+
+
+def test_no_contact_gives_no_voltage_and_no_place():
+    voltage, place = rows("contact conductance", 0.0)
+    assert voltage["error"] == 0.0
+    assert place["error"] is None and "idle" in place["refusal"]
+
+
+def test_precision_is_lost_as_the_condition_demands():
+    single = [row["error"] for row in rows("condition, float32", 1.0, 1e4, 1e12)]
+    double = [row["error"] for row in rows("condition, float64", 1.0, 1e4, 1e12)]
+    assert single[0] < 1e-5 < single[1] < 0.1 < single[2]
+    assert max(double) < 1e-4
+
+
+def test_a_refusal_is_a_row():
+    (row,) = rows("electrodes to a side", 1)
+    assert row["error"] is None and "rows: 1" in row["refusal"]
+
+
+def test_what_no_number_can_say_is_text():
+    def outcome(value):
+        if value == 1:
+            return np.inf
+        raise InputError("no")
+
+    trial = stability.Trial("what", "measure", (1, np.inf), outcome)
+    first, second = (stability._row(trial, value) for value in trial.values)
+    assert first["error"] == "inf" and first["refusal"] is None
+    assert second["value"] == "inf" and second["refusal"] == "no"
+
+
+@pytest.mark.parametrize("step", [1, 3, 100])
+def test_every_extreme_keeps_its_ends(step):
+    for trial in stability.trials():
+        kept = stability._values(trial, step)
+        assert kept[0] == trial.values[0] and kept[-1] == trial.values[-1]
+    assert stability.count(step) == sum(
+        len(stability._values(trial, step)) for trial in stability.trials()
+    )
