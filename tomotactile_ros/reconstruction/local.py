@@ -18,6 +18,8 @@ error of Y0 if that is larger, in parts of the field's standard deviation, which
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_matrix
@@ -31,6 +33,7 @@ _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts 
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
 _MODEL_ERROR = 0.01  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+_READY = 3  # levels that are prepared, those of usual contacts; others when a frame needs them
 _LARGE = 2_000_000  # entries of a reconstruction matrix from which on it is made sparse
 _NEGLIGIBLE = 5e-4  # of its largest entry
 _LEVELS = 16  # of lambda of the couplings, each twice the last
@@ -59,6 +62,8 @@ class LocalImage:
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
         self._areas: dict[int, float] = {}
+        for level in range(_READY):
+            self._levels[level] = self._inverse(level)
 
     def _smooth(self):
         """(D, K) A P."""
@@ -72,9 +77,9 @@ class LocalImage:
         """Which of the precomputed lambda fits the noise of this frame."""
         if measured.couplings is None:
             return _LEVELS - 1
-        error = np.hypot(measured.noise, self._model_error)
+        error = math.hypot(measured.noise, self._model_error)
         least = max(_COUPLING_ERROR * measured.total, 1e-300)
-        return int(np.clip(np.round(np.log2(error / least)), 0, _LEVELS - 1))
+        return min(max(round(math.log2(error / least)), 0), _LEVELS - 1)
 
     def regularization(self, level: int) -> float:
         """lambda^2 of the couplings, in parts of the squared conductance of all contacts."""

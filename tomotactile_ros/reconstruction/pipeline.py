@@ -147,6 +147,8 @@ class Pipeline:
                 return None, None
             local = self._model.local(used)
             part = frame if len(used) == len(frame) else frame[np.ix_(used, used)]
+            if self.profile == "fast":
+                part = part.astype(np.float32)
             if np.count_nonzero(np.isnan(part)) > len(used):
                 doubtful = attempt == 0
                 measured = None
