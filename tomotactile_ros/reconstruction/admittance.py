@@ -21,7 +21,7 @@ from scipy.linalg import lapack
 
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
-_STEPS = 5  # of the power iteration; each gains about a digit
+_STEPS = 6  # of the power iteration; each gains about a digit
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, lapack.spotri
 _DOUBLE = lapack.dpotrf, lapack.dpotri
