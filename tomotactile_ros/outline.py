@@ -69,6 +69,9 @@ class Outline(Region):
 
     def contains(self, points: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
         """Which of the (P, 2) points lie on the sheet, on its rim or within ``tolerance`` of it."""
+        if self.is_uniform_rectangle:
+            beyond = np.maximum(np.abs(points) - 0.5 * np.array(self.size), 0.0)
+            return np.hypot(*beyond.T) <= tolerance
         inside = super().contains(points, tolerance)
         if self.kind == "circle":
             inside &= np.linalg.norm(points, axis=1) <= self.radius + tolerance

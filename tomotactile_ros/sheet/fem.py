@@ -194,8 +194,9 @@ class FemSheet:
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
         local = (weights * self._local[corners]).sum(axis=1)
-        excess = self._self_log(corners, weights) - np.log(radius)
-        self_terms = self._self_terms(corners, weights) + excess * local / (2 * np.pi)
+        pairs = _pairs(corners, weights)
+        excess = self._self_log(*pairs) - np.log(radius)
+        self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
         to_points = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
         nearest = self.layout.nearest(points)[1]
         excess = self._electrode_log(points, radius, corners, weights, nearest)
@@ -203,10 +204,10 @@ class FemSheet:
 
         def green(i, j):
             """Between points i and j: by finite elements, with the true logarithm."""
-            nodes, number = np.unique(corners[np.concatenate([i, j])], return_inverse=True)
-            number = number.reshape(-1, 3)
-            first = _weights(number[: len(i)], weights[i], len(nodes))
-            second = _weights(number[len(i) :], weights[j], len(nodes))
+            both = i if i is j else np.concatenate([i, j])
+            nodes, number = np.unique(corners[both], return_inverse=True)
+            mixing = _weights(number.reshape(-1, 3), weights[both], len(nodes))
+            first, second = mixing[: len(i)], mixing[-len(j) :]
             true_log = _log_distance(points[i], points[j], mutual_radius(radius[i], radius[j]))
             excess = first @ (self._mesh_log(nodes) @ second.T) - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
@@ -232,10 +233,9 @@ class FemSheet:
         excess = rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
         return np.where(apart < _NEAR * self.h, excess, 0.0)
 
-    def _self_terms(self, corners, weights):
+    def _self_terms(self, rows, columns, product):
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
-        rows, columns, product = _pairs(corners, weights)
-        nodes = np.unique(corners)
+        nodes = np.unique(rows[:, ::3])
         if len(nodes) < min(_MOST_KEPT / 2, len(self.where) / 4):
             self._among(nodes)
             return (product * self._kept_green[self._place[rows], self._place[columns]]).sum(axis=1)
@@ -244,11 +244,11 @@ class FemSheet:
         entries[free] = self._factor.inverse_entries(rows[free] - 1, columns[free] - 1)
         return (product * entries).sum(axis=1)
 
-    def _self_log(self, corners, weights):
+    def _self_log(self, rows, columns, product):
         """(K,) ln of the radius of the disc as which each point acts on itself."""
-        rows, columns, product = _pairs(corners, weights)
-        apart = np.linalg.norm(self.where[rows] - self.where[columns], axis=2)
-        apart = np.where(rows == columns, self._radius[rows], np.maximum(apart, self._reach[rows]))
+        x, y = (self.where[rows] - self.where[columns]).T
+        apart = np.maximum(np.hypot(x, y).T, self._reach[rows])
+        apart = np.where(rows == columns, self._radius[rows], apart)
         return (product * np.log(apart)).sum(axis=1)
 
 
