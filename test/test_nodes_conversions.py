@@ -1,5 +1,7 @@
 """Messages hold what the arrays held: values, order, orientation, stamps; bad frames are refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from visualization_msgs.msg import Marker
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import conversions
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.reconstruction import ContactEstimate
@@ -170,7 +172,7 @@ def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():
 
 
 def test_markers_stand_upright_on_a_curved_sheet():
-    curved = Layout(**{**vars(LAYOUT), "surface": Surface(0.1)})
+    curved = replace(LAYOUT, surface=Surface(0.1))
     arrow, disc = ContactMarkers(curved).of([a_contact(x=0.05 * np.pi, y=0.0)], HEADER).markers
     tail, head = arrow.points
     assert (head.x, head.z) == (pytest.approx(0.1), pytest.approx(-0.1))

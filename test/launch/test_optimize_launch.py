@@ -5,9 +5,9 @@ import pytest
 for package in ("launch", "launch_ros"):
     pytest.importorskip(package, reason=f"{package} comes with a full ROS 2")
 
-import launch
 from launch_support import include, reserve_domain
 
+import launch
 from tomotactile_ros.layout import load_layout
 
 
