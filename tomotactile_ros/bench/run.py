@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import resource
 import time
+from dataclasses import replace
+
+import numpy as np
 
 from tomotactile_ros.bench import growth, machine, peers, stability, trade, trials
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.progress import Progress
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction import Pipeline
 
 FORMAT = "tomotactile-bench/1"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
-DEADLINES = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)  # s
 
 
 def measure(mode: str) -> dict:
@@ -63,16 +64,24 @@ def _trade(cases, size, seconds, tick):
 
 
 def auto_choices(rows: list[dict]) -> list[dict]:
-    """For several deadlines (s): what `profile: auto` takes, and the most accurate measured one that is in time."""
+    """What `profile: auto` takes, and the most accurate measured profile that is in time.
+
+    Deadlines (s) lie between the measured times of the profiles, where a busy machine does not decide.
+    """
     default = {row["profile"]: row for row in rows if trade.is_default(row)}
     layout = trade.find_layout(trade.DEFAULT_LAYOUT)
+    times = np.sort([row["frame"]["median"] for row in default.values()])
     out = []
-    for deadline in DEADLINES:
+    for deadline in [times[0] / 3, *np.sqrt(times[1:] * times[:-1]), 3 * times[-1]]:
         in_time = [p for p, row in default.items() if row["frame"]["median"] <= deadline]
-        best = min(in_time, key=lambda p: default[p]["contact_error"]["mean"], default="fast")
-        try:
-            taken = Pipeline(layout, Settings(profile="auto", deadline=deadline)).profile
-        except InputError as error:
-            taken = str(error)
-        out.append({"deadline": deadline, "auto": taken, "measured": best})
+        fastest = min(default, key=lambda p: default[p]["frame"]["median"])
+        best = min(in_time, key=lambda p: default[p]["contact_error"]["mean"], default=fastest)
+        settings = replace(trade.settings_of(trade.Case("", "auto", 40, None)), deadline=deadline)
+        out.append(
+            {
+                "deadline": float(deadline),
+                "auto": Pipeline(layout, settings).profile,
+                "measured": best,
+            }
+        )
     return out

@@ -188,7 +188,7 @@ def _place(layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(),
         Adc(bits, DRIVE),
         Defects(dead=tuple(dead)),
     )
-    recording = record(layout, scene, [(_PLACE * size)[None]], pressure)
+    recording = record(layout, scene, [(_PLACE * size)[None]], pressure, size.max() / 40)
     settings = Settings(
         resolution=_CELLS, noise=max(noise, 1e-6), regularization=level, contact_law=law or LAW,
         contact_radius=size.max() / 40,

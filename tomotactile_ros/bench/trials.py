@@ -86,16 +86,19 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
 
 
 def record(
-    layout: Layout, scene: Scene, places: list[np.ndarray], pressure: float = PRESSURE
+    layout: Layout, scene: Scene, places: list[np.ndarray], pressure=PRESSURE, h=None
 ) -> Recording:
-    """One frame for each set of contact positions (n, 2), each with its own noise."""
+    """One frame for each set of contact positions (n, 2), each with its own noise.
+
+    `pressure` of every contact, Pa; `h`: element size, m, the simulator's own without it.
+    """
     radius = RADIUS * max(layout.outline.size)
     contacts = [
         Contact("disc", center=where, radius=radius, pressure=pressure, start=i, end=i + 1)
         for i, points in enumerate(places)
         for where in points
     ]
-    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)))
+    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)), h=h)
     frames = np.stack([simulator.frame(i + 0.5, i) for i in range(len(places))])
     force = pressure * np.pi * radius**2
     return Recording(frames, list(places), [np.full(len(points), force) for points in places])
