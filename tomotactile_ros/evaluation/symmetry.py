@@ -1,6 +1,7 @@
 """Symmetries of a sheet with its electrodes, and the bases in which symmetric matrices fall apart.
 
-The elements are the mirrors of x and of y and, on a square, the swap of x and y. A matrix over the pixels
+The elements are the mirrors of x and of y (or only both together: the half turn) and, on a square, the
+swap of x and y. A matrix over the pixels
 that commutes with them is block diagonal in the basis of images that are even or odd under each mirror
 (even-even, even-odd, odd-even, odd-odd). Where the swap is a symmetry too, even-even and odd-odd split
 again into images that are even or odd under it, and odd-even repeats the block of even-odd.
@@ -104,16 +105,22 @@ def find_symmetry(grid: Grid, positions) -> Symmetry:
     number = np.full(grid.shape, -1)
     number[grid.inside] = np.arange(np.count_nonzero(grid.inside))
     positions = np.asarray(positions, float)
-    mirrors = []
-    for sign, view in (((-1, 1), np.s_[:, ::-1]), ((1, -1), np.s_[::-1])):
-        moved = _move(grid, number[view], number, positions, positions * sign)
-        mirrors.append(moved)
-    swap = None
-    if all(mirrors) and grid.height == grid.width and np.ptp(grid.outline.size) < _CLOSE:
-        swap = _move(grid, number.T[::-1, ::-1], number, positions, positions[:, ::-1])
+    moved = [
+        _move(grid, number[view], number, positions, positions * sign)
+        for sign, view in (
+            ((-1, 1), np.s_[:, ::-1]),
+            ((1, -1), np.s_[::-1]),
+            ((-1, -1), np.s_[::-1, ::-1]),
+        )
+    ]
     identity = (np.arange(np.count_nonzero(grid.inside)), np.arange(len(positions)))
-    mirrors = [identity if mirror is None else mirror for mirror in mirrors]
-    return _build(identity, *mirrors, swap)
+    swap = None
+    if moved[0] and moved[1]:
+        if grid.height == grid.width and np.ptp(grid.outline.size) < _CLOSE:
+            swap = _move(grid, number.T[::-1, ::-1], number, positions, positions[:, ::-1])
+    elif moved[2]:
+        return _build(identity, moved[2], identity, None)
+    return _build(identity, moved[0] or identity, moved[1] or identity, swap)
 
 
 def _move(grid, moved, number, positions, images):

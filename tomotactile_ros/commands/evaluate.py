@@ -1,0 +1,120 @@
+"""`tomotactile evaluate`: how sharp and how true a layout images single contacts, all over the sheet."""
+
+from __future__ import annotations
+
+import json
+
+from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
+from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
+from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
+from tomotactile_ros.evaluation.profile_quality import RADIUS, evaluate_profile
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.progress import track
+from tomotactile_ros.reconstruction.settings import PROFILES
+
+HELP = "measure the resolution of a layout: HWHM and position error all over the sheet"
+_LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}
+_SHOWN = 12  # regions in the text; --json has all
+
+
+def add_arguments(parser):
+    parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
+    parser.add_argument(
+        "--profile",
+        choices=PROFILES,
+        help="reconstruct with this profile, frames by finite elements with 1 mV noise "
+        "(default: the paper's one-step image, without noise)",
+    )
+    parser.add_argument(
+        "--regularization",
+        type=float,
+        default=REGULARIZATION,
+        help="lambda^2 of the one-step image (default: 1000)",
+    )
+    parser.add_argument(
+        "--model",
+        choices=MODELS,
+        default="auto",
+        help="of the one-step image; auto: paper for a uniform rectangle, otherwise fem",
+    )
+    parser.add_argument(
+        "--contact-radius",
+        type=float,
+        help=f"m (default: {CONTACT_RADIUS:g}, with a profile {RADIUS:g})",
+    )
+    parser.add_argument(
+        "--resolution",
+        type=int,
+        default=RESOLUTION,
+        help="contact positions along the longer side (default: 40)",
+    )
+    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+
+
+def run(args):
+    layout = load_layout(args.layout)
+    if args.profile:
+        result = evaluate_profile(
+            layout,
+            args.profile,
+            radius=args.contact_radius or RADIUS,
+            resolution=args.resolution,
+            track=lambda contacts: track(contacts, "imaging contacts"),
+        )
+    else:
+        result = evaluate_layout(
+            layout,
+            model=args.model,
+            regularization=args.regularization,
+            contact_radius=args.contact_radius or CONTACT_RADIUS,
+            resolution=args.resolution,
+        )
+    content = as_dict(result)
+    print(json.dumps(content, indent=1) if args.json else "\n".join(as_text(content)))
+
+
+def as_dict(result) -> dict:
+    """Everything that an evaluation found, in m and in parts of the longer side times 100 (%)."""
+    side = max(result.layout.outline.size)
+    metrics = dict(result.metrics)
+    noise_gain = metrics.pop("noise_gain", None)
+    percent = {
+        name: {key: 100 * value / side for key, value in values.items()}
+        for name, values in metrics.items()
+    }
+    return {
+        "layout": result.layout.name,
+        "side": side,
+        "settings": result.settings,
+        "metrics": metrics,
+        "percent": percent,
+        "noise_gain": noise_gain,
+        "regions": result.by_region(),
+        "regions_are": "between electrodes" if result.regions.electrodes else "equal blocks",
+    }
+
+
+def as_text(content):
+    """Lines of a table."""
+    settings = ", ".join(f"{key} {value}" for key, value in content["settings"].items())
+    yield f"layout {content['layout']}: {settings}"
+    yield f"{'':16}{'mean':>18}{'worst tenth':>18}{'worst':>18}{'worst region':>18}"
+    for name, label in _LINES.items():
+        cells = ""
+        for key in ("mean", "worst_tenth", "worst", "worst_region"):
+            if key in content["metrics"][name]:
+                value, percent = content["metrics"][name][key], content["percent"][name][key]
+                cells += f"{1e3 * value:9.2f} mm{percent:5.1f} %"
+        yield f"{label:16}{cells}"
+    if content["noise_gain"] is not None:
+        yield f"noise gain      {1e3 * content['noise_gain']:.3g} mV of a pixel per V of a reading"
+    regions = sorted(content["regions"], key=lambda region: -region["hwhm"])
+    yield f"{len(regions)} regions ({content['regions_are']}), the worst first:"
+    yield "  row col  contacts  area/cm2   HWHM/mm  position error/mm"
+    for region in regions[:_SHOWN]:
+        yield (
+            f"  {region['row']:3d} {region['col']:3d} {region['contacts']:9d} {1e4 * region['area']:9.2f}"
+            f" {1e3 * region['hwhm']:9.2f} {1e3 * region['position_error']:18.2f}"
+        )
+    if len(regions) > _SHOWN:
+        yield f"  and {len(regions) - _SHOWN} more (--json lists all)"

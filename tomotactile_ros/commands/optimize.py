@@ -1,0 +1,175 @@
+"""`tomotactile optimize`: better electrode positions, as a layout file with a picture beside it."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from pathlib import Path
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.optimizer.grounding import scans
+from tomotactile_ros.optimizer.request import METHODS, Request, start_layout
+from tomotactile_ros.optimizer.step import best_of, finished
+from tomotactile_ros.progress import Progress, track
+
+HELP = "optimize where the electrodes are, or which of them to ground"
+
+
+def add_arguments(parser):
+    parser.add_argument("--rows", type=int, help="electrodes along y")
+    parser.add_argument("--cols", type=int, help="electrodes along x")
+    parser.add_argument(
+        "--size", type=float, nargs=2, default=(0.2, 0.2), metavar=("A", "B"), help="sheet, m"
+    )
+    parser.add_argument("--layout", help="start from this layout instead of an equal grid")
+    parser.add_argument(
+        "--method",
+        choices=(*METHODS, "grounding"),
+        required=True,
+        help="equalize: the paper's; free: least blur; grounding: which electrodes to ground",
+    )
+    parser.add_argument("--out", required=True, help="layout file (.yaml) to write")
+    parser.add_argument("--report", help="picture (.png) to write (default: beside the layout)")
+    parser.add_argument("--name", help="of the layout (default: that of the file)")
+    parser.add_argument("--radius", type=float, help="of an electrode, m")
+    parser.add_argument("--sheet-resistance", type=float, default=1e4, help="ohm/sq")
+    parser.add_argument(
+        "--steps", type=int, help="updates of equalize, or generations of free at the end"
+    )
+    parser.add_argument("--regularization", type=float, default=1000.0, help="lambda^2")
+    parser.add_argument("--spacing", type=float, help="smallest distance of two centres, m")
+    parser.add_argument("--margin", type=float, default=0.0, help="from the rim to a centre, m")
+    parser.add_argument(
+        "--keep-out",
+        type=float,
+        nargs=3,
+        action="append",
+        default=[],
+        metavar=("X", "Y", "R"),
+        help="disc without electrode centres, m; may be repeated",
+    )
+    parser.add_argument(
+        "--asymmetric", action="store_true", help="move every electrode on its own (slow)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the free search")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes of the free search"
+    )
+    parser.add_argument(
+        "--conditions",
+        type=int,
+        nargs="+",
+        help="numbers of ground conditions to compare (default: all down to 4 by halves)",
+    )
+
+
+def run(args):
+    start = load_layout(args.layout) if args.layout else _grid(args)
+    _check_writable(args.out)
+    if args.method == "grounding":
+        return _run_grounding(args, start)
+    request = Request(
+        start,
+        args.method,
+        steps=args.steps,
+        regularization=args.regularization,
+        spacing=args.spacing,
+        margin=args.margin,
+        keep_out=tuple(map(tuple, args.keep_out)),
+        symmetric=not args.asymmetric,
+        seed=args.seed,
+    )
+    if args.workers < 1:
+        raise InputError(f"--workers: {args.workers} is not a positive number")
+    several = args.method == "free" and args.workers > 1
+    pool = ProcessPoolExecutor(args.workers) if several else nullcontext()
+    with pool as executor, Progress(args.method, request.total) as progress:
+        history, best = best_of(
+            request.steps_of(executor), lambda step: progress.update(step.iteration, _note(step))
+        )
+    name = args.name or Path(args.out).stem
+    layout = finished(best.layout, name, args.method, request.settings(), history, best)
+    layout.save(args.out)
+    from tomotactile_ros.optimizer.report import save_report
+
+    report = args.report or Path(args.out).with_suffix(".png")
+    save_report(report, history, best, f"{start.name} -> {name}, method {args.method}")
+    if len(history) - 1 < request.total:
+        print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
+    print("\n".join(_summary(history[0], best)))
+    print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
+
+
+def _grid(args):
+    if args.rows is None or args.cols is None:
+        raise InputError("--rows and --cols, or --layout, are needed")
+    return start_layout(args.rows, args.cols, args.size, args.radius, args.sheet_resistance)
+
+
+def _check_writable(out):
+    folder = Path(out).resolve().parent
+    if not folder.is_dir():
+        raise InputError(f"--out: {out}: there is no folder {folder}")
+
+
+def _note(step):
+    hwhm = step.metrics["hwhm"]
+    return (
+        f"HWHM {1e3 * hwhm['mean']:.1f} mm, worst tenth {1e3 * hwhm['worst_tenth']:.1f} mm, "
+        f"position error {1e3 * step.metrics['position_error']['mean']:.1f} mm"
+    )
+
+
+def _summary(start, best):
+    for label, group, key in (
+        ("mean HWHM", "hwhm", "mean"),
+        ("HWHM of the worst tenth", "hwhm", "worst_tenth"),
+        ("HWHM of the worst region", "hwhm", "worst_region"),
+        ("mean position error", "position_error", "mean"),
+    ):
+        before, after = start.metrics[group][key], best.metrics[group][key]
+        yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {after / before:.3f}"
+
+
+def _run_grounding(args, layout):
+    from tomotactile_ros.optimizer.report import save_grounding
+
+    counts = args.conditions or _halves(layout.electrodes)
+    found = list(
+        track(scans(layout, counts, args.regularization), "ground conditions", total=len(counts))
+    )
+    print("conditions  speed  mean HWHM/mm  worst tenth/mm  position error/mm  noise gain/(mV/V)")
+    for scan in found:
+        metrics = scan.quality.metrics
+        print(
+            f"{len(scan.grounded):10d} {scan.speed:6.2f} {1e3 * metrics['hwhm']['mean']:13.2f} "
+            f"{1e3 * metrics['hwhm']['worst_tenth']:15.2f} "
+            f"{1e3 * metrics['position_error']['mean']:18.2f} {1e3 * metrics['noise_gain']:18.3g}"
+        )
+    report = args.report or Path(args.out).with_suffix(".png")
+    save_grounding(report, found)
+    layout = finished_grounding(layout, args.name or Path(args.out).stem, found)
+    layout.save(args.out)
+    print(f"{args.out}: provenance.grounding lists the electrodes to ground; {report}")
+
+
+def finished_grounding(layout, name, found):
+    """The layout with the conditions to scan in its provenance."""
+    from dataclasses import replace
+
+    return replace(
+        layout,
+        name=name,
+        provenance=layout.provenance
+        | {"grounding": {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}},
+    )
+
+
+def _halves(count):
+    counts = []
+    while count >= 4:
+        counts.append(count)
+        count //= 2
+    return counts or [count]

@@ -1,0 +1,118 @@
+"""Where electrodes may be: spacing, distance to the rim, places to keep free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region
+
+_STEP = 1e-6  # of the outline's size, for the slope of distances
+_ROUNDS = 200
+_BEYOND = 1e-3  # of a violation: corrections go a little too far, so that they end
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """What the positions of electrodes have to obey.
+
+    outline   the sheet
+    spacing   smallest distance between two centres, m
+    margin    smallest distance of a centre from the rim, m
+    keep_out  regions without electrode centres, for instance for screws or a connector
+    """
+
+    outline: Outline
+    spacing: float
+    margin: float = 0.0
+    keep_out: tuple[Region, ...] = ()
+
+    @property
+    def tolerance(self) -> float:
+        """Violation that counts as none, m."""
+        return 1e-9 * max(self.outline.size)
+
+    def violation(self, positions) -> float:
+        """Largest violation by electrodes at `positions` (E, 2), m; 0 if all is kept."""
+        short = np.maximum(self.spacing - _distances(positions), 0)
+        return float(max(short.max(initial=0.0), self._trespass(positions).max(initial=0.0)))
+
+    def project(self, positions) -> np.ndarray | None:
+        """Positions (E, 2) nearby that obey, or None where none are found.
+
+        All electrodes are corrected at once, so the symmetries of the positions are kept.
+        """
+        positions = np.array(positions, float)
+        for _ in range(_ROUNDS):
+            if self.violation(positions) <= self.tolerance:
+                return positions
+            trespass = self._trespass(positions)
+            wrong = np.flatnonzero(trespass)
+            uphill = self._slope(positions[wrong])
+            positions[wrong] -= (1 + _BEYOND) * trespass[wrong, None] * uphill
+            distance = _distances(positions)
+            short = np.maximum(self.spacing - distance, 0)
+            push = (short / np.maximum(distance, 1e-12))[..., None] * (
+                positions[:, None] - positions
+            )
+            positions += (0.5 + _BEYOND) * push.sum(axis=1)
+        return None
+
+    def _trespass(self, positions):
+        """(E,) how far each centre is beyond the margin or inside a region to keep out of, m."""
+        outline = self.outline
+        if outline.is_uniform_rectangle:
+            depth = (np.array(outline.size) / 2 - np.abs(positions)).min(axis=1)
+        else:
+            side = np.where(outline.contains(positions), 1, -1)
+            depth = side * outline.rim_distance(positions)
+        out = np.maximum(self.margin - depth, 0)
+        for region in self.keep_out:
+            inside = region.contains(positions)
+            out = np.maximum(out, np.where(inside, region.rim_distance(positions), 0))
+        return out
+
+    def _slope(self, positions):
+        """(n, 2) unit vectors along which the trespass of each grows fastest."""
+        step = _STEP * max(self.outline.size)
+        slope = np.column_stack(
+            [
+                self._trespass(positions + step * axis) - self._trespass(positions - step * axis)
+                for axis in np.eye(2)
+            ]
+        )
+        return slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
+
+    def check(self, electrodes: int, radius: float) -> None:
+        """Raise InputError where no layout of so many electrodes of `radius` (m) can obey."""
+        checks.not_negative(self.margin, "margin", "length in m")
+        checks.length(self.spacing, "spacing")
+        if self.spacing <= 2 * radius:
+            raise InputError(
+                f"spacing: {self.spacing:g} m lets electrodes of {radius:g} m radius overlap, "
+                f"it must be above {2 * radius:g} m"
+            )
+        a, b = self.outline.size
+        if 2 * self.margin >= min(a, b):
+            raise InputError(
+                f"margin: {self.margin:g} leaves no room on a sheet of {a:g} m x {b:g} m"
+            )
+        # Groemer 1960: centres at least d apart in a convex body of area F and perimeter U number
+        # at most 2 F / (sqrt(3) d^2) + U / (2 d) + 1
+        a, b = a - 2 * self.margin, b - 2 * self.margin
+        most = 2 / np.sqrt(3) * a * b / self.spacing**2 + (a + b) / self.spacing + 1
+        if electrodes > most:
+            raise InputError(
+                f"spacing: {electrodes} electrodes do not fit {self.spacing:g} m apart, "
+                f"at most {int(most)} could"
+            )
+
+
+def _distances(positions):
+    distance = np.linalg.norm(positions[:, None] - positions, axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance

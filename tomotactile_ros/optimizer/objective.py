@@ -1,0 +1,250 @@
+"""What the free optimizer makes small, with its gradient by the electrode positions.
+
+Figures, each relative to the layout that one starts from, over all contact positions and for every lambda^2:
+
+    mean HWHM,   mean HWHM of the worst tenth,   mean position error,   and the noise gain
+
+HWHM is the spread about the image's own centre and the position error the way from there to the true
+position: together they are the blur about the true position. The score is a soft maximum of all figures,
+each divided by its aim, so that none can be bought with another:  log(mean(exp(s r))) / s,  s = 25.
+
+The gradient goes the way of the computation back: images -> blocks of M -> J'J (`gram`) -> G -> positions.
+With S = (J'J + lambda^2 I)^-1 and M = I - lambda^2 S a change of J'J gives dM = lambda^2 S d(J'J) S. Only
+the last link, G by the position of an electrode, is a central difference of the closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import lapack
+
+from tomotactile_ros.evaluation.gram import Gram
+from tomotactile_ros.evaluation.metrics import worst
+from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS, green, green_self, transfer_of
+from tomotactile_ros.evaluation.point_spread import PointSpread
+from tomotactile_ros.evaluation.symmetry import find_symmetry
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.optimizer.sharpness import Sharpness
+from tomotactile_ros.sheet import make_sheet
+
+SHARPNESS = 25.0
+_WORST = 0.1
+_STEP = 1e-6  # of the sheet's size
+
+
+@dataclass(frozen=True)
+class Aims:
+    """Figures relative to those of the reference layout that count as equally good.
+
+    `central` for the lambda^2 that the layout is made for, `other` for those it must carry over to: mean HWHM,
+    worst tenth, mean position error. `noise_gain` bounds the noise gain, relative to the reference.
+    """
+
+    central: tuple[float, float, float] = (0.8, 0.82, 0.72)
+    other: tuple[float, float, float] = (0.95, 0.95, 1.0)
+    noise_gain: float = 1.5
+
+
+class Objective:
+    """Score of electrode positions on a uniform rectangle, in the paper's model.
+
+    Parameters
+    ----------
+    reference : layout whose figures are 1; gives outline and radius
+    regularizations : lambda^2 values, the first is the one that the layout is made for
+    resolution : contact positions, and pixels, along the longer side; lambda^2 is scaled to mean the same
+    """
+
+    def __init__(
+        self,
+        reference: Layout,
+        regularizations=(1000.0, 100.0, 10000.0),
+        aims: Aims = Aims(),
+        *,
+        resolution: int = 40,
+        contact_radius: float = CONTACT_RADIUS,
+    ):
+        self.reference = reference
+        self.size = reference.outline.size
+        self.grid = Grid.for_outline(reference.outline, resolution)
+        finest = Grid.for_outline(reference.outline, 40)
+        scale = len(self.grid.pixels) / len(finest.pixels)
+        self.regularizations = [scale * each for each in regularizations]
+        self._self = green_self(self.grid.pixels, self.size, contact_radius)
+        self._sharpness = Sharpness(self.grid)
+        self._aims = _aim_rows(aims, len(self.regularizations))
+        self._start = 1.0
+        self._start = self.figures(reference.positions)
+
+    def figures(self, positions) -> np.ndarray:
+        """(lambdas, 4) the figures relative to the reference layout: see the head of this file."""
+        return _Images(self, positions).figures / self._start
+
+    def score(self, positions) -> float:
+        """The score alone."""
+        return _soft_maximum(self.figures(positions) / self._aims)[0]
+
+    def __call__(self, positions) -> tuple[float, np.ndarray]:
+        """Score, and its gradient (E, 2) per m, by positions with the symmetry of `positions`."""
+        images = _Images(self, positions)
+        score, share = _soft_maximum(images.figures / self._start / self._aims)
+        return score, images.gradient(share / self._start / self._aims)
+
+
+class FemObjective:
+    """The same score for any outline, from finite elements with electrodes as equipotentials; no gradient.
+
+    The mesh changes with the electrodes, which roughens the score by some tenths of a per cent.
+    """
+
+    def __init__(self, reference, regularizations, aims=Aims(), *, resolution=40):
+        self.reference = reference
+        self.regularizations = regularizations
+        self.resolution = resolution
+        self._aims = _aim_rows(aims, len(regularizations))
+        self._start = 1.0
+        self._start = self.figures(reference.positions)
+
+    def figures(self, positions) -> np.ndarray:
+        """(lambdas, 4) the figures relative to the reference layout."""
+        layout = replace(self.reference, positions=positions)
+        grid = Grid.for_outline(layout.outline, self.resolution)
+        transfer = make_sheet(layout, "fem").transfer(grid.pixels, CONTACT_RADIUS)
+        rows = []
+        for regularization in self.regularizations:
+            spread = PointSpread(transfer, grid, regularization)
+            found = spread.quality()
+            rows.append(
+                [
+                    found.hwhm.mean(),
+                    worst(found.hwhm, _WORST),
+                    found.position_error.mean(),
+                    spread.noise_gain,
+                ]
+            )
+        return np.array(rows) / self._start
+
+    def score(self, positions) -> float:
+        """The score."""
+        return _soft_maximum(self.figures(positions) / self._aims)[0]
+
+
+def _aim_rows(aims, count):
+    rows = [aims.central] + [aims.other] * (count - 1)
+    return np.array([[*row, aims.noise_gain] for row in rows])
+
+
+def _soft_maximum(ratios):
+    weight = np.exp(SHARPNESS * (ratios - ratios.max()))
+    score = ratios.max() + np.log(weight.mean()) / SHARPNESS
+    return float(score), weight / weight.sum()
+
+
+class _Images:
+    """One evaluation: everything that the gradient needs again."""
+
+    def __init__(self, objective: Objective, positions):
+        self.objective, self.positions = objective, np.asarray(positions, float)
+        grid = objective.grid
+        self.symmetry = find_symmetry(grid, self.positions)
+        transfer = transfer_of(
+            self.positions,
+            objective.reference.radius,
+            objective.size,
+            grid.pixels,
+            objective._self,
+            self.symmetry,
+        )
+        self.gram = Gram(transfer)
+        first = self.symmetry.first
+        rows = self.symmetry.quarter_rows(self.gram.rows(first))
+        blocks = self.symmetry.split(rows)
+        self.inverses, self.sharpness, figures = [], [], []
+        for regularization in objective.regularizations:
+            inverse = [_inverse(block, regularization) for block in blocks]
+            images = -regularization * self.symmetry.join(inverse, first)
+            images[first, np.arange(len(first))] += 1
+            sharpness = objective._sharpness(images, grid.pixels[first])
+            self.inverses.append(inverse)
+            self.sharpness.append(sharpness)
+            figures.append(self._figures(sharpness, inverse, regularization))
+        self.figures = np.array(figures)
+
+    def _weights(self, hwhm):
+        """(n,) weights of the mean and of the mean of the worst tenth."""
+        sizes = self.symmetry.sizes
+        order = np.argsort(-hwhm, kind="stable")
+        before = np.cumsum(sizes[order]) - sizes[order]
+        tenth = np.zeros(len(sizes))
+        tenth[order] = np.clip(_WORST * sizes.sum() - before, 0, sizes[order])
+        return sizes / sizes.sum(), tenth / tenth.sum()
+
+    def _figures(self, sharpness, inverse, regularization):
+        hwhm, error, _ = sharpness
+        mean, tenth = self._weights(hwhm)
+        return mean @ hwhm, tenth @ hwhm, mean @ error, self._noise_gain(inverse, regularization)
+
+    def _noise_gain(self, inverse, regularization):
+        total = sum(
+            len(block.bases) * (np.trace(s) - regularization * np.vdot(s, s))
+            for block, s in zip(self.symmetry.blocks, inverse)
+        )
+        return np.sqrt(total / len(self.symmetry.orbit))
+
+    def gradient(self, by_figures):
+        """(E, 2) from the derivatives (lambdas, 4) by the figures."""
+        symmetry, first = self.symmetry, self.symmetry.first
+        by_block = [0.0] * len(symmetry.blocks)
+        for i, regularization in enumerate(self.objective.regularizations):
+            hwhm, _, back = self.sharpness[i]
+            mean, tenth = self._weights(hwhm)
+            by_hwhm = by_figures[i, 0] * mean + by_figures[i, 1] * tenth
+            by_image = back(by_hwhm / symmetry.sizes, by_figures[i, 2] * mean / symmetry.sizes)
+            parts = symmetry.split(symmetry.quarter_rows(by_image.T))
+            by_total = by_figures[i, 3] / (2 * self.figures[i, 3] * len(symmetry.orbit))
+            for j, (part, s) in enumerate(zip(parts, self.inverses[i])):
+                change = regularization * (part + part.T) / 2
+                change += by_total * (2 * regularization * s - np.eye(len(s)))
+                by_block[j] = by_block[j] + s @ change @ s
+        seed = symmetry.join(by_block, first).T * symmetry.sizes[:, None]
+        return self._through_green(*self.gram.adjoint(first, seed))
+
+    def _through_green(self, by_point, by_between):
+        """(E, 2) from the derivatives by G; one electrode of each kind stands for the others."""
+        symmetry, objective = self.symmetry, self.objective
+        kinds, radius = symmetry.kinds, objective.reference.radius
+        stays = (symmetry.electrodes[:, kinds] == kinds).sum(axis=0)[:, None]
+        by_point = _gather(by_point, symmetry.electrodes[:, kinds], symmetry.pixels) / stays
+        both = by_between + by_between.T
+        both = _gather(both, symmetry.electrodes[:, kinds], symmetry.electrodes) / stays
+        own = both[np.arange(len(kinds)), kinds] / 2
+        both[np.arange(len(kinds)), kinds] = 0
+        step = _STEP * max(objective.size)
+        slope = np.zeros((len(kinds), 2))
+        for axis in range(2):
+            for sign in (1, -1):
+                moved = self.positions[kinds] + sign * step * np.eye(2)[axis]
+                values = by_point * green(moved, objective.grid.pixels, objective.size, radius)
+                ties = both * green(moved, self.positions, objective.size, radius)
+                self_term = own * green_self(moved, objective.size, radius)
+                slope[:, axis] += sign * (values.sum(axis=1) + ties.sum(axis=1) + self_term)
+        out = np.zeros(self.positions.shape)
+        out[kinds] = slope / (2 * step)
+        return out
+
+
+def _inverse(block, regularization):
+    """(block + regularization I)^-1 of a symmetric positive semidefinite block."""
+    matrix = (block + block.T) / 2
+    matrix[np.diag_indices_from(matrix)] += regularization
+    factor, _ = lapack.dpotrf(matrix, lower=True, overwrite_a=True)
+    inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
+    return np.tril(inverse) + np.tril(inverse, -1).T
+
+
+def _gather(values, rows, columns):
+    """Sum over the group of values[g rows][:, g columns]."""
+    return sum(values[np.ix_(row, column)] for row, column in zip(rows, columns))

@@ -1,0 +1,170 @@
+"""A picture of what an optimization did: electrodes, maps of HWHM and position error, history."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from tomotactile_ros.optimizer.step import Step
+
+
+def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, title: str) -> None:
+    """Write a PNG: the start above, the best step below, the history beside them."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 8.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(f"{title}\n{_settings(best)}", fontsize=11)
+    axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.8])
+    start = history[0]
+    for column, (label, pick) in enumerate(
+        (("HWHM", "hwhm_map"), ("position error", "position_error_map"))
+    ):
+        maps = [1e3 * getattr(step, pick) for step in (start, best)]
+        top = max(np.nanmax(each) for each in maps)
+        for row, (step, values) in enumerate(zip((start, best), maps)):
+            when = "before" if row == 0 else f"after ({_step_name(best)})"
+            mean = np.nanmean(values)
+            image = _map(axes[row, column], step.layout, values, top)
+            axes[row, column].set_title(f"{label} {when}: mean {mean:.1f} mm", fontsize=10)
+        figure.colorbar(image, ax=list(axes[:, column]), label=f"{label} by contact position / mm")
+    _history(axes[0, 2], history, best)
+    _table(axes[1, 2], start, best)
+    figure.savefig(path, dpi=100, format="png")
+
+
+def _settings(step):
+    settings = step.quality.settings
+    return (
+        f"model {settings['model']}, contact radius {1e3 * settings['contact_radius']:g} mm, "
+        f"lambda² = {settings['regularization']:g}, {settings['positions']} contact positions"
+    )
+
+
+def _step_name(step):
+    return f"step {step.iteration}"
+
+
+def _map(axes, layout, values, top):
+    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
+    image = axes.imshow(
+        values, extent=(xmin, xmax, ymin, ymax), origin="upper", cmap="viridis", vmin=0, vmax=top
+    )
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    _discs(axes, layout)
+    pad = 0.04 * max(xmax - xmin, ymax - ymin)
+    axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad), aspect="equal")
+    axes.set_xlabel("x / mm")
+    axes.set_ylabel("y / mm")
+    return image
+
+
+def _discs(axes, layout):
+    """Electrodes to scale."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle
+
+    discs = [Circle(1e3 * position, 1e3 * layout.radius) for position in layout.positions]
+    axes.add_collection(PatchCollection(discs, facecolor="white", edgecolor="black", linewidth=0.6))
+
+
+def _history(axes, history, best):
+    lines = (
+        ("mean HWHM", lambda m: m["hwhm"]["mean"], "o-"),
+        ("HWHM, worst tenth", lambda m: m["hwhm"]["worst_tenth"], "s-"),
+        ("HWHM, worst region", lambda m: m["hwhm"]["worst_region"], "^-"),
+        ("mean position error", lambda m: m["position_error"]["mean"], "d-"),
+    )
+    steps = [step.iteration for step in history]
+    for label, pick, style in lines:
+        values = np.array([pick(step.metrics) for step in history])
+        axes.plot(steps, values / values[0], style, label=label, markersize=4)
+    axes.axvline(best.iteration, color="0.6", linestyle=":", label="best score")
+    axes.set(xlabel="step", ylabel="relative to the start", title="history")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+def _table(axes, start, best):
+    axes.axis("off")
+    rows = []
+    for label, group, key in (
+        ("HWHM mean", "hwhm", "mean"),
+        ("HWHM worst tenth", "hwhm", "worst_tenth"),
+        ("HWHM worst region", "hwhm", "worst_region"),
+        ("position error mean", "position_error", "mean"),
+        ("position error worst tenth", "position_error", "worst_tenth"),
+        ("blur mean", "blur", "mean"),
+    ):
+        before, after = start.metrics[group][key], best.metrics[group][key]
+        rows.append([label, f"{1e3 * before:.1f}", f"{1e3 * after:.1f}", f"{after / before:.2f}"])
+    if "noise_gain" in start.metrics:
+        before, after = start.metrics["noise_gain"], best.metrics["noise_gain"]
+        rows.append(
+            ["noise gain / (mV/V)", f"{1e3 * before:.2f}", f"{1e3 * after:.2f}"]
+            + [f"{after / before:.2f}"]
+        )
+    table = axes.table(
+        rows,
+        colLabels=["mm", "before", "after", "ratio"],
+        colWidths=[0.58, 0.14, 0.14, 0.14],
+        loc="center",
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(9)
+    table.scale(1, 1.5)
+
+
+def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
+    """Write a PNG: accuracy against the number of ground conditions, and which electrodes they are."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(f"{found[0].quality.layout.name}: ground conditions to scan")
+    axes = figure.subplots(1, 2, width_ratios=[1.4, 1])
+    counts = [len(scan.grounded) for scan in found]
+    for label, group, key, style in (
+        ("mean HWHM", "hwhm", "mean", "o-"),
+        ("HWHM, worst tenth", "hwhm", "worst_tenth", "s-"),
+        ("mean position error", "position_error", "mean", "d-"),
+    ):
+        values = [1e3 * scan.quality.metrics[group][key] for scan in found]
+        axes[0].plot(counts, values, style, label=label)
+    axes[0].set_xscale("log", base=2)
+    axes[0].set_xticks(counts, [str(count) for count in counts])
+    axes[0].minorticks_off()
+    axes[0].set(xlabel="ground conditions in a frame", ylabel="mm", ylim=(0, None))
+    axes[0].grid(alpha=0.3)
+    axes[0].legend()
+    rate = axes[0].secondary_xaxis("top", functions=(_invert, _invert))
+    rate.set_xticks([1 / count for count in counts], [f"{1e3 / count:.3g}" for count in counts])
+    rate.minorticks_off()
+    rate.set_xlabel("frames per second at 1 kHz switching")
+    _ranks(axes[1], found)
+    figure.savefig(path, dpi=100, format="png")
+
+
+def _invert(x):
+    return 1 / np.maximum(x, 1e-9)
+
+
+def _ranks(axes, found):
+    """Every electrode with the smallest scan that still grounds it."""
+    layout = found[0].quality.layout
+    smallest = np.zeros(layout.electrodes, int)
+    for scan in sorted(found, key=lambda scan: -len(scan.grounded)):
+        smallest[scan.grounded] = len(scan.grounded)
+    for x, y, count in zip(*(1e3 * layout.positions.T), smallest):
+        place = {"ha": "center", "va": "center", "fontsize": 9, "backgroundcolor": "white"}
+        axes.text(x, y, str(count) if count else "-", **place)
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    axes.set(aspect="equal", xlabel="x / mm", ylabel="y / mm")
+    axes.set_title("smallest number of conditions with this electrode", fontsize=10)

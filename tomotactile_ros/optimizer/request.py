@@ -1,0 +1,136 @@
+"""An optimization as the command line and the ROS node ask for it: plain values in, an iterator of steps out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.free import SPACING, Effort, effort_for, free
+from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.region import Region, regular_polygon
+
+METHODS = ("equalize", "free")
+_UPDATES = 5  # of equalize
+_OTHERS = 0.1, 10.0  # lambda^2 that a free layout has to carry over to, relative to the one wanted
+
+
+def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
+    """The equal grid from rim to rim; electrodes of 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where
+    there is room for them, otherwise a tenth of the pitch."""
+    if radius is None:
+        checks.integer(rows, "rows", 2, 256)
+        checks.integer(cols, "cols", 2, 256)
+        a, b = checks.pair(size, "size", "length in m")
+        pitch = min(
+            checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
+        )
+        radius = min(0.005 if max(rows, cols) <= 4 else 0.0025, pitch / 10)
+    return equal_grid(rows, cols, size, radius, sheet_resistance)
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What to optimize and how.
+
+    Parameters
+    ----------
+    layout : the start
+    method : `equalize` or `free`
+    steps : updates of equalize (5), or generations at the end of free; None for the default
+    regularization : lambda^2
+    spacing : of free, smallest distance of two centres, m; 2.2 radii by default
+    margin : of free, from the rim to a centre, m
+    keep_out : of free, discs (x, y, radius) without electrode centres, m
+    symmetric : of free, keep the symmetries of outline and layout
+    seed : of free
+    resolution : contact positions along the longer side
+    """
+
+    layout: Layout
+    method: str
+    steps: int | None = None
+    regularization: float = 1000.0
+    spacing: float | None = None
+    margin: float = 0.0
+    keep_out: tuple[tuple[float, float, float], ...] = ()
+    symmetric: bool = True
+    seed: int = 0
+    resolution: int = 40
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise InputError(f"method: {self.method!r} is none of {', '.join(METHODS)}")
+        if self.steps is not None:
+            checks.integer(self.steps, "steps", 0, 100000)
+        checks.integer(self.seed, "seed", 0, 2**32 - 1)
+        checks.positive(self.regularization, "regularization", "number")
+        if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
+            raise InputError("spacing, margin and keep_out: only method free knows them")
+        if self.method == "free":
+            self._constraints().check(self.layout.electrodes, self.layout.radius)
+
+    @property
+    def total(self) -> int:
+        """Number of steps, the start not counted."""
+        if self.method == "equalize":
+            return _UPDATES if self.steps is None else self.steps
+        return self._effort().total(self.layout)
+
+    def steps_of(self, executor: Executor | None = None) -> Iterator[Step]:
+        """Run it; see `best_of` for how to stop it and keep the best."""
+        if self.method == "equalize":
+            return equalize(
+                self.layout,
+                self.total,
+                regularization=self.regularization,
+                resolution=self.resolution,
+            )
+        return free(
+            self.layout,
+            regularizations=self._regularizations(),
+            constraints=self._constraints(),
+            symmetric=self.symmetric,
+            effort=self._effort(),
+            seed=self.seed,
+            executor=executor,
+            resolution=self.resolution,
+        )
+
+    def settings(self) -> dict:
+        """Plain values for the layout's provenance."""
+        out = {"start": self.layout.name, "steps": self.total}
+        if self.method == "free":
+            constraints = self._constraints()
+            out |= {
+                "regularizations": list(self._regularizations()),
+                "spacing": constraints.spacing,
+                "margin": constraints.margin,
+                "keep_out": [list(disc) for disc in self.keep_out],
+                "symmetric": self.symmetric,
+                "seed": self.seed,
+            }
+        return out
+
+    def _regularizations(self):
+        return (self.regularization, *(factor * self.regularization for factor in _OTHERS))
+
+    def _effort(self) -> Effort:
+        return effort_for(self.layout, self.steps)
+
+    def _constraints(self) -> Constraints:
+        discs = []
+        for i, disc in enumerate(self.keep_out):
+            if len(disc) != 3:
+                raise InputError(f"keep_out[{i}]: {checks.show(disc)} is not [x, y, radius] in m")
+            x, y, radius = (checks.number(each, f"keep_out[{i}]", "length in m") for each in disc)
+            discs.append(
+                Region(regular_polygon(checks.length(radius, f"keep_out[{i}][2]")) + [x, y])
+            )
+        spacing = SPACING * self.layout.radius if self.spacing is None else self.spacing
+        return Constraints(self.layout.outline, spacing, self.margin, tuple(discs))
