@@ -96,7 +96,7 @@ def test_discs_are_refined_between_pixels(setting):
     reading = meter.read(frame(contact, 1 / true, DRIVE), DRIVE)
     start = positions + [[0.002, -0.0015], [-0.001, 0.002]]
     found, conductance = refine_discs(
-        local, reading, sheet, start, 0.7 * true, 0.005, np.empty(0, int), np.empty(0)
+        local, reading, sheet, start, 0.7 * true, np.full(2, 0.005), np.empty(0, int), np.empty(0)
     )
     assert np.abs(found - positions).max() < 1e-4
     assert conductance == pytest.approx(true, rel=0.01)

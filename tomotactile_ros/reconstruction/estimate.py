@@ -20,6 +20,8 @@ from tomotactile_ros.reconstruction.settings import ContactEstimate
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
+DISC = 0.4  # radius of a contact that still counts as a disc, in spacings of the electrodes
+_SEEN = 0.23  # radius from which on the image tells the size of a contact, in spacings
 _BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
 _PLACES = 40  # in a wide blob
@@ -42,6 +44,7 @@ def strengths(
     disc_impedance: np.ndarray,
     point_area: float,
     radius: float,
+    exact: np.ndarray | None = None,
 ) -> list[Strength]:
     """How strongly each blob of the image `values` (K,) conducts.
 
@@ -51,6 +54,7 @@ def strengths(
     disc_impedance : (K,) D of a disc of `radius` centred on each pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
+    exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     """
     cores = [core_of(blob, values) for blob in blobs]
     share = local.meter.sheet.share
@@ -58,9 +62,11 @@ def strengths(
     effective = effective_conductances(shares, currents)
     found = []
     for blob, core, value in zip(blobs, cores, effective):
-        area = np.pi * radius**2
-        impedance = disc_impedance[blob.centre]
-        if blob.area > WIDE * point_area:
+        size = radius if exact is None else seen_radius(blob.pixels, exact, local, radius)
+        area = np.pi * size**2
+        change = local.resistance / (2 * np.pi) * np.log(size / radius)
+        impedance = max(disc_impedance[blob.centre] - change, 0.0)
+        if size > DISC * local.spacing or (exact is None and blob.area > WIDE * point_area):
             area = max(area, blob.area - point_area)
             impedance = _mean_impedance(blob.pixels[core > 0], local, area)
         conductance = value / (1 - min(value * impedance, _BARE))
@@ -85,6 +91,24 @@ def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarr
         found = np.maximum(np.linalg.lstsq(shares, currents, rcond=None)[0], 0.0)
     total = found.sum()
     return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
+
+
+def seen_radius(
+    pixels: np.ndarray, values: np.ndarray, local: LocalImage, expected: float
+) -> float:
+    """Radius of the disc with the second moment of the image `values` (K,) at `pixels` (n,), m.
+
+    An even disc has r^2 / 2; a point that falls between pixels is spread over them by about half a cell. Below
+    a fraction of the electrodes' spacing the image does not tell, and `expected` (m) stands.
+    """
+    weights, points = values[pixels], local.grid.pixels[pixels]
+    total = weights.sum()
+    if not total > 0:
+        return expected
+    centre = weights @ points / total
+    moment = weights @ ((points - centre) ** 2).sum(axis=1) / total
+    radius = float(np.sqrt(max(2 * moment - local.grid.cell_area / 2, 0.0)))
+    return radius if radius > max(_SEEN * local.spacing, expected) else expected
 
 
 def _mean_impedance(pixels, local, area) -> float:

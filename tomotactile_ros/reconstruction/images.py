@@ -9,7 +9,13 @@ import numpy as np
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.conductance import conductance_image
 from tomotactile_ros.reconstruction.contacts import FLOOR, SHARP_FLOOR, Blob, find_blobs
-from tomotactile_ros.reconstruction.estimate import EVEN_DISC, WIDE, Strength, strengths
+from tomotactile_ros.reconstruction.estimate import (
+    DISC,
+    EVEN_DISC,
+    Strength,
+    seen_radius,
+    strengths,
+)
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 from tomotactile_ros.reconstruction.parametric import refine_discs
@@ -42,14 +48,15 @@ class ImageMaker:
             return self.described(local, measured, linear, local.point_area(measured))
         grid = local.grid
         width = SHARP * local.spacing
-        sharp = spread(nonnegative_image(local, measured, linear), grid, width)
+        sparse = nonnegative_image(local, measured, linear)
+        sharp = spread(sparse, grid, width)
         point_area = 2 * np.pi * np.log(2) * max(width, 0.6 * grid.cell_size[0]) ** 2
         if self.profile == "balanced":
-            return self.described(local, measured, sharp, point_area)
+            return self.described(local, measured, sharp, point_area, sparse)
         values = conductance_image(local, measured, sharp, local.spacing)
         return self._refined(local, measured, spread(values, grid, width), values, point_area, width)
 
-    def described(self, local, measured, values, point_area=None) -> Image:
+    def described(self, local, measured, values, point_area=None, exact=None) -> Image:
         """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""
         if point_area is None:
             point_area = local.point_area(measured)
@@ -65,38 +72,42 @@ class ImageMaker:
             np.maximum(local.meter.sheet.impedance + self._change, 0.0),
             point_area,
             self.radius,
+            exact,
         )
         least = _LEAST * max(strength.conductance for strength in found)
         kept = [i for i, strength in enumerate(found) if strength.conductance >= least]
         return Image(values, [blobs[i] for i in kept], [found[i] for i in kept])
 
     def _refined(self, local, measured, values, exact, point_area, width):
-        """Small blobs as discs, wide ones as they are."""
+        """Small contacts as discs of the size that the image shows, wide ones as their pixels."""
         image = self.described(local, measured, values, point_area)
-        small = [i for i, b in enumerate(image.blobs) if b.area <= WIDE * point_area]
-        wide = [i for i in range(len(image.blobs)) if i not in small]
-        sums = np.array([values[blob.pixels].sum() for blob in image.blobs])
+        blobs = image.blobs
+        radius = [seen_radius(blob.pixels, exact, local, self.radius) for blob in blobs]
+        sums = np.array([values[blob.pixels].sum() for blob in blobs])
         sums *= values.sum() / max(float(sums.sum()), 1e-300)
+        small = [i for i, r in enumerate(radius) if r < max(DISC * local.spacing, 1.01 * self.radius)]
+        wide = [i for i in range(len(blobs)) if i not in small]
         for i in wide:
-            found = image.strengths[i]
-            image.strengths[i] = Strength(found.position, float(sums[i]), found.area)
+            position = image.strengths[i].position
+            image.strengths[i] = Strength(position, float(sums[i]), np.pi * radius[i] ** 2)
         if not 0 < len(small) <= _MOST_DISCS:
             return image
-        pixels = np.concatenate([np.empty(0, int), *(image.blobs[i].pixels for i in wide)])
-        pixels = pixels[exact[pixels] > 0]
+        others = np.concatenate([np.empty(0, int), *(blobs[i].pixels for i in wide)])
+        others = others[exact[others] > 0]
+        radii = np.array([radius[i] for i in small])
         positions, conductances = refine_discs(
             local,
             measured,
             self.sheet,
             np.array([image.strengths[i].position for i in small]),
-            np.array([max(image.strengths[i].conductance, 1e-12) for i in small]),
-            self.radius,
-            pixels,
-            exact[pixels],
+            np.maximum(sums[small], 1e-12),
+            radii,
+            others,
+            exact[others],
         )
-        for i, position, conductance in zip(small, positions, conductances):
-            image.strengths[i] = Strength(position, float(conductance), image.strengths[i].area)
-            _draw(image.values, image.blobs[i], position, conductance, width, local.grid)
+        for i, r, position, conductance in zip(small, radii, positions, conductances):
+            image.strengths[i] = Strength(position, float(conductance), float(np.pi * r**2))
+            _draw(image.values, blobs[i], position, conductance, max(width, r / 2), local.grid)
         return image
 
 

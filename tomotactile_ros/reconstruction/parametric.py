@@ -26,11 +26,11 @@ def refine_discs(
     sheet,
     positions: np.ndarray,
     conductances: np.ndarray,
-    radius: float,
+    radius: np.ndarray,
     others: np.ndarray,
     other_conductances: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refined positions (n, 2), m, and conductances (n,), S, of discs of `radius`, m.
+    """Refined positions (n, 2), m, and conductances (n,), S, of discs of `radius` (n,), m.
 
     Parameters
     ----------
@@ -54,8 +54,9 @@ def refine_discs(
         right = (problem.data - predicted) * problem.weight
         step = np.linalg.lstsq(matrix, right, rcond=1e-10)[0].reshape(3, count)
         step = np.clip(step, -_REACH, _REACH)
-        moved = positions + radius * step[:2].T
-        moved = np.clip(moved, start - _REACH * radius, start + _REACH * radius)
+        moved = positions + radius[:, None] * step[:2].T
+        reach = _REACH * radius[:, None]
+        moved = np.clip(moved, start - reach, start + reach)
         positions = np.where(local.grid.outline.contains(moved)[:, None], moved, positions)
         conductances = np.minimum(conductances * np.exp(step[2]), LARGEST / local.resistance)
     return best[1], best[2]
@@ -64,13 +65,12 @@ def refine_discs(
 def _predict(local, measured, sheet, positions, conductances, radius, pixels, others):
     """(D,) data, (D, 3 n) slopes with respect to x, y in radii and ln g, and the problem."""
     count = len(positions)
-    shift = _DIFFERENCE * radius
-    inward = -np.sign(positions) * shift  # never over the rim
+    inward = -np.sign(positions) * _DIFFERENCE * radius[:, None]  # never over the rim
     places = np.concatenate(
         [positions, positions + inward * [1, 0], positions + inward * [0, 1], pixels]
     )
-    size = np.full(len(places), EVEN_DISC * radius)
-    size[3 * count :] = PATCH * np.sqrt(local.grid.cell_area)
+    patch = PATCH * np.sqrt(local.grid.cell_area)
+    size = np.append(EVEN_DISC * np.tile(radius, 3), np.full(len(pixels), patch))
     grounded = local.meter.sheet.at(sheet.transfer(places, size))
     impedance = grounded.among(np.arange(len(places)))
     values = np.append(conductances, others)
