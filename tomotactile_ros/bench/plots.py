@@ -15,7 +15,7 @@ _MARKERS = {20: "v", 40: "o", 80: "^"}
 
 def save_front(path: str | Path, result: dict) -> None:
     """Position error of the reported contact against the time of one frame; the front as a line."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogLocator
 
     figure = _figure(7.5, 5.2)
     axes = figure.add_subplot()
@@ -43,8 +43,9 @@ def save_front(path: str | Path, result: dict) -> None:
         title=f"Speed and accuracy, one thread of {result['machine']['processor']}",
     )  # fmt: skip
     for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
+        axis.set_minor_formatter("{x:g}")
     axes.grid(which="both", color="0.9")
     axes.legend(frameon=False, fontsize=8)
     _write(figure, path)

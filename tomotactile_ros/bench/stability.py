@@ -138,7 +138,7 @@ def _voltages(layout, conductance, model, place=_PLACE):
     contact = Contact("disc", center=place * size, radius=size.min() / 40)
     points, areas, radii = contact.patches(6)
     flow = np.full(len(areas), conductance)
-    sheet = make_sheet(layout, model, h=size.min() / 40)
+    sheet = make_sheet(layout, model, h=max(size.min() / 40, size.max() / 400))
     return frame(*contact_points(sheet, points, areas, radii, flow), 1.0)
 
 
