@@ -5,14 +5,14 @@ between neighbouring electrodes. Both are linear in the effective conductances c
 
     y_n = sum_k H_nk c_k,        Y_nl - Y0_nl = sum_k H_nk H_lk c_k,        c_k = 1 / (1/g_k + D_kk).
 
-As 0 <= H <= 1 and sum_n H_nk = 1, the second lies between 0 and y_n y_l / (y_n + y_l) for a single contact
-and never above min(y_n, y_l) / 2 for well separated ones: what is outside is an error of Y0, and is cut off.
+As H >= 0 and sum_n H_nk = 1, the second lies between 0 and y_n y_l / (y_n + y_l): so it is for a single pixel,
+and that function is concave. What is outside is an error of Y0, and is cut off.
 
 The image is the mean of a Gaussian field given the data, in Tikhonov's form
 
     c = P A^T (A P A^T + diag(lambda^2))^-1 d
 
-with P a Gaussian smoothing about a third of the electrodes' spacing wide. lambda of a coupling is its noise, or the
+with P a Gaussian smoothing about half as wide as electrodes are apart. lambda of a coupling is its noise, or the
 error of Y0 if that is larger, in parts of the field's standard deviation, which follows the strength of the frame.
 """
 
@@ -28,14 +28,15 @@ from scipy.spatial import cKDTree
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 
-_WIDTH = 0.35  # of the smoothing, in spacings of the electrodes
+_WIDTH = 0.45  # of the smoothing, in spacings of the electrodes
 _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts of all contacts
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
-_MODEL_ERROR = 0.01  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+_MODEL_ERROR = 0.003  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
 _READY = 3  # levels that are prepared, those of usual contacts; others when a frame needs them
 _LARGE = 2_000_000  # entries of a reconstruction matrix from which on it is made sparse
 _NEGLIGIBLE = 5e-4  # of its largest entry
+_TINY = 1e-30  # S
 _LEVELS = 16  # of lambda of the couplings, each twice the last
 
 
@@ -62,7 +63,7 @@ class LocalImage:
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
         self._areas: dict[int, float] = {}
-        for level in range(_READY):
+        for level in range(_READY if self.forward.size < _LARGE else 1):
             self._levels[level] = self._inverse(level)
 
     def _smooth(self):
@@ -96,7 +97,8 @@ class LocalImage:
         data[: len(currents)] = currents
         if inverse.shape[1] > len(currents):
             first, second = currents[self.meter.first], currents[self.meter.second]
-            most = np.maximum(np.minimum(first, second), 0.0) / 2
+            first, second = np.maximum(first, 0.0), np.maximum(second, 0.0)
+            most = first * second / np.maximum(first + second, _TINY)
             data[len(currents) :] = np.minimum(np.maximum(measured.couplings, 0.0), most)
         return inverse @ data
 
