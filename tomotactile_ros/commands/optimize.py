@@ -7,9 +7,12 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 
+from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.optimizer.free import DEFAULT_AIMS
 from tomotactile_ros.optimizer.grounding import scans
+from tomotactile_ros.optimizer.objective import Aims
 from tomotactile_ros.optimizer.request import METHODS, Request, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished
 from tomotactile_ros.progress import Progress, track
@@ -53,6 +56,14 @@ def add_arguments(parser):
     parser.add_argument(
         "--asymmetric", action="store_true", help="move every electrode on its own (slow)"
     )
+    parser.add_argument(
+        "--aims",
+        type=float,
+        nargs=4,
+        metavar=("MEAN", "WORST", "ERROR", "OTHER"),
+        help="of free, relative to the start: mean HWHM, worst tenth, mean position error, and position error "
+        "at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.5)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the free search")
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes of the free search"
@@ -79,6 +90,7 @@ def run(args):
         margin=args.margin,
         keep_out=tuple(map(tuple, args.keep_out)),
         symmetric=not args.asymmetric,
+        aims=_aims(args.aims),
         seed=args.seed,
     )
     if args.workers < 1:
@@ -106,6 +118,15 @@ def _grid(args):
     if args.rows is None or args.cols is None:
         raise InputError("--rows and --cols, or --layout, are needed")
     return start_layout(args.rows, args.cols, args.size, args.radius, args.sheet_resistance)
+
+
+def _aims(numbers):
+    if numbers is None:
+        return DEFAULT_AIMS
+    for number in numbers:
+        checks.positive(number, "--aims", "number")
+    *central, other = numbers
+    return Aims(central=tuple(central), other=(*DEFAULT_AIMS.other[:2], other))
 
 
 def _check_writable(out):

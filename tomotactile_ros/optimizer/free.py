@@ -26,12 +26,13 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.objective import Aims, FemObjective, Objective
-from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, outline_group
+from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
 from tomotactile_ros.optimizer.step import Clock, Step
 
 REGULARIZATIONS = (1000.0, 100.0, 10000.0)
 SPACING = 2.2  # smallest distance of two centres by default, in radii
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
+_SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
 _SAME = 1e-6  # scores closer than this are the same
 DEFAULT_AIMS = Aims()
 
@@ -46,9 +47,9 @@ class Effort:
     generations  of evolution afterwards
     """
 
-    starts: int = 4
+    starts: int = 8
     rounds: int = 5
-    descents: int = 10
+    descents: int = 12
     generations: int = 10
 
     def total(self, layout: Layout) -> int:
@@ -151,8 +152,9 @@ class _Task:
         return _problem(self)
 
     def orbits(self, positions) -> Orbits:
-        group = outline_group(self.layout.outline) if self.symmetric else np.eye(2)[None]
-        return find_orbits(positions, group)
+        if not self.symmetric:
+            return find_orbits(positions, np.eye(2)[None])
+        return find_orbits(positions, shared_group(self.layout.outline, positions))
 
     def feasible(self, orbits: Orbits, parameters):
         """Parameters nearby that obey the constraints, or None."""
@@ -250,7 +252,8 @@ def _starts(task, count, seed, run):
     random = np.random.default_rng(seed)
     half = np.array(layout.outline.size) / 2
     while len(starts) < count:
-        warped = _warp(starts[0] / half, random.uniform(-0.12, 0.12, 3)) * half
+        scale, *amount = random.uniform(-1, 1, 4) * _SPREAD
+        warped = _warp(starts[0] / half, amount) * half * (1 + scale)
         moved = task.feasible(orbits, orbits.parameters(warped))
         starts.append(starts[0] if moved is None else orbits.positions(moved))
     return starts

@@ -39,12 +39,15 @@ _STEP = 1e-6  # of the sheet's size
 class Aims:
     """Figures relative to those of the reference layout that count as equally good.
 
-    `central` for the lambda^2 that the layout is made for, `other` for those it must carry over to: mean HWHM,
-    worst tenth, mean position error. `noise_gain` bounds the noise gain, relative to the reference.
+    `central` for the lambda^2 that the layout is made for, `other` for those it is to carry over to: mean HWHM,
+    worst tenth, mean position error. `noise_gain` is that of the noise gain, for all of them.
+
+    Electrodes that leave the rim are better for all figures but one: at a tenth of lambda^2 contacts between
+    the rim and the electrodes are drawn to these. How much of that is allowed is `other[2]`.
     """
 
-    central: tuple[float, float, float] = (0.8, 0.82, 0.72)
-    other: tuple[float, float, float] = (0.95, 0.95, 1.0)
+    central: tuple[float, float, float] = (0.8, 0.8, 0.72)
+    other: tuple[float, float, float] = (0.95, 0.95, 1.5)
     noise_gain: float = 1.5
 
 

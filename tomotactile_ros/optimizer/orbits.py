@@ -32,13 +32,11 @@ class Orbits:
         return np.linalg.lstsq(self.matrix, np.ravel(positions), rcond=None)[0]
 
 
-def outline_group(outline: Outline) -> np.ndarray:
-    """(g, 2, 2) the mirrors of x and y and the swap of both, as far as the outline has them."""
-    group = [each for each in MIRRORS if _maps(outline, each)]
-    if len(group) == 4 and _maps(outline, SWAP):
+def shared_group(outline: Outline, positions) -> np.ndarray:
+    """(g, 2, 2) those mirrors of x and y, and swaps, that outline and electrodes (E, 2) both have."""
+    group = [each for each in MIRRORS if _keeps(outline, positions, each)]
+    if len(group) == 4 and _keeps(outline, positions, SWAP):
         group += [SWAP @ each for each in group]
-    elif len(group) == 3:
-        group = group[:1]
     return np.array(group)
 
 
@@ -70,12 +68,14 @@ def find_orbits(positions, group) -> Orbits:
     return Orbits(np.array(columns).reshape(-1, 2 * count).T)
 
 
-def _maps(outline, element):
-    """Whether the outline is mapped onto itself: points near its rim keep their side."""
-    size = max(outline.size)
+def _keeps(outline, positions, element):
+    """Whether an element maps outline and electrodes onto themselves."""
+    close = _CLOSE * max(outline.size)
+    positions = np.asarray(positions, float)
+    images = positions @ element.T
+    if np.linalg.norm(images[:, None] - positions, axis=2).min(axis=1).max() > close:
+        return False
     rings = [outline.shell, *outline.holes]
-    corners = np.concatenate(rings)
-    return all(
-        (outline.rim_distance(points @ element.T) < _CLOSE * size).all()
-        for points in (corners, np.concatenate([(r + np.roll(r, 1, axis=0)) / 2 for r in rings]))
-    )
+    points = np.concatenate([*rings, *((ring + np.roll(ring, 1, axis=0)) / 2 for ring in rings)])
+    moved = outline.rim_distance(points @ element.T)
+    return bool(np.abs(moved - outline.rim_distance(points)).max() < close)

@@ -11,7 +11,8 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import equalize
-from tomotactile_ros.optimizer.free import SPACING, Effort, effort_for, free
+from tomotactile_ros.optimizer.free import DEFAULT_AIMS, SPACING, Effort, effort_for, free
+from tomotactile_ros.optimizer.objective import Aims
 from tomotactile_ros.optimizer.step import Step
 from tomotactile_ros.region import Region, regular_polygon
 
@@ -48,6 +49,7 @@ class Request:
     margin : of free, from the rim to a centre, m
     keep_out : of free, discs (x, y, radius) without electrode centres, m
     symmetric : of free, keep the symmetries of outline and layout
+    aims : of free, what the figures should come to
     seed : of free
     resolution : contact positions along the longer side
     """
@@ -60,6 +62,7 @@ class Request:
     margin: float = 0.0
     keep_out: tuple[tuple[float, float, float], ...] = ()
     symmetric: bool = True
+    aims: Aims = DEFAULT_AIMS
     seed: int = 0
     resolution: int = 40
 
@@ -94,6 +97,7 @@ class Request:
         return free(
             self.layout,
             regularizations=self._regularizations(),
+            aims=self.aims,
             constraints=self._constraints(),
             symmetric=self.symmetric,
             effort=self._effort(),
@@ -113,6 +117,7 @@ class Request:
                 "margin": constraints.margin,
                 "keep_out": [list(disc) for disc in self.keep_out],
                 "symmetric": self.symmetric,
+                "aims": {key: value for key, value in vars(self.aims).items()},
                 "seed": self.seed,
             }
         return out

@@ -93,7 +93,7 @@ def finished(layout: Layout, name: str, method: str, settings: dict, history, be
     """`layout` under its new name, with its origin: method, settings, figures before and after."""
     provenance = {
         "algorithm": method,
-        "settings": settings | {"evaluation": best.quality.settings},
+        "settings": rounded(settings, 12) | {"evaluation": best.quality.settings},
         "metrics": {"before": rounded(history[0].metrics), "after": rounded(best.metrics)},
         "steps": [
             {
@@ -114,6 +114,6 @@ def rounded(value, digits: int = 5):
     """Numbers of nested plain data with `digits` significant digits."""
     if isinstance(value, dict):
         return {key: rounded(each, digits) for key, each in value.items()}
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         return [rounded(each, digits) for each in value]
     return float(f"{value:.{digits}g}") if isinstance(value, float) else value
