@@ -35,7 +35,7 @@ class Size:
     pairs: int
 
 
-QUICK, FULL = Size(5, 6), Size(10, 20)
+QUICK, FULL = Size(5, 6), Size(8, 10)
 
 
 @dataclass(frozen=True, eq=False)
