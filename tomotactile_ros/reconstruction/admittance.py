@@ -117,7 +117,8 @@ class AdmittanceMeter:
             both, symmetric = valid, np.where(valid, ratio, 0.0)
         else:
             symmetric = np.where(both, (ratio + ratio.T) / 2, 0.0)
-        total = max((symmetric * self._apart)[both].sum() / (self._apart[both] ** 2).sum(), 0.0)
+        scale = max(float((self._apart[both] ** 2).sum()), 1e-300)
+        total = max(float((symmetric * self._apart)[both].sum()) / scale, 0.0)
         rest = np.where(valid, ratio - total * self._step, 0.0)
         bent = _balance(rest, valid)
         currents = self._weak_admittance @ bent + total * self._weak_share
@@ -173,4 +174,5 @@ def _balance(rest, valid):
     laplacian = np.diag(weight.sum(axis=1)) - weight
     right = rest.sum(axis=0) - rest.sum(axis=1)
     count = len(rest)
-    return np.linalg.solve(laplacian + np.ones((count, count)) / count, right)
+    # electrodes that no reading ties to the others stay at the mean
+    return np.linalg.lstsq(laplacian + np.ones((count, count)) / count, right, rcond=1e-12)[0]

@@ -18,14 +18,17 @@ import numpy as np
 
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.local import LocalImage
-from tomotactile_ros.reconstruction.nonnegative import solve_nonnegative, weighted_data
+from tomotactile_ros.reconstruction.nonnegative import (
+    solve_nonnegative,
+    typical_pixel,
+    weighted_data,
+)
 
 _STEPS = 8
 _HALVINGS = 4
 _SUPPORT = 0.03  # of the start's maximum
 _MOST = 450  # pixels that take part
 _COMPACT = 0.2  # see `nonnegative`
-_TYPICAL = 3.5  # conductance of a pixel, per its width in spacings, times the sheet resistance
 _ENOUGH = 1e-3  # relative gain of the misfit below which it ends
 
 
@@ -105,13 +108,8 @@ def solve_conductance(
     return values, costs
 
 
-def conductance_image(
-    local: LocalImage, measured: Grounded, start: np.ndarray, spacing: float
-) -> np.ndarray:
-    """(K,) g of each pixel, S, started from the smoothed non-negative image `start` (K,).
-
-    `spacing` of the electrodes, m.
-    """
+def conductance_image(local: LocalImage, measured: Grounded, start: np.ndarray) -> np.ndarray:
+    """(K,) g of each pixel, S, started from the smoothed non-negative image `start` (K,)."""
     out = np.zeros(len(start))
     top = start.max()
     active = np.flatnonzero(start > _SUPPORT * top) if top > 0 else np.empty(0, int)
@@ -121,6 +119,5 @@ def conductance_image(
         sheet = local.meter.sheet
         share, impedance = sheet.share[:, active], sheet.among(active)
         problem = ConductanceProblem(local, measured, share, impedance, _COMPACT)
-        cell = np.sqrt(local.grid.cell_area) / spacing
-        out[active] = solve_conductance(problem, start[active], _TYPICAL * cell / local.resistance)[0]
+        out[active] = solve_conductance(problem, start[active], typical_pixel(local))[0]
     return out

@@ -12,6 +12,7 @@ from tomotactile_ros.reconstruction.contacts import FLOOR, SHARP_FLOOR, Blob, fi
 from tomotactile_ros.reconstruction.estimate import (
     DISC,
     EVEN_DISC,
+    WIDE,
     Strength,
     seen_radius,
     strengths,
@@ -48,13 +49,20 @@ class ImageMaker:
             return self.described(local, measured, linear, local.point_area(measured))
         grid = local.grid
         width = SHARP * local.spacing
-        sparse = nonnegative_image(local, measured, linear)
+        even = self.profile == "balanced" and self._is_wide(local, measured, linear)
+        sparse = nonnegative_image(local, measured, linear, even)
         sharp = spread(sparse, grid, width)
         point_area = 2 * np.pi * np.log(2) * max(width, 0.6 * grid.cell_size[0]) ** 2
         if self.profile == "balanced":
             return self.described(local, measured, sharp, point_area, sparse)
-        values = conductance_image(local, measured, sharp, local.spacing)
+        values = conductance_image(local, measured, sharp)
         return self._refined(local, measured, spread(values, grid, width), values, point_area, width)
+
+    def _is_wide(self, local, measured, linear) -> bool:
+        """Whether a blob of the linear image is wider than the image of a point."""
+        most = WIDE * local.point_area(measured)
+        blobs = find_blobs(local.grid.fill(linear, outside=0.0), local.grid)
+        return any(blob.area > most for blob in blobs)
 
     def described(self, local, measured, values, point_area=None, exact=None) -> Image:
         """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""

@@ -23,6 +23,7 @@ from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.local import LocalImage
 
 _SUPPORT = 0.04  # of the linear image's maximum
+_TYPICAL = 3.5  # conductance of a pixel, per its width in spacings, times the sheet resistance
 _LEAST_SPREAD = 0.6  # pixels
 _MOST = 400  # pixels that take part
 _CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
@@ -60,15 +61,29 @@ def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.maximum(np.linalg.lstsq(matrix, right, rcond=None)[0], 0.0)
 
 
-def nonnegative_image(local: LocalImage, measured: Grounded, linear: np.ndarray) -> np.ndarray:
-    """(K,) effective conductance c of each pixel, S, from the linear image of the same frame."""
+def nonnegative_image(
+    local: LocalImage, measured: Grounded, linear: np.ndarray, even: bool = False
+) -> np.ndarray:
+    """(K,) effective conductance c of each pixel, S, from the linear image of the same frame.
+
+    `even` adds a small weight on c^2, for contacts that are wide: they would break into spots.
+    """
     out = np.zeros(len(linear))
     active = support(linear)
     if len(active):
         data, weight = weighted_data(local, measured)
         matrix = local.forward[: len(data), active] * weight[:, None]
-        out[active] = solve_nonnegative(matrix, data * weight)
+        right = data * weight
+        if even:
+            matrix = np.vstack([matrix, np.eye(len(active)) / typical_pixel(local)])
+            right = np.append(right, np.zeros(len(active)))
+        out[active] = solve_nonnegative(matrix, right)
     return out
+
+
+def typical_pixel(local: LocalImage) -> float:
+    """Conductance of a pixel, S, that costs as much as an error of one standard deviation."""
+    return _TYPICAL * np.sqrt(local.grid.cell_area) / local.spacing / local.resistance
 
 
 def spread(values: np.ndarray, grid: Grid, width: float) -> np.ndarray:
