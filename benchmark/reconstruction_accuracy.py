@@ -186,7 +186,8 @@ def covered(shape, grid):
 
 
 def image_time(pipeline, frames):
-    """Median and p99 of the linear image alone, frame in V to image, s."""
+    """Median and p99 of the linear image alone, float32 frame in V to image, s."""
+    frames = frames.astype(np.float32)
     local = pipeline._model.local(np.arange(pipeline.layout.electrodes))
     times = []
     for _ in range(20):
