@@ -63,6 +63,11 @@ class Layout:
         """What a voltage frame names to say which layout it was measured with."""
         return self.name
 
+    @property
+    def pitch(self) -> float:
+        """Distance between the two nearest electrodes, m."""
+        return float(self._tree.query(self.positions, k=2)[0][:, 1].min())
+
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(P,) distance, m, and number of the electrode whose centre is nearest to each of (P, 2) points."""
         return self._tree.query(points)

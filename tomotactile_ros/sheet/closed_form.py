@@ -3,8 +3,8 @@
 Each electrode is a ring of point charges on its rim. A floating electrode is an equipotential without
 net current, so its charges move: to leading order an induced dipole, which shunts the sheet (64 discs of
 radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 = 5 %). The charges are
-eliminated once; four to a ring give dipole moments within 4 %. Without shunting every electrode is a point
-source whose distance never falls below its radius.
+eliminated once; four to a ring give dipole moments within 4 %, sixteen serve electrodes that nearly
+touch. Without shunting every electrode is a point with a radius.
 
 A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the potential
 of the continuous ring, because the distances between n points on a circle multiply to n r^(n - 1).
@@ -19,6 +19,9 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
+_CLOSE = (
+    4.0  # radii between centres, below which an electrode sees more than its neighbour's dipole
+)
 _BLOCK = 128  # points at a time: temporaries fit in the cache
 
 
@@ -26,12 +29,12 @@ class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
 
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
-    ring           charges on the rim of each electrode
+    ring           charges on the rim of each electrode; by default 4, or 16 where electrodes are close
     """
 
     model = "closed_form"
 
-    def __init__(self, layout: Layout, *, shunting: bool = True, ring: int = 4):
+    def __init__(self, layout: Layout, *, shunting: bool = True, ring: int | None = None):
         if not layout.outline.is_uniform_rectangle:
             raise InputError(
                 f"layout {layout.name!r}: the closed form needs a rectangle without holes, "
@@ -41,18 +44,17 @@ class ClosedFormSheet:
         self.shunting = shunting
         self._size = layout.outline.size
         if shunting:
+            ring = ring or (4 if layout.pitch > _CLOSE * layout.radius else 16)
             self._charges, self._owner = _rings(layout, ring)
             self._radius = layout.radius / ring
         else:
             self._charges, self._owner = layout.positions, np.arange(layout.electrodes)
             self._radius = layout.radius
-        between = self._green(
-            self._charges, self._charges, self._radius * np.eye(len(self._charges))
-        )
         if shunting:
-            self._tie(between)
+            self._tie(self._green(self._charges, self._charges, self._radius))
         else:
-            self.electrode_electrode = between
+            own = self._radius * np.eye(layout.electrodes)
+            self.electrode_electrode = self._green(self._charges, self._charges, own)
 
     def _green(self, points, sources, radius):
         scale = self.layout.sheet_resistance

@@ -32,7 +32,7 @@ def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, 
     owner = electrode_of(points, sheet.layout, radii)
     points = np.where(owner[:, None] >= 0, sheet.layout.positions[owner], points)
     kept, group = _together(points, radii, owner)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         resistance = 1 / np.bincount(group, flow, len(kept))
     return sheet.transfer(points[kept], radii[kept]), resistance
 

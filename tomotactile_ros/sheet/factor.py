@@ -29,7 +29,9 @@ class LevelCholesky:
         edges = np.searchsorted(self.level[order], np.arange(1, self.level.max() + 1))
         self.levels = np.split(order, edges)
         self.place = np.empty(self.size, int)
-        self.place[order] = np.arange(self.size) - np.repeat([0, *edges], list(map(len, self.levels)))
+        self.place[order] = np.arange(self.size) - np.repeat(
+            [0, *edges], list(map(len, self.levels))
+        )
         self._corner = []  # Cholesky factor of each level's block
         self._down = []  # its coupling to the next level, times the inverse transposed factor
         schur = None
@@ -55,7 +57,9 @@ class LevelCholesky:
             blocks = []
             for height, width, part in zip(sizes, sizes[step:], parts):
                 block = np.zeros((height, width))
-                block[self.place[entries.row[part]], self.place[entries.col[part]]] = entries.data[part]
+                block[self.place[entries.row[part]], self.place[entries.col[part]]] = entries.data[
+                    part
+                ]
                 blocks.append(block)
             if step == 0:
                 own = blocks

@@ -29,6 +29,7 @@ from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 
+_FEW = 300  # points whose mutual Green function is computed at once
 _NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
 _MOST_KEPT = 3000  # unknowns whose mutual Green function is kept (72 MB)
 
@@ -194,9 +195,6 @@ class FemSheet:
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
         local = (weights * self._local[corners]).sum(axis=1)
-        pairs = _pairs(corners, weights)
-        excess = self._self_log(*pairs) - np.log(radius)
-        self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
         to_points = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
         nearest = self.layout.nearest(points)[1]
         excess = self._electrode_log(points, radius, corners, weights, nearest)
@@ -213,8 +211,18 @@ class FemSheet:
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
             return first @ (self._among(nodes) @ second.T) + scale * excess
 
+        if len(points) <= _FEW:
+            everything = np.arange(len(points))
+            block = green(everything, everything)
+            self_terms = np.diagonal(block).copy()
+            found = lambda i, j: block[np.ix_(i, j)]  # noqa: E731
+        else:
+            pairs = _pairs(corners, weights)
+            excess = self._self_log(*pairs) - np.log(radius)
+            self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
+            found = green
         between = self.electrode_electrode
-        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, green)
+        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, found)
 
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
@@ -235,10 +243,6 @@ class FemSheet:
 
     def _self_terms(self, rows, columns, product):
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
-        nodes = np.unique(rows[:, ::3])
-        if len(nodes) < min(_MOST_KEPT / 2, len(self.where) / 4):
-            self._among(nodes)
-            return (product * self._kept_green[self._place[rows], self._place[columns]]).sum(axis=1)
         entries = np.zeros(rows.shape)
         free = (rows > 0) & (columns > 0)
         entries[free] = self._factor.inverse_entries(rows[free] - 1, columns[free] - 1)
