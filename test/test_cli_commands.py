@@ -1,0 +1,126 @@
+"""The command line as its users meet it: a process, its exit status and one line for every mistake."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
+
+
+def run(*words, **kwargs):
+    command = [sys.executable, "-m", "tomotactile_ros.cli", *map(str, words)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, **kwargs)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "frames.npz"
+    done = run("simulate", "--layout", "equal-4x4", "--scene", "default", "--frames", 3, "--out", path)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+def test_simulate_writes_what_the_contract_says(frames):
+    with np.load(frames, allow_pickle=False) as file:
+        voltages, grounded, stamps = file["voltages"], file["grounded"], file["stamps"]
+        truth = json.loads(str(file["truth"]))
+    assert voltages.shape == (3, 16, 16) and grounded.tolist() == list(range(16))
+    np.testing.assert_allclose(np.diff(stamps), 0.016)
+    simulator = Simulator(load_layout("equal-4x4"), load_scene("default"))
+    np.testing.assert_allclose(voltages[2], simulator.frame(stamps[2], 2), atol=1e-6)
+    assert [len(contacts) for contacts in truth] == [2, 2, 2]
+    assert set(truth[0][0]) == {"x", "y", "force", "pressure", "area", "radius"}
+
+
+def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
+    out = tmp_path / "result.npz"
+    done = run("reconstruct", frames, "--layout", "equal-4x4", "--profile", "fast", "--out", out)
+    assert done.returncode == 0, done.stderr
+    with np.load(out, allow_pickle=False) as file:
+        assert file["pressure"].shape == file["potential"].shape == (3, 40, 40)
+        assert file["latency"].shape == (3,)
+        contacts = json.loads(str(file["contacts"]))
+    assert len(contacts) == 3
+    for contact in contacts[0]:
+        assert set(contact) == {"x", "y", "force", "pressure", "area", "radius"}
+    assert run("inspect", out).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["equal-8x8", "defects", "experiment-corner"])
+def test_inspect_draws_layouts_and_scenes(name):
+    done = run("inspect", name)
+    assert done.returncode == 0 and "o" in done.stdout and name in done.stdout
+
+
+def test_inspect_draws_the_y_axis_upwards(tmp_path):
+    scene = tmp_path / "corner.yaml"
+    scene.write_text(
+        "format: tomotactile-scene/1\ndrive_voltage: 3.3\ncontacts:\n"
+        "  - {shape: disc, center: [0.08, 0.08], radius: 0.01, pressure: 1000.0}\n"
+    )
+    lines = [line for line in run("inspect", scene).stdout.splitlines() if line.startswith("    ")]
+    marked = [i for i, line in enumerate(lines) if "#" in line]
+    assert max(marked) < len(lines) / 2 and lines[marked[0]].index("#") > len(lines[0]) / 2
+
+
+def test_inspect_names_what_a_file_lacks(frames, tmp_path):
+    assert "16 ground conditions" in run("inspect", frames).stdout
+    for name, content in (("empty.yaml", ""), ("other.yaml", "format: something/1\n")):
+        (tmp_path / name).write_text(content)
+        done = run("inspect", tmp_path / name)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1 and name in done.stderr
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(frames.read_bytes()[:500])
+    done = run("inspect", broken)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["simulate", "--layout", "nowhere", "--scene", "default", "--frames", "1"], "nowhere"),
+        (["simulate", "--layout", "equal-4x4", "--scene", "nowhere", "--frames", "1"], "nowhere"),
+        (["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "0"], "--frames"),
+        (["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "x"], "--frames"),
+        (
+            ["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "1", "--rate", "-1"],
+            "--rate",
+        ),
+        (
+            ["simulate", "--layout", "equal-4x4", "--scene", "defects", "--frames", "1"],
+            "equal-4x4",
+        ),
+        (["dance"], "dance"),
+        ([], "COMMAND"),
+        (["inspect", "nowhere"], "nowhere"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
+    if words and words[0] == "simulate":
+        words = [*words, "--out", tmp_path / "out.npz"]
+    done = run(*words)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and said in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    done = run(
+        "simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", 1,
+        "--out", tmp_path / "no" / "out.npz",
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "out.npz" in done.stderr
+
+
+def test_every_command_has_help():
+    done = run("--help")
+    assert done.returncode == 0
+    for name in ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "inspect", "bench"):
+        assert name in done.stdout
+        assert run(name, "--help").returncode == 0
