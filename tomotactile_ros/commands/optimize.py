@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.point_spread import RESOLUTION
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.free import DEFAULT_AIMS
 from tomotactile_ros.optimizer.grounding import scans
@@ -42,6 +43,12 @@ def add_arguments(parser):
         "--steps", type=int, help="updates of equalize, or generations of free at the end"
     )
     parser.add_argument("--regularization", type=float, default=1000.0, help="lambda^2")
+    parser.add_argument(
+        "--resolution",
+        type=int,
+        default=RESOLUTION,
+        help="contact positions along the longer side (default: 40)",
+    )
     parser.add_argument("--spacing", type=float, help="smallest distance of two centres, m")
     parser.add_argument("--margin", type=float, default=0.0, help="from the rim to a centre, m")
     parser.add_argument(
@@ -92,6 +99,7 @@ def run(args):
         symmetric=not args.asymmetric,
         aims=_aims(args.aims),
         seed=args.seed,
+        resolution=args.resolution,
     )
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not a positive number")
@@ -159,7 +167,11 @@ def _run_grounding(args, layout):
 
     counts = args.conditions or _halves(layout.electrodes)
     found = list(
-        track(scans(layout, counts, args.regularization), "ground conditions", total=len(counts))
+        track(
+            scans(layout, counts, args.regularization, resolution=args.resolution),
+            "ground conditions",
+            total=len(counts),
+        )
     )
     print("conditions  speed  mean HWHM/mm  worst tenth/mm  position error/mm  noise gain/(mV/V)")
     for scan in found:

@@ -59,12 +59,14 @@ class Sharpness:
         distance = np.linalg.norm(arm, axis=1)
         hwhm = np.zeros(len(columns))
         np.maximum.at(hwhm, image, distance)
+        for flat in np.flatnonzero(hwhm == 0):  # all above half of the maximum: no contour
+            hwhm[flat] = np.linalg.norm(self._pixels - centre[flat], axis=1).max()
         offset = centre - positions
         error = np.linalg.norm(offset, axis=1)
 
         def back(by_hwhm, by_error):
             share = np.exp((distance / hwhm[image] - 1) * _SHARE)
-            share *= (by_hwhm / np.bincount(image, share, len(columns)))[image]
+            share *= by_hwhm[image] / np.bincount(image, share, len(columns))[image]
             unit = arm / distance[:, None]
             slope = share * (unit * along).sum(axis=1)
             least = _STEEP * top[image]

@@ -1,0 +1,132 @@
+"""`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.cli import main
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.optimizer import step as step_module
+from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.step import best_of
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
+    out = tmp_path / "better.yaml"
+    command = ["optimize", "--rows", "4", "--cols", "4", "--size", "0.2", "0.2"]
+    assert main([*command, "--method", "equalize", "--steps", "2", "--out", str(out)]) == 0
+    layout = load_layout(out)
+    assert (layout.name, layout.electrodes, layout.radius) == ("better", 16, 0.005)
+    assert layout.provenance["algorithm"] == "equalize"
+    assert len(layout.provenance["steps"]) == 3
+    after = layout.provenance["metrics"]["after"]["hwhm"]["worst_region"]
+    assert after < 0.9 * layout.provenance["metrics"]["before"]["hwhm"]["worst_region"]
+    assert out.with_suffix(".png").read_bytes().startswith(PNG)
+    assert "HWHM of the worst region" in capsys.readouterr().out
+
+
+def test_free_in_processes_improves_the_layout(tmp_path):
+    equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4).save(tmp_path / "start.yaml")
+    out = tmp_path / "free.yaml"
+    command = ["optimize", "--layout", str(tmp_path / "start.yaml"), "--method", "free"]
+    command += ["--resolution", "8", "--steps", "1", "--workers", "2", "--out", str(out)]
+    assert main(command) == 0
+    steps = load_layout(out).provenance["steps"]
+    assert steps[-1]["score"] < 0.95 * steps[0]["score"]
+
+
+def test_grounding_writes_the_conditions(tmp_path, capsys):
+    out = tmp_path / "few.yaml"
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "grounding"]
+    assert main([*command, "--conditions", "9", "4", "--out", str(out)]) == 0
+    listed = load_layout(out).provenance["grounding"]
+    assert len(listed["4"]) == 4
+    assert out.with_suffix(".png").read_bytes().startswith(PNG)
+    assert "conditions" in capsys.readouterr().out
+
+
+def test_evaluate_as_text_and_json(capsys):
+    assert main(["evaluate", "--layout", "equal-4x4"]) == 0
+    assert "worst tenth" in capsys.readouterr().out
+    assert main(["evaluate", "--layout", "equal-4x4", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    hwhm = content["metrics"]["hwhm"]
+    assert hwhm["mean"] == pytest.approx(0.2 * content["percent"]["hwhm"]["mean"] / 100)
+    assert hwhm["mean"] <= hwhm["worst_tenth"] <= hwhm["worst"]
+    assert len(content["regions"]) == 9
+    assert sum(region["contacts"] for region in content["regions"]) == 1600
+    assert content["settings"]["regularization"] == 1000
+
+
+def test_evaluate_a_profile(capsys):
+    command = ["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--resolution", "8"]
+    assert main([*command, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["settings"]["profile"] == "fast"
+    assert 0 < content["metrics"]["hwhm"]["mean"] < 0.1
+    assert content["noise_gain"] is None
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["--method", "free"], "--rows and --cols, or --layout, are needed"),
+        (["--rows", "1", "--cols", "4", "--method", "free"], "rows: 1 is not a whole number"),
+        (["--rows", "4", "--cols", "4", "--method", "free", "--spacing", "0.2"], "do not fit"),
+        (["--rows", "4", "--cols", "4", "--method", "free", "--workers", "0"], "--workers: 0"),
+        (["--rows", "4", "--cols", "4", "--method", "equalize", "--margin", "0.01"], "only method"),
+        (["--rows", "4", "--cols", "4", "--method", "equalize", "--steps", "-1"], "steps: -1"),
+        (["--layout", "nowhere", "--method", "free"], "no such file"),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "free", "--aims", "1", "1", "0", "1"],
+            "--aims",
+        ),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "free", "--keep-out", "0", "0", "-1"],
+            "keep_out[0][2]: -1.0 is not a positive length",
+        ),
+        (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
+    assert main(["optimize", *arguments, "--out", str(tmp_path / "x.yaml")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_folder_is_found_before_the_work(tmp_path, capsys):
+    out = tmp_path / "none" / "x.yaml"
+    command = ["optimize", "--rows", "4", "--cols", "4", "--method", "equalize", "--out", str(out)]
+    assert main(command) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_the_best_so_far():
+    layout = equal_grid(3, 4, (0.3, 0.2), 0.004, 1e4)
+
+    def watch(step):
+        if step.iteration == 2:
+            raise KeyboardInterrupt
+
+    history, best = best_of(equalize(layout, 5, resolution=20), watch)
+    assert [step.iteration for step in history] == [0, 1, 2]
+    assert best.score == min(step.score for step in history)
+
+
+def test_ctrl_c_before_the_first_step_is_passed_on():
+    def never():
+        raise KeyboardInterrupt
+        yield
+
+    with pytest.raises(KeyboardInterrupt):
+        best_of(never())
+
+
+def test_numbers_in_the_provenance_are_short_and_plain():
+    value = {"a": [1 / 3, (2, np.float64(1e-9) / 3)], "b": "text", "c": 4}
+    assert step_module.rounded(value) == {"a": [0.33333, [2, 3.3333e-10]], "b": "text", "c": 4}

@@ -1,0 +1,201 @@
+"""The free search: its gradient, its constraints, its symmetries, and that it finds better layouts."""
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.layout_quality import evaluate_layout
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.descent import Descent, Evolution
+from tomotactile_ros.optimizer.free import Effort, free
+from tomotactile_ros.optimizer.objective import Aims, Objective
+from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.optimizer.sharpness import Sharpness
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region, regular_polygon
+
+SQUARE = Outline.rectangle(0.2, 0.2)
+SHORT = Effort(starts=2, rounds=2, descents=3, generations=2)
+
+
+@pytest.mark.parametrize("size, move", [((0.2, 0.2), 0), ((0.25, 0.2), 0), ((0.2, 0.2), 0.004)])
+def test_gradient_through_symmetries_and_green_function(size, move):
+    """The noise gain is smooth: its gradient must be that of differences, along every parameter."""
+    reference = equal_grid(3, 4, size, 0.003, 1e4, margin=0.02)
+    aims = Aims(central=(1e9, 1e9, 1e9), other=(1e9, 1e9, 1e9), noise_gain=1.0)
+    objective = Objective(reference, (200.0, 50.0), aims, resolution=14)
+    positions = reference.positions * 0.93 + [move, move / 2]
+    orbits = find_orbits(positions, shared_group(reference.outline, positions))
+    parameters = orbits.parameters(positions)
+    score, gradient = objective(positions)
+    assert score == objective.score(positions)
+    for i, slope in enumerate(orbits.matrix.T @ gradient.ravel()):
+        move = 1e-6 * np.eye(len(parameters))[i]
+        up, down = (objective.score(orbits.positions(parameters + s * move)) for s in (1, -1))
+        assert slope == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-5)
+
+
+def test_gradient_of_sharpness_is_that_of_smooth_images():
+    """Wide smooth images on a fine grid. Crossings that are nearly as far share the derivative: 30 %."""
+    grid = Grid.for_outline(SQUARE, 80)
+    sharpness = Sharpness(grid)
+    target = np.array([[0.012, -0.007]])
+
+    def image(p):
+        x, y = grid.pixels.T - np.array(p[:2])[:, None]
+        return np.exp(-(x**2) / (2 * p[2] ** 2) - y**2 / (2 * p[3] ** 2))[:, None]
+
+    start = np.array([0.003, 0.002, 0.025, 0.016])
+    back = sharpness(image(start), target)[2]
+    for by_hwhm, by_error, index in ((1.0, 0.0, 0), (0.0, 1.0, 1)):
+        derivative = back(np.array([by_hwhm]), np.array([by_error]))[:, 0]
+        for axis, step in enumerate((4e-3, 4e-3, 2e-3, 2e-3)):
+            move = step * np.eye(4)[axis]
+            ends = [sharpness(image(start + s * move), target)[index][0] for s in (1, -1)]
+            slope = (ends[0] - ends[1]) / (2 * step)
+            change = (image(start + 1e-6 * move) - image(start - 1e-6 * move))[:, 0]
+            assert derivative @ change / (2e-6 * step) == pytest.approx(slope, abs=0.3)
+
+
+def test_orbits_of_a_square_grid():
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.002, 1e4)
+    orbits = find_orbits(layout.positions, shared_group(layout.outline, layout.positions))
+    assert orbits.matrix.shape == (128, 16)
+    parameters = orbits.parameters(layout.positions)
+    assert orbits.positions(parameters) == pytest.approx(layout.positions, abs=1e-15)
+    moved = orbits.positions(parameters + np.random.default_rng(0).normal(0, 1e-3, 16))
+    assert find_orbits(moved, shared_group(layout.outline, moved)).matrix.shape == (128, 16)
+
+
+@pytest.mark.parametrize(
+    "outline, elements",
+    [
+        (SQUARE, 8),
+        (Outline.circle(0.1), 8),
+        (Outline.rectangle(0.3, 0.2), 4),
+        (Outline.polygon([[-0.1, -0.1], [0.1, -0.1], [0, 0.1]]), 2),
+    ],
+)
+def test_symmetries_shared_with_the_outline(outline, elements):
+    four = 0.04 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+    if elements == 2:
+        four = np.array([[-0.04, -0.05], [0.04, -0.05], [0, 0.02]])
+    assert len(shared_group(outline, four)) == elements
+    assert len(shared_group(outline, four + [0.001, 0.002])) == 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 30), st.sampled_from(["square", "circle", "hole"]))
+def test_projection_ends_inside_or_nowhere(seed, count, kind):
+    outline = {
+        "square": SQUARE,
+        "circle": Outline.circle(0.1),
+        "hole": Outline.rectangle(0.2, 0.2, holes=[0.3 * SQUARE.shell]),
+    }[kind]
+    disc = Region(regular_polygon(0.02) + [0.05, 0.05])
+    constraints = Constraints(outline, 0.02, 0.01, (disc,))
+    positions = np.random.default_rng(seed).uniform(-0.12, 0.12, (count, 2))
+    projected = constraints.project(positions)
+    assert projected is None or constraints.violation(projected) <= constraints.tolerance
+
+
+def test_projection_keeps_what_obeys_and_its_symmetries():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4, margin=0.01)
+    constraints = Constraints(SQUARE, 0.02, 0.005)
+    assert np.array_equal(constraints.project(layout.positions), layout.positions)
+    squeezed = constraints.project(0.2 * layout.positions)
+    assert len(shared_group(SQUARE, squeezed)) == 8
+
+
+@pytest.mark.parametrize(
+    "spacing, margin, message",
+    [
+        (0.003, 0.0, "lets electrodes of 0.002 m radius overlap"),
+        (0.1, 0.0, "do not fit 0.1 m apart"),
+        (0.005, 0.1, "leaves no room"),
+        (0.005, -0.1, "margin: -0.1 is negative"),
+    ],
+)
+def test_impossible_constraints(spacing, margin, message):
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4)
+    with pytest.raises(InputError, match=message):
+        next(free(layout, constraints=Constraints(SQUARE, spacing, margin)))
+
+
+def test_constraints_hold_after_every_step():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4)
+    disc = Region(regular_polygon(0.015) + [0.03, 0.03])
+    constraints = Constraints(SQUARE, 0.03, 0.02, (disc,))
+    found = list(free(layout, constraints=constraints, effort=SHORT, resolution=16))
+    assert len(found) == SHORT.total(layout) + 1
+    for step in found[1:]:
+        if step.best:
+            assert constraints.violation(step.layout.positions) <= constraints.tolerance
+
+
+def test_search_improves_every_figure_whatever_the_executor():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    alone = list(free(layout, effort=SHORT, resolution=20))
+    for kind in (ThreadPoolExecutor, ProcessPoolExecutor):
+        with kind(2) as executor:
+            together = list(free(layout, effort=SHORT, resolution=20, executor=executor))
+        assert [step.score for step in alone] == [step.score for step in together]
+        assert np.array_equal(alone[-1].layout.positions, together[-1].layout.positions)
+    scores = [step.score for step in alone]
+    assert scores == sorted(scores, reverse=True)
+    before, after = alone[0].metrics, alone[-1].metrics
+    assert after["hwhm"]["mean"] < 0.9 * before["hwhm"]["mean"]
+    assert after["hwhm"]["worst_tenth"] < 0.95 * before["hwhm"]["worst_tenth"]
+    assert after["position_error"]["mean"] < 0.9 * before["position_error"]["mean"]
+    assert len(shared_group(SQUARE, alone[-1].layout.positions)) == 8
+
+
+def test_circle_through_finite_elements():
+    angle = 2 * np.pi * (np.arange(8) + 0.5) / 8
+    positions = 0.094 * np.column_stack([np.cos(angle), np.sin(angle)])
+    layout = Layout("ring", Outline.circle(0.1), 1e4, 0.004, positions)
+    effort = Effort(starts=1, rounds=1, descents=1, generations=1)
+    found = list(free(layout, effort=effort, resolution=10))
+    assert len(found) == 2
+    assert found[-1].score < found[0].score
+    quality = evaluate_layout(found[-1].layout, resolution=10)
+    assert np.isfinite(quality.quality.hwhm).all()
+
+
+def test_descent_stops_where_the_objective_is_flat():
+    descent = Descent(np.array([0.3, 0.4]), step=0.1, total=10)
+    descent.run(lambda p: (1.0, np.zeros(2)), lambda p: p, 10)
+    assert np.array_equal(descent.best, [0.3, 0.4])
+
+
+def test_descent_and_evolution_find_a_minimum():
+    centre = np.array([0.3, -0.2, 0.1])
+    scale = np.array([1.0, 5.0, 20.0])
+
+    def value(p):
+        return float((scale * (p - centre) ** 2).sum())
+
+    descent = Descent(np.zeros(3), step=0.05, total=200)
+    descent.run(lambda p: (value(p), 2 * scale * (p - centre)), lambda p: p, 200)
+    assert descent.best == pytest.approx(centre, abs=1e-2)
+    evolution = Evolution(np.zeros(3), 0.1)
+    for _ in range(120):
+        candidates = evolution.ask()
+        evolution.tell(candidates, [value(each) for each in candidates])
+    assert evolution.best == pytest.approx(centre, abs=1e-3)
+
+
+def test_evolution_survives_candidates_that_are_not_feasible():
+    evolution = Evolution(np.zeros(2), 0.1)
+    for _ in range(5):
+        candidates = evolution.ask()
+        evolution.tell(candidates, np.full(len(candidates), np.inf))
+    assert evolution.score == np.inf
+    assert np.array_equal(evolution.best, np.zeros(2))
+    assert np.isfinite(evolution.ask()).all()
