@@ -20,6 +20,25 @@ from tomotactile_ros.progress import Progress, track
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 
+_RECORDED = (  # options that decide what comes out
+    "rows",
+    "cols",
+    "size",
+    "layout",
+    "method",
+    "radius",
+    "sheet_resistance",
+    "steps",
+    "regularization",
+    "resolution",
+    "spacing",
+    "margin",
+    "keep_out",
+    "asymmetric",
+    "aims",
+    "seed",
+)
+
 
 def add_arguments(parser):
     parser.add_argument("--rows", type=int, help="electrodes along y")
@@ -82,6 +101,8 @@ def add_arguments(parser):
         help="numbers of ground conditions to compare (default: all down to 4 by halves)",
     )
 
+    parser.set_defaults(default_of=parser.get_default)
+
 
 def run(args):
     start = load_layout(args.layout) if args.layout else _grid(args)
@@ -110,7 +131,8 @@ def run(args):
             request.steps_of(executor), lambda step: progress.update(step.iteration, _note(step))
         )
     name = args.name or Path(args.out).stem
-    layout = finished(best.layout, name, args.method, request.settings(), history, best)
+    settings = {"command": _command(args)} | request.settings()
+    layout = finished(best.layout, name, args.method, settings, history, best)
     layout.save(args.out)
     from tomotactile_ros.optimizer.report import save_report
 
@@ -126,6 +148,21 @@ def _grid(args):
     if args.rows is None or args.cols is None:
         raise InputError("--rows and --cols, or --layout, are needed")
     return start_layout(args.rows, args.cols, args.size, args.radius, args.sheet_resistance)
+
+
+def _command(args):
+    """The command that makes the same layout again."""
+    words = ["tomotactile", "optimize"]
+    for key in _RECORDED:
+        value = getattr(args, key)
+        if value in (None, args.default_of(key)):
+            continue
+        option = "--" + key.replace("_", "-")
+        repeated = value if key == "keep_out" else [value]
+        for each in repeated:
+            numbers = each if isinstance(each, (list, tuple)) else [each]
+            words += [option] if each is True else [option, *(f"{number}" for number in numbers)]
+    return " ".join(words)
 
 
 def _aims(numbers):

@@ -1,0 +1,151 @@
+"""Layouts compared: the paper's tables beside ours, free layouts against grids, and how they carry over.
+
+    python benchmark/layouts.py            tables as Markdown on standard output, times on standard error
+    python benchmark/layouts.py --only free
+
+Every figure of docs/layouts.md comes from here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from tomotactile_ros.evaluation.layout_quality import evaluate_layout
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.grounding import scans
+from tomotactile_ros.optimizer.request import Request, start_layout
+
+COUNTS = (4, 8)
+PAPER = {  # Kojima et al. 2023, section 3: equal grid in % of the side, best step relative to it
+    4: {"mean": 32.4, "worst region": 38.8, "after": (0.958, 0.81, 0.90), "updates": 3},
+    8: {"mean": 17.3, "worst region": 18.0, "after": (0.96, 0.93, 0.95), "updates": 5},
+}
+SCALES = np.linspace(0.7, 1.0, 16)
+FIGURES = (
+    ("mean HWHM", "hwhm", "mean"),
+    ("worst region", "hwhm", "worst_region"),
+    ("worst tenth", "hwhm", "worst_tenth"),
+    ("mean PE", "position_error", "mean"),
+)
+CONDITIONS = (64, 48, 32, 24, 16, 12, 8, 6, 4)
+
+
+def figures(metrics):
+    return np.array([metrics[group][key] for _, group, key in FIGURES])
+
+
+def row(*cells):
+    print("| " + " | ".join(str(cell) for cell in cells) + " |")
+
+
+def header(*cells):
+    row(*cells)
+    row(*("---" for _ in cells))
+
+
+def paper_tables():
+    for count in COUNTS:
+        paper = PAPER[count]
+        print(f"\n{count} x {count}, equalize (lengths in % of the side)\n")
+        header("step", *(f"{label}" for label, _, _ in FIGURES), "relative to the equal grid")
+        start = None
+        for step in equalize(load_layout(f"equal-{count}x{count}"), 5):
+            found = figures(step.metrics)
+            start = found if start is None else start
+            values = [f"{100 * value / 0.2:.2f}" for value in found]
+            row(step.iteration, *values, ", ".join(f"{ratio:.3f}" for ratio in found / start))
+        mean, worst, error = paper["after"]
+        row(
+            f"paper, {paper['updates']} updates",
+            f"{paper['mean']} -> x {mean}",
+            f"{paper['worst region']} -> x {worst}",
+            "-",
+            f"x {error}",
+            "",
+        )
+
+
+def best_scaled(layout, **how):
+    """The equal grid scaled about the centre for the lowest mean HWHM."""
+    tried = [replace(layout, positions=layout.positions * scale) for scale in SCALES]
+    means = [evaluate_layout(each, **how).metrics["hwhm"]["mean"] for each in tried]
+    best = int(np.argmin(means))
+    return SCALES[best], tried[best]
+
+
+def free_tables():
+    ways = [("paper's model", {"model": "paper"}), ("FEM, shunting", {"model": "fem"})]
+    for count in COUNTS:
+        equal = load_layout(f"equal-{count}x{count}")
+        scale, scaled = best_scaled(equal)
+        layouts = [
+            (f"grid scaled by {scale:.2f}", scaled),
+            ("paper's method", load_layout(f"optimized-{count}x{count}")),
+            ("free", load_layout(f"free-{count}x{count}")),
+        ]
+        print(f"\n{count} x {count}, relative to the equal grid from rim to rim\n")
+        header("layout", "model", "lambda^2", *(label for label, _, _ in FIGURES), "noise gain")
+        for label, how in ways:
+            for regularization in (1000.0, 100.0, 10000.0):
+                how = how | {"regularization": regularization}
+                base = evaluate_layout(equal, **how).metrics
+                for name, layout in layouts:
+                    found = evaluate_layout(layout, **how).metrics
+                    ratios = [f"{ratio:.3f}" for ratio in figures(found) / figures(base)]
+                    noise = found["noise_gain"] / base["noise_gain"]
+                    row(name, label, f"{regularization:g}", *ratios, f"{noise:.3f}")
+
+
+def grounding_table():
+    print("\nfree-8x8, ground conditions (1 kHz switching)\n")
+    header("conditions", "frames/s", "mean HWHM/mm", "worst tenth/mm", "mean PE/mm", "noise gain")
+    for scan in scans(load_layout("free-8x8"), CONDITIONS):
+        metrics = scan.quality.metrics
+        row(
+            len(scan.grounded),
+            f"{1000 / len(scan.grounded):.1f}",
+            f"{1e3 * metrics['hwhm']['mean']:.1f}",
+            f"{1e3 * metrics['hwhm']['worst_tenth']:.1f}",
+            f"{1e3 * metrics['position_error']['mean']:.1f}",
+            f"{metrics['noise_gain']:.2e}",
+        )
+
+
+def times(free_too):
+    layout = load_layout("equal-8x8")
+    taken = []
+    for _ in range(5):
+        start = time.perf_counter()
+        list(equalize(layout, 5))
+        taken.append(time.perf_counter() - start)
+    print(f"\nequalize 8 x 8, five updates: {statistics.median(taken):.2f} s", file=sys.stderr)
+    if free_too:
+        from concurrent.futures import ProcessPoolExecutor
+
+        start = time.perf_counter()
+        with ProcessPoolExecutor(2) as executor:
+            list(Request(start_layout(8, 8, (0.2, 0.2)), "free").steps_of(executor))
+        print(f"free 8 x 8, two processes: {time.perf_counter() - start:.1f} s", file=sys.stderr)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = {"paper": paper_tables, "free": free_tables, "grounding": grounding_table}
+    parser.add_argument("--only", choices=[*parts, "times"])
+    only = parser.parse_args().only
+    for name, part in parts.items():
+        if only in (None, name):
+            part()
+    if only in (None, "times"):
+        times(free_too=True)
+
+
+if __name__ == "__main__":
+    main()
