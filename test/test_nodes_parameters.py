@@ -9,6 +9,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
@@ -110,6 +111,12 @@ def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
     assert probe.set_parameter("/driver", "scene", scene).successful
     largest = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: np.nanmax(m.voltages) > 0.1)
     assert largest.layout_id == "equal-8x8"
+
+    assert probe.set_parameter("/driver", "streaming", False).successful
+    ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.WARN, "stopped")
+    assert probe.set_parameter("/driver", "streaming", True).successful
+    ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.OK, "simulated")
+    assert probe.set_parameter("/driver", "model", "closed_form").successful
     ends_cleanly(driver)
 
 

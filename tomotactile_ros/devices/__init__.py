@@ -26,8 +26,8 @@ class DeviceSettings:
     rate : float
         Frames/s; 0 leaves it to the device (fake: 1000 ground conditions a second, replay: as
         recorded).
-    scene : Scene or None
-        For ``fake``.
+    scene, model : Scene or None, str
+        For ``fake``; the physics is that of `tomotactile_ros.sheet.make_sheet`.
     port, baud : str, int
         For ``serial``; see `tomotactile_ros.devices.line.find_port`.
     partial_frames : bool
@@ -42,6 +42,7 @@ class DeviceSettings:
     device: str = "fake"
     rate: float = 0.0
     scene: Scene | None = None
+    model: str = "fem"
     port: str = ""
     baud: int = 2_000_000
     partial_frames: bool = False
@@ -75,7 +76,8 @@ def _make_fake(settings: DeviceSettings) -> Device:
 
     if settings.scene is None:
         raise InputError("scene: missing; the fake device needs to know what touches the sheet")
-    return FakeDevice(Simulator(settings.layout, settings.scene), rate=settings.rate)
+    simulator = Simulator(settings.layout, settings.scene, settings.model)
+    return FakeDevice(simulator, rate=settings.rate)
 
 
 def _make_serial(settings: DeviceSettings) -> Device:

@@ -20,15 +20,18 @@ from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.scene import load_scene
+from tomotactile_ros.sheet import MODELS
 
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
     Spec("device", "fake", "Where the frames come from", choices=KINDS),
     Spec("scene", "default", "For fake: what touches the sheet, a scene file or an installed name"),
+    Spec("model", "fem", "For fake: physics of the sheet", choices=MODELS),
     Spec("port", "", "For serial: /dev/tty..., usb:VID:PID or a URL such as socket://host:port"),
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
+    Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
     Spec("recording", "", "For replay: a frames.npz or a rosbag2"),
     Spec("loop", False, "For replay: start over at the end"),
@@ -123,13 +126,18 @@ class Driver:
         named = {key: values[key] for key in DeviceSettings.__dataclass_fields__ if key in values}
         named["scene"] = load_scene(values["scene"]) if fake else None
         named["layout"] = self._layout
-        return make_device(DeviceSettings(**named))
+        device = make_device(DeviceSettings(**named))
+        device.set_streaming(values["streaming"])
+        return device
 
     def _change(self, changed: set[str], values: dict[str, Any]) -> None:
         if self._device is None:
             return
-        if changed == {"rate"}:
-            self._device.set_rate(values["rate"])
+        if changed <= {"rate", "streaming"}:
+            if "rate" in changed:
+                self._device.set_rate(values["rate"])
+            if "streaming" in changed:
+                self._device.set_streaming(values["streaming"])
             return
         device = self._make_device(values)
         self._device.close()
