@@ -67,6 +67,26 @@ def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profil
 
 
 @pytest.mark.parametrize("profile", PROFILES)
+def test_contacts_say_what_the_pressure_image_shows(pipelines, frame, profile):
+    pipeline = pipelines[profile]
+    result = pipeline.process(frame, GROUNDED, DRIVE)
+    image = pipeline.grid.gather(result.pressure)
+    total = sum(contact.force for contact in result.contacts)
+    assert total == pytest.approx(image.sum() * pipeline.grid.cell_area)
+    assert max(contact.pressure for contact in result.contacts) == pytest.approx(image.max())
+    for contact in result.contacts:
+        near = np.hypot(*(pipeline.grid.pixels - [contact.x, contact.y]).T) < 0.012
+        assert contact.pressure == pytest.approx(image[near].max())
+
+
+def test_peak_pressure_is_the_true_one_where_discs_are_resolved(pipelines, frame):
+    result = pipelines["accurate"].process(frame, GROUNDED, DRIVE)
+    for x, y, pressure in TRUE:
+        contact = min(result.contacts, key=lambda c: np.hypot(c.x - x, c.y - y))
+        assert contact.pressure == pytest.approx(pressure, rel=0.25)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
 def test_contact_at_plus_x_plus_y_shows_upper_right(layout, pipelines, frame, profile):
     result = pipelines[profile].process(frame, GROUNDED, DRIVE)
     image = result.pressure

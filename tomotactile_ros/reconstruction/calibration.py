@@ -34,13 +34,12 @@ class Fit:
 
 def measure_conductance(layout: Layout, frames, grounded, drive_voltage: float) -> tuple[float, float]:
     """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the frames."""
-    # with this law a contact's force in N is its conductance in S
-    pipeline = Pipeline(layout, Settings("accurate", contact_law=ContactLaw(1.0, 1.0)))
-    found = [pipeline.process(frame, grounded, drive_voltage).contacts for frame in frames]
+    pipeline = Pipeline(layout, Settings("accurate"))
+    found = [pipeline.strengths(frame, grounded, drive_voltage) for frame in frames]
     found = [contacts[0] for contacts in found if contacts]
     if not found:
         raise InputError("no frame shows a contact")
-    return float(np.median([c.force for c in found])), float(np.median([c.area for c in found]))
+    return float(np.median([c.conductance for c in found])), float(np.median([c.area for c in found]))
 
 
 def fit_contact_law(forces, conductances, areas, exponent: float | None = None) -> Fit:

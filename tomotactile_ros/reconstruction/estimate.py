@@ -29,11 +29,12 @@ _PLACES = 40  # in a wide blob
 
 @dataclass(frozen=True)
 class Strength:
-    """Of one contact: position (2,) m, conductance g, S, and area, m^2."""
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2; resolved as a disc of that area or not."""
 
     position: np.ndarray
     conductance: float
     area: float
+    is_disc: bool = False
 
 
 def strengths(
@@ -123,15 +124,32 @@ def _mean_impedance(pixels, local, area) -> float:
 
 
 def contacts_and_pressure(blobs, values, found, law, grid):
-    """Contacts, strongest first, and (K,) pressure in Pa whose integral over each blob is the contact's force."""
+    """Contacts, strongest first, and (K,) pressure, Pa, that shows them: peak, area and force are the image's."""
     pressure = np.zeros(len(values))
     contacts = []
     for blob, strength in zip(blobs, found):
-        shape = np.maximum(values[blob.pixels], 0.0)
-        peak = float(law.pressure(strength.conductance / strength.area))
-        force = peak * strength.area
-        pressure[blob.pixels] += force * shape / (shape.sum() * grid.cell_area)
+        area = strength.area
+        force = float(law.pressure(strength.conductance / area)) * area
+        radius = float(np.sqrt((area if strength.is_disc else blob.area) / np.pi))
+        if strength.is_disc:
+            pixels, shape = _disc(strength.position, radius, grid)
+        else:
+            pixels, shape = blob.pixels, np.maximum(values[blob.pixels], 0.0)
+            area = np.count_nonzero(shape) * grid.cell_area
+        shown = force * shape / (shape.sum() * grid.cell_area)
+        pressure[pixels] += shown
         x, y = strength.position
-        half_width = float(np.sqrt(blob.area / np.pi))
-        contacts.append(ContactEstimate(float(x), float(y), force, peak, strength.area, half_width))
+        contacts.append(
+            ContactEstimate(float(x), float(y), force, float(shown.max()), float(area), radius)
+        )
     return sorted(contacts, key=lambda contact: -contact.force), pressure
+
+
+def _disc(position, radius, grid):
+    """Pixels (n,) that a disc covers, and the part of each that it does: 1 within, falling over the rim's cell."""
+    distance = np.hypot(*(grid.pixels - position).T)
+    covered = np.clip((radius - distance) / np.sqrt(grid.cell_area) + 0.5, 0.0, 1.0)
+    pixels = np.flatnonzero(covered)
+    if not len(pixels):
+        return np.array([distance.argmin()]), np.ones(1)
+    return pixels, covered[pixels]

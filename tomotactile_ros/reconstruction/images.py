@@ -114,7 +114,7 @@ class ImageMaker:
             exact[others],
         )
         for i, r, position, conductance in zip(small, radii, positions, conductances):
-            image.strengths[i] = Strength(position, float(conductance), float(np.pi * r**2))
+            image.strengths[i] = Strength(position, float(conductance), np.pi * r**2, is_disc=True)
             _draw(image.values, blobs[i], position, conductance, max(width, r / 2), local.grid)
         return image
 

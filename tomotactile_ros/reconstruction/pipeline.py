@@ -17,7 +17,7 @@ from tomotactile_ros.reconstruction.channels import (
     is_doubtful,
 )
 from tomotactile_ros.reconstruction.completion import read_incomplete
-from tomotactile_ros.reconstruction.estimate import contacts_and_pressure
+from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
 from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
@@ -93,16 +93,7 @@ class Pipeline:
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
-        frame = ordered(self.layout, voltages, grounded)
-        if self._baseline is not None:
-            frame -= self._baseline
-        bad = self._excluded.copy()
-        complete = np.count_nonzero(np.isnan(frame)) == len(frame)
-        if not complete:
-            bad |= dead_channels(np.isfinite(frame))
-        if is_idle(frame, bad, self.settings.threshold * self.settings.noise):
-            return self._idle(bad)
-        local, measured = self._measure(frame, bad, drive_voltage)
+        frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
         if measured is None:
             return self._idle(bad)
         if self.settings.regularization is None:
@@ -126,6 +117,26 @@ class Pipeline:
             False,
             level,
         )
+
+    def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
+        """How strongly each contact of a frame conducts, strongest first; arguments as for `process`."""
+        drive_voltage = check_drive_voltage(drive_voltage)
+        _, _, local, measured = self._read(voltages, grounded, drive_voltage)
+        found = [] if measured is None else self._make_image(local, measured).strengths
+        return sorted(found, key=lambda strength: -strength.conductance)
+
+    def _read(self, voltages, grounded, drive_voltage):
+        """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if idle."""
+        frame = ordered(self.layout, voltages, grounded)
+        if self._baseline is not None:
+            frame -= self._baseline
+        bad = self._excluded.copy()
+        complete = np.count_nonzero(np.isnan(frame)) == len(frame)
+        if not complete:
+            bad |= dead_channels(np.isfinite(frame))
+        if is_idle(frame, bad, self.settings.threshold * self.settings.noise):
+            return frame, bad, None, None
+        return frame, bad, *self._measure(frame, bad, drive_voltage)
 
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""

@@ -71,7 +71,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m)."""
+    """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m).
+
+    Peak and area are those of the pressure image, whose integral over the contact is the force.
+    """
 
     x: float
     y: float
