@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import Probe, ros_arguments
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.nodes import optimizer
 from tomotactile_ros.nodes.life import PlainNode
 from tomotactile_ros.optimizer.equalize import equalize
@@ -31,19 +31,30 @@ def test_it_writes_the_layout_and_ends(start, tmp_path):
     assert "step 1 of 1" in process.output
 
 
+def test_a_free_search_that_is_stopped_keeps_what_it_has(probe, start, tmp_path):
+    equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4).save(tmp_path / "grid.yaml")
+    out = tmp_path / "free.yaml"
+    parameters = {"layout": tmp_path / "grid.yaml", "method": "free", "out": out}
+    process = start("optimizer", parameters)
+    probe.until(lambda: "step 1 of" in process.output, "the first step")
+    assert process.stop() == 0, process.output
+    metrics = load_layout(out).provenance["metrics"]
+    assert metrics["after"]["hwhm"]["mean"] < metrics["before"]["hwhm"]["mean"]
+
+
 @pytest.fixture
 def patient(monkeypatch):
     """Lets the optimizer repeat its two steps until it is stopped."""
 
-    def repeat(layout, steps):
-        start, better = equalize(layout, 1)
+    def repeat(request, executor=None):
+        start, better = equalize(request.layout, 1)
         yield start
         while True:
             time.sleep(0.05)
             yield replace(start, best=False)
             yield better
 
-    monkeypatch.setitem(optimizer.METHODS, "equalize", repeat)
+    monkeypatch.setattr(optimizer.Request, "steps_of", repeat)
 
 
 def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, domain, tmp_path):
@@ -68,7 +79,7 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
     "parameters, reason",
     [
         ({"layout": "none"}, "'none': no such file"),
-        ({"steps": 0}, "steps"),
+        ({"steps": -1}, "steps"),
         ({"method": "guess"}, "method: 'guess' is none of"),
         ({"layout": "equal-4x4", "steps": 1, "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
     ],

@@ -4,7 +4,6 @@ It ends by itself; a stop (Ctrl-C) ends it after the step under way and keeps th
 """
 
 import threading
-from collections.abc import Iterator
 
 import rclpy
 from rclpy.node import Node
@@ -14,22 +13,22 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
-from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.request import METHODS, Request
 from tomotactile_ros.optimizer.step import Step, finished
 
-METHODS = {"equalize": equalize}
 SPECS = (
     Spec(
         "layout", "equal-8x8", "To start from: a layout file or an installed name", read_only=True
     ),
-    Spec("method", "equalize", "How electrodes are moved", choices=tuple(METHODS), read_only=True),
-    Spec("steps", 5, "How many steps at most", low=1, high=1000, read_only=True),
+    Spec("method", "equalize", "How electrodes are moved", choices=METHODS, read_only=True),
+    Spec("steps", 0, "Updates, or generations of free; 0: as usual", low=0, high=1000, read_only=True),
+    Spec("seed", 0, "Of the search of free", low=0, high=2**31 - 1, read_only=True),
     Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
     Spec("name", "optimized", "Name of the best layout", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True),
@@ -46,7 +45,7 @@ class Optimizer:
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, _nothing_changes)
         self.status = 0
-        self._layout: Layout | None = None
+        self._request: Request | None = None
         self._history: list[Step] = []
         self._stop = threading.Event()
         self._worker: threading.Thread | None = None
@@ -66,7 +65,10 @@ class Optimizer:
 
     def configure(self) -> None:
         """Read the layout to start from."""
-        self._layout = load_layout(self.parameters["layout"])
+        values = self.parameters
+        layout = load_layout(values["layout"])
+        steps = values["steps"] or None
+        self._request = Request(layout, values["method"], steps=steps, seed=values["seed"])
 
     def activate(self) -> None:
         """Begin."""
@@ -93,7 +95,7 @@ class Optimizer:
 
     def _work(self) -> None:
         try:
-            for step in self._steps():
+            for step in self._request.steps_of():
                 self._show(step)
                 if self._stop.is_set():
                     break
@@ -107,9 +109,6 @@ class Optimizer:
         finally:
             rclpy.try_shutdown()  # ends the node
 
-    def _steps(self) -> Iterator[Step]:
-        return METHODS[self.parameters["method"]](self._layout, self.parameters["steps"])
-
     def _show(self, step: Step) -> None:
         self._history.append(step)
         self._log.info(_progress(step))
@@ -121,9 +120,13 @@ class Optimizer:
     def _write(self) -> None:
         best = [step for step in self._history if step.best][-1]
         values = self.parameters
-        settings = {"steps": values["steps"], "start": self._layout.name}
         layout = finished(
-            best.layout, values["name"], values["method"], settings, self._history, best
+            best.layout,
+            values["name"],
+            values["method"],
+            self._request.settings(),
+            self._history,
+            best,
         )
         layout.save(values["out"])
         self._log.info(f"step {best.iteration} was the best, {values['out']} written")
