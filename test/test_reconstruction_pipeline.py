@@ -127,6 +127,24 @@ def test_any_subset_of_conditions_in_any_order(pipelines, frame, rows):
     assert found(result)[:, 0].max() < 0.002
 
 
+@pytest.mark.parametrize("rows", [GROUNDED[::2], np.array([0, 7, 56, 63, 27, 36, 18, 45])])
+def test_fast_finds_contacts_with_few_conditions(pipelines, frame, rows):
+    result = pipelines["fast"].process(frame[rows], rows, DRIVE)
+    assert result.excluded == ()
+    assert len(result.contacts) == 2
+    assert found(result)[:, 0].max() < 0.0055
+
+
+def test_broken_channels_are_found_among_few_conditions(pipelines, frame):
+    readings = frame.copy()
+    readings[:, 43] = 1.25
+    readings[:, 20] *= 0.8
+    rows = GROUNDED[::2]
+    result = pipelines["fast"].process(readings[rows], rows, DRIVE)
+    assert result.excluded == (20, 43)
+    assert found(result)[:, 0].max() < 0.0055
+
+
 def test_lost_readings_change_little(pipelines, frame):
     readings = frame.copy()
     readings[np.random.default_rng(1).random(frame.shape) < 0.1] = np.nan

@@ -79,10 +79,10 @@ class AdmittanceMeter:
         """
         scaled = symmetric_scaling(voltages, drive_voltage, self.noise / drive_voltage)
         impedance = scaled + scaled.T
-        asymmetry = self._asymmetry(scaled, drive_voltage)
+        contradiction = asymmetry(scaled, self.noise / drive_voltage)
         inverse = _inverse(impedance)
         if inverse is None:
-            return self._read_weak_after(voltages, drive_voltage, asymmetry)
+            return self._read_weak_after(voltages, drive_voltage, contradiction)
         # LAPACK counts columns first: its lower triangle is the upper one here
         couplings = inverse.T.ravel()[self._place]
         ratios = couplings / self.untouched
@@ -92,20 +92,14 @@ class AdmittanceMeter:
         spread = self.noise / drive_voltage * float(impedance.diagonal().mean())
         noise = spread / factor * self.amplification
         if not 0 < noise < self.largest_noise:
-            return self._read_weak_after(voltages, drive_voltage, asymmetry)
+            return self._read_weak_after(voltages, drive_voltage, contradiction)
         couplings = factor * couplings - self.untouched
         currents = factor * (inverse.sum(axis=0) + inverse.sum(axis=1) - inverse.diagonal())
-        return Grounded(currents, couplings, noise, asymmetry)
+        return Grounded(currents, couplings, noise, contradiction)
 
-    def _read_weak_after(self, voltages, drive_voltage, asymmetry):
+    def _read_weak_after(self, voltages, drive_voltage, contradiction):
         weak = self.read_weak(np.array(voltages, float), drive_voltage)
-        return replace(weak, asymmetry=asymmetry)
-
-    def _asymmetry(self, scaled, drive_voltage):
-        difference = (scaled - scaled.T).ravel()
-        # f_l rho_ln and f_n rho_nl: each with the noise times its factor, which is about 1/2
-        error = self.noise / drive_voltage * np.sqrt(0.5 * difference.size)
-        return float(np.sqrt(difference @ difference) / error)
+        return replace(weak, asymmetry=contradiction)
 
     def read_weak(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
         """The limit of weak contacts, also for frames with NaN off the diagonal."""
@@ -156,6 +150,14 @@ def symmetric_scaling(
         factor = weight * (factor @ ratio)
     ratio *= (factor * (len(factor) / (2 * factor.sum())))[:, None]
     return ratio
+
+
+def asymmetry(scaled: np.ndarray, noise: float) -> float:
+    """Root mean square contradiction to reciprocity of `symmetric_scaling`, in parts of `noise` / drive voltage."""
+    difference = (scaled - scaled.T).ravel()
+    # f_l rho_ln and f_n rho_nl: each with the noise times its factor, which is about 1/2
+    error = noise * np.sqrt(0.5 * difference.size)
+    return float(np.sqrt(difference @ difference) / error)
 
 
 def _inverse(matrix):

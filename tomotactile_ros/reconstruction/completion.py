@@ -20,12 +20,13 @@ from tomotactile_ros.reconstruction.admittance import (
 )
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image
+from tomotactile_ros.reconstruction.rows import LEAST_ROWS, RowReader, scanned_rows
 
 _ROUNDS = 8
 _ENOUGH = 0.002  # change of the currents, in parts of all, at which it ends
 _PAIR_STEPS = 3
 _TINY = 1e-60
-_LEAST_ROWS = 3
+_KEPT = 8  # sets of rows
 _LEAST_PAIRS = 6  # of measured neighbours, for the factor
 
 
@@ -105,13 +106,36 @@ class _Completion:
             )
 
 
+def read_rows(
+    local: LocalImage, voltages: np.ndarray, scanned: np.ndarray, drive_voltage: float, sharp: bool
+) -> Grounded:
+    """`Grounded` of a frame (n, n), V, that is complete in the rows `scanned` (n,); `sharp` as in `rows`."""
+    found = None
+    if LEAST_ROWS <= np.count_nonzero(scanned) < len(scanned):
+        key = scanned.tobytes()
+        if key not in local.readers:
+            if len(local.readers) >= _KEPT:
+                local.readers.pop(next(iter(local.readers)))
+            local.readers[key] = RowReader(local, scanned)
+        try:
+            found = local.readers[key].read(voltages, drive_voltage, sharp)
+        except np.linalg.LinAlgError:
+            found = None
+    if found is None:
+        return local.meter.read_weak(np.array(voltages, float), drive_voltage)
+    return found
+
+
 def read_incomplete(
     meter: AdmittanceMeter, local: LocalImage, voltages: np.ndarray, drive_voltage: float
 ) -> Grounded:
     """`Grounded` of a frame (n, n), V, whose missing readings off the diagonal are NaN."""
+    scanned = scanned_rows(voltages)
+    if scanned is not None:
+        return read_rows(local, voltages, scanned, drive_voltage, sharp=True)
     weak = meter.read_weak(voltages.copy(), drive_voltage)
     least = meter.noise / drive_voltage
-    if np.count_nonzero(np.isfinite(voltages).any(axis=1)) < _LEAST_ROWS:
+    if np.count_nonzero(np.isfinite(voltages).any(axis=1)) < LEAST_ROWS:
         return weak
     try:
         found = _take_turns(meter, local, _Completion(voltages, drive_voltage, least), least)

@@ -19,6 +19,7 @@ error of Y0 if that is larger, in parts of the field's standard deviation, which
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -49,6 +50,7 @@ class LocalImage:
     spacing : median distance of neighbouring electrodes, m.
     resistance : of the sheet, ohm/sq.
     typical_impedance : median of D over the pixels, ohm.
+    readers : see `completion.read_rows`.
     """
 
     def __init__(self, meter: AdmittanceMeter, grid: Grid, positions, resistance: float):
@@ -63,8 +65,14 @@ class LocalImage:
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
         self._areas: dict[int, float] = {}
+        self.readers: dict[bytes, object] = {}
         for level in range(_READY if self.forward.size < _LARGE else 1):
             self._levels[level] = self._inverse(level)
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(K, D) float32 A^T, for the columns of few pixels."""
+        return np.ascontiguousarray(self.forward.T, np.float32)
 
     def _smooth(self):
         """(D, K) A P."""

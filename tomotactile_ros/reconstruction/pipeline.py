@@ -15,14 +15,16 @@ from tomotactile_ros.reconstruction.channels import (
     broken_channels,
     dead_channels,
     is_doubtful,
+    is_doubtful_subset,
 )
-from tomotactile_ros.reconstruction.completion import read_incomplete
+from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
 from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
 from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_time, trial_frame
+from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import Result, Settings
 
 _KEPT = 8  # regularised inverses for patterns of missing readings
@@ -161,8 +163,8 @@ class Pipeline:
             if self.profile == "fast":
                 part = part.astype(np.float32)
             if np.count_nonzero(np.isnan(part)) > len(used):
-                doubtful = attempt == 0
-                measured = None
+                measured, doubtful = self._measure_rows(local, part, drive_voltage)
+                doubtful = doubtful and attempt == 0
             else:
                 measured = local.meter.read(part, drive_voltage)
                 doubtful = attempt == 0 and is_doubtful(part, measured, self.settings.noise)
@@ -175,6 +177,16 @@ class Pipeline:
             if measured is None:
                 measured = read_incomplete(local.meter, local, part, drive_voltage)
             return local, measured
+
+    def _measure_rows(self, local, part, drive_voltage):
+        """`Grounded` of whole rows, None where single readings are missing; whether it is doubtful."""
+        scanned = scanned_rows(part)
+        if scanned is None:
+            return None, True
+        measured = read_rows(local, part, scanned, drive_voltage, self.profile != "fast")
+        if measured.couplings is None:
+            return measured, True
+        return measured, is_doubtful_subset(part[scanned], measured, self.settings.noise)
 
     def _idle(self, bad) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))
