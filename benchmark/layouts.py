@@ -1,7 +1,7 @@
 """Layouts compared: the paper's tables beside ours, free layouts against grids, and how they carry over.
 
-    python benchmark/layouts.py            tables as Markdown on standard output, times on standard error
-    python benchmark/layouts.py --only free
+    scripts/setup python3 benchmark/layouts.py    tables as Markdown on standard output, times on standard error
+    scripts/setup python3 benchmark/layouts.py --only free
 
 Every figure of docs/layouts.md comes from here.
 """
@@ -20,7 +20,7 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import scans
-from tomotactile_ros.optimizer.request import Request, start_layout
+from tomotactile_ros.optimizer.request import Request, processes, start_layout
 
 COUNTS = (4, 8)
 PAPER = {  # Kojima et al. 2023, section 3: equal grid in % of the side, best step relative to it
@@ -72,11 +72,12 @@ def paper_tables():
         )
 
 
-def best_scaled(layout, **how):
-    """The equal grid scaled about the centre for the lowest mean HWHM."""
-    tried = [replace(layout, positions=layout.positions * scale) for scale in SCALES]
-    means = [evaluate_layout(each, **how).metrics["hwhm"]["mean"] for each in tried]
-    best = int(np.argmin(means))
+def best_scaled(equal):
+    """The equal grid scaled about the centre so that the largest of its three figures is smallest."""
+    start = figures(evaluate_layout(equal).metrics)
+    tried = [replace(equal, positions=equal.positions * scale) for scale in SCALES]
+    largest = [max((figures(evaluate_layout(each).metrics) / start)[[0, 2, 3]]) for each in tried]
+    best = int(np.argmin(largest))
     return SCALES[best], tried[best]
 
 
@@ -127,10 +128,8 @@ def times(free_too):
         taken.append(time.perf_counter() - start)
     print(f"\nequalize 8 x 8, five updates: {statistics.median(taken):.2f} s", file=sys.stderr)
     if free_too:
-        from concurrent.futures import ProcessPoolExecutor
-
         start = time.perf_counter()
-        with ProcessPoolExecutor(2) as executor:
+        with processes(2) as executor:
             list(Request(start_layout(8, 8, (0.2, 0.2)), "free").steps_of(executor))
         print(f"free 8 x 8, two processes: {time.perf_counter() - start:.1f} s", file=sys.stderr)
 

@@ -163,6 +163,8 @@ def test_bad_requests():
         evaluate_layout(layout, model="best")
     with pytest.raises(InputError, match="regularization: 0 is not a positive number"):
         evaluate_layout(layout, regularization=0)
+    with pytest.raises(InputError, match="contact radius: 1.5 mm is too large"):
+        evaluate_layout(layout, contact_radius=0.0015)
     circle = Layout("c", Outline.circle(0.1), 1e4, 0.002, [[0, 0], [0.05, 0]])
     with pytest.raises(InputError, match="this outline is a circle; use model fem"):
         evaluate_layout(circle, model="paper")

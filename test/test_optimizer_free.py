@@ -156,6 +156,23 @@ def test_search_improves_every_figure_whatever_the_executor():
     assert len(shared_group(SQUARE, alone[-1].layout.positions)) == 8
 
 
+@pytest.mark.parametrize(
+    "count, radius, spacing",
+    [
+        (2, 0.005, 0.011),
+        (16, 0.001, 0.0022),
+        (8, 0.014, 0.02801),  # hardly any room to move
+    ],
+)
+def test_extremes_stay_valid(count, radius, spacing):
+    layout = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
+    constraints = Constraints(SQUARE, spacing)
+    effort = Effort(starts=2, rounds=1, descents=2, generations=1)
+    found = list(free(layout, constraints=constraints, effort=effort, resolution=12))
+    assert all(np.isfinite(step.score) for step in found)
+    assert constraints.violation(found[-1].layout.positions) <= constraints.tolerance
+
+
 def test_circle_through_finite_elements():
     angle = 2 * np.pi * (np.arange(8) + 0.5) / 8
     positions = 0.094 * np.column_stack([np.cos(angle), np.sin(angle)])

@@ -57,7 +57,7 @@ def run(args):
         result = evaluate_profile(
             layout,
             args.profile,
-            radius=args.contact_radius or RADIUS,
+            radius=RADIUS if args.contact_radius is None else args.contact_radius,
             resolution=args.resolution,
             track=lambda contacts: track(contacts, "imaging contacts"),
         )
@@ -66,7 +66,7 @@ def run(args):
             layout,
             model=args.model,
             regularization=args.regularization,
-            contact_radius=args.contact_radius or CONTACT_RADIUS,
+            contact_radius=args.contact_radius,
             resolution=args.resolution,
         )
     content = as_dict(result)

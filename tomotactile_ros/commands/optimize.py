@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.free import DEFAULT_AIMS
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.objective import Aims
-from tomotactile_ros.optimizer.request import METHODS, Request, start_layout
+from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished
 from tomotactile_ros.progress import Progress, track
 
@@ -125,7 +124,7 @@ def run(args):
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not a positive number")
     several = args.method == "free" and args.workers > 1
-    pool = ProcessPoolExecutor(args.workers) if several else nullcontext()
+    pool = processes(args.workers) if several else nullcontext()
     with pool as executor, Progress(args.method, request.total) as progress:
         history, best = best_of(
             request.steps_of(executor), lambda step: progress.update(step.iteration, _note(step))

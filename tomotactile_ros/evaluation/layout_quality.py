@@ -11,9 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.metrics import Quality, statistics
-from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS, paper_transfer
+from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION, PointSpread
 from tomotactile_ros.evaluation.regions import Regions, layout_regions
 from tomotactile_ros.evaluation.symmetry import find_symmetry
@@ -96,7 +97,7 @@ def evaluate_layout(
     *,
     model: str = "auto",
     regularization: float = REGULARIZATION,
-    contact_radius: float = CONTACT_RADIUS,
+    contact_radius: float | None = None,
     resolution: int = RESOLUTION,
     grounded=None,
 ) -> LayoutQuality:
@@ -107,7 +108,7 @@ def evaluate_layout(
     model : `paper` (electrodes are points with a radius), `closed_form` or `fem` (both with electrodes as
         equipotentials that shunt the sheet); `auto` is `paper` for a uniform rectangle and `fem` otherwise
     regularization : lambda^2
-    contact_radius : m
+    contact_radius : m; 1 mm without it, less for electrodes of less than 2 mm
     resolution : contact positions, and pixels, along the longer side
     grounded : (L,) ground conditions that are scanned, all without it
 
@@ -117,6 +118,9 @@ def evaluate_layout(
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
     if not (np.isfinite(regularization) and regularization > 0):
         raise InputError(f"regularization: {regularization} is not a positive number")
+    if contact_radius is None:
+        contact_radius = default_contact_radius(layout)
+    checks.length(contact_radius, "contact radius")
     if model == "auto":
         model = "paper" if layout.outline.is_uniform_rectangle else "fem"
     grid = Grid.for_outline(layout.outline, resolution)

@@ -17,22 +17,36 @@ from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, s
 from tomotactile_ros.sheet.transfer import Transfer
 
 CONTACT_RADIUS = 0.001  # m
+_LARGEST_CONTACT = (
+    0.5  # in electrode radii: a contact as large as the electrode it touches is a short circuit
+)
 _POINT = 1e-6  # radius of what is replaced, in parts of the radius that replaces it
 
 
+def default_contact_radius(layout: Layout) -> float:
+    """1 mm, or half the radius of the electrodes where these are smaller than 2 mm, m."""
+    return min(CONTACT_RADIUS, _LARGEST_CONTACT * layout.radius)
+
+
 def paper_transfer(
-    layout: Layout, points, radius: float = CONTACT_RADIUS, symmetry: Symmetry | None = None
+    layout: Layout, points, radius: float | None = None, symmetry: Symmetry | None = None
 ) -> Transfer:
-    """`Transfer` to contacts of `radius` (m) at `points` (K, 2).
+    """`Transfer` to contacts of `radius` (m, `default_contact_radius` without it) at `points` (K, 2).
 
     With the `symmetry` that the electrodes and the points have, G is computed for one electrode of each kind.
 
-    Raises InputError for other outlines than rectangles without holes.
+    Raises InputError for other outlines than rectangles without holes, and for contacts that are too large.
     """
     if not layout.outline.is_uniform_rectangle:
         raise InputError(
             f"layout {layout.name!r}: the paper's model needs a rectangle without holes, this "
             f"outline is a {layout.outline.kind}; use model fem"
+        )
+    radius = default_contact_radius(layout) if radius is None else radius
+    if radius > _LARGEST_CONTACT * layout.radius:
+        raise InputError(
+            f"contact radius: {1e3 * radius:g} mm is too large for the paper's model of electrodes of "
+            f"{1e3 * layout.radius:g} mm, at most half of that works; use model closed_form"
         )
     size = layout.outline.size
     points = np.asarray(points, float)

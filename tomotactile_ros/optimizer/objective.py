@@ -22,7 +22,12 @@ from scipy.linalg import lapack
 
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS, green, green_self, transfer_of
+from tomotactile_ros.evaluation.paper_model import (
+    default_contact_radius,
+    green,
+    green_self,
+    transfer_of,
+)
 from tomotactile_ros.evaluation.point_spread import PointSpread
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid
@@ -68,7 +73,6 @@ class Objective:
         aims: Aims = Aims(),
         *,
         resolution: int = 40,
-        contact_radius: float = CONTACT_RADIUS,
     ):
         self.reference = reference
         self.size = reference.outline.size
@@ -76,11 +80,11 @@ class Objective:
         finest = Grid.for_outline(reference.outline, 40)
         scale = len(self.grid.pixels) / len(finest.pixels)
         self.regularizations = [scale * each for each in regularizations]
-        self._self = green_self(self.grid.pixels, self.size, contact_radius)
+        self._self = green_self(self.grid.pixels, self.size, default_contact_radius(reference))
         self._sharpness = Sharpness(self.grid)
         self._aims = _aim_rows(aims, len(self.regularizations))
         self._start = 1.0
-        self._start = self.figures(reference.positions)
+        self._start = np.maximum(self.figures(reference.positions), _least(self.grid))
 
     def figures(self, positions) -> np.ndarray:
         """(lambdas, 4) the figures relative to the reference layout: see the head of this file."""
@@ -109,13 +113,14 @@ class FemObjective:
         self.resolution = resolution
         self._aims = _aim_rows(aims, len(regularizations))
         self._start = 1.0
-        self._start = self.figures(reference.positions)
+        grid = Grid.for_outline(reference.outline, resolution)
+        self._start = np.maximum(self.figures(reference.positions), _least(grid))
 
     def figures(self, positions) -> np.ndarray:
         """(lambdas, 4) the figures relative to the reference layout."""
         layout = replace(self.reference, positions=positions)
         grid = Grid.for_outline(layout.outline, self.resolution)
-        transfer = make_sheet(layout, "fem").transfer(grid.pixels, CONTACT_RADIUS)
+        transfer = make_sheet(layout, "fem").transfer(grid.pixels, default_contact_radius(layout))
         rows = []
         for regularization in self.regularizations:
             spread = PointSpread(transfer, grid, regularization)
@@ -133,6 +138,12 @@ class FemObjective:
     def score(self, positions) -> float:
         """The score."""
         return _soft_maximum(self.figures(positions) / self._aims)[0]
+
+
+def _least(grid):
+    """(4,) figures of a reference layout that count as nothing: a hundredth of a cell, no noise."""
+    cell = 0.01 * min(grid.cell_size)
+    return np.array([cell, cell, cell, 1e-12])
 
 
 def _aim_rows(aims, count):

@@ -112,11 +112,11 @@ def _table(axes, start, best):
     table = axes.table(
         rows,
         colLabels=["mm", "before", "after", "ratio"],
-        colWidths=[0.58, 0.14, 0.14, 0.14],
+        colWidths=[0.62, 0.15, 0.15, 0.13],
         loc="center",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize(9)
+    table.set_fontsize(8.5)
     table.scale(1, 1.5)
 
 

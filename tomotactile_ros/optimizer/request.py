@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
@@ -19,6 +21,13 @@ from tomotactile_ros.region import Region, regular_polygon
 METHODS = ("equalize", "free")
 _UPDATES = 5  # of equalize
 _OTHERS = 0.1, 10.0  # lambda^2 that a free layout has to carry over to, relative to the one wanted
+
+
+def processes(workers: int) -> Executor:
+    """A pool of processes with one thread of linear algebra each: the matrices are small, the processes many."""
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")  # read by new processes when they load numpy
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
