@@ -215,7 +215,9 @@ class FemSheet:
             everything = np.arange(len(points))
             block = green(everything, everything)
             self_terms = np.diagonal(block).copy()
-            found = lambda i, j: block[np.ix_(i, j)]  # noqa: E731
+
+            def found(i, j):
+                return block[np.ix_(i, j)]
         else:
             pairs = _pairs(corners, weights)
             excess = self._self_log(*pairs) - np.log(radius)
