@@ -16,7 +16,9 @@ from tomotactile_ros.simulation import Simulator
 def run(*words, **kwargs):
     command = [sys.executable, "-m", "tomotactile_ros.cli", *map(str, words)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    return subprocess.run(command, capture_output=True, text=True, env=environment, **kwargs)
+    return subprocess.run(
+        command, check=False, capture_output=True, text=True, env=environment, **kwargs
+    )
 
 
 @pytest.fixture(scope="module")
