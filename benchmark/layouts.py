@@ -53,23 +53,19 @@ def header(*cells):
 def paper_tables():
     for count in COUNTS:
         paper = PAPER[count]
-        print(f"\n{count} x {count}, equalize (lengths in % of the side)\n")
-        header("step", *(f"{label}" for label, _, _ in FIGURES), "relative to the equal grid")
-        start = None
-        for step in equalize(load_layout(f"equal-{count}x{count}"), 5):
-            found = figures(step.metrics)
-            start = found if start is None else start
-            values = [f"{100 * value / 0.2:.2f}" for value in found]
-            row(step.iteration, *values, ", ".join(f"{ratio:.3f}" for ratio in found / start))
-        mean, worst, error = paper["after"]
-        row(
-            f"paper, {paper['updates']} updates",
-            f"{paper['mean']} -> x {mean}",
-            f"{paper['worst region']} -> x {worst}",
-            "-",
-            f"x {error}",
-            "",
-        )
+        print(f"\n{count} x {count}, equalize: % of the side, and relative to the equal grid\n")
+        header("model", "updates", *(label for label, _, _ in FIGURES))
+        after = (f"x {factor}" for factor in paper["after"])
+        mean, worst, error = after
+        row("paper's result", 0, paper["mean"], paper["worst region"], "", "")
+        row("paper's result", paper["updates"], mean, worst, "", error)
+        for model, label in (("paper", "points with a radius"), ("fem", "equipotentials, FEM")):
+            start = None
+            for step in equalize(load_layout(f"equal-{count}x{count}"), 5, model=model):
+                found = figures(step.metrics)
+                start = found if start is None else start
+                cells = [f"{100 * v / 0.2:.2f}, x {v / s:.3f}" for v, s in zip(found, start)]
+                row(label, step.iteration, *cells)
 
 
 def best_scaled(equal):

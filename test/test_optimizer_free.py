@@ -141,10 +141,11 @@ def test_constraints_hold_after_every_step():
 
 def test_search_improves_every_figure_whatever_the_executor():
     layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    alone = list(free(layout, effort=SHORT, resolution=20))
+    aims = Aims(other=(0.95, 0.95, 1.5))
+    alone = list(free(layout, aims=aims, effort=SHORT, resolution=20))
     for kind in (ThreadPoolExecutor, ProcessPoolExecutor):
         with kind(2) as executor:
-            together = list(free(layout, effort=SHORT, resolution=20, executor=executor))
+            together = list(free(layout, aims=aims, effort=SHORT, resolution=20, executor=executor))
         assert [step.score for step in alone] == [step.score for step in together]
         assert np.array_equal(alone[-1].layout.positions, together[-1].layout.positions)
     scores = [step.score for step in alone]

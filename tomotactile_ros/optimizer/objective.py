@@ -52,7 +52,7 @@ class Aims:
     """
 
     central: tuple[float, float, float] = (0.8, 0.8, 0.72)
-    other: tuple[float, float, float] = (0.95, 0.95, 1.5)
+    other: tuple[float, float, float] = (0.95, 0.95, 1.0)
     noise_gain: float = 1.5
 
 
