@@ -1,7 +1,9 @@
-"""Layouts compared: the paper's tables beside ours, free layouts against grids, and how they carry over.
+"""Layouts compared: the paper's tables, free layouts against grids, ground conditions, times.
 
-    scripts/setup python3 benchmark/layouts.py    tables as Markdown on standard output, times on standard error
+    scripts/setup python3 benchmark/layouts.py
     scripts/setup python3 benchmark/layouts.py --only free
+
+Tables are Markdown on standard output, times go to standard error.
 
 Every figure of docs/layouts.md comes from here.
 """
@@ -69,7 +71,7 @@ def paper_tables():
 
 
 def best_scaled(equal):
-    """The equal grid scaled about the centre so that the largest of its three figures is smallest."""
+    """The equal grid, scaled so that the largest of its three figures is smallest."""
     start = figures(evaluate_layout(equal).metrics)
     tried = [replace(equal, positions=equal.positions * scale) for scale in SCALES]
     largest = [max((figures(evaluate_layout(each).metrics) / start)[[0, 2, 3]]) for each in tried]

@@ -17,7 +17,7 @@ from tomotactile_ros.sheet.sensitivity import Sensitivity
 
 
 def warped(rows, cols, size=(0.2, 0.2), move=(0.0, 0.0)):
-    """A grid with its electrodes drawn to the middle, then all moved: symmetric without the move."""
+    """A grid with its electrodes drawn to the middle, then all moved."""
     layout = equal_grid(rows, cols, size, 0.002, 1e4, margin=0.01)
     half = np.array(size) / 2
     positions = half * np.sin(1.3 * layout.positions / half) / np.sin(1.3) * 0.95 + move
@@ -118,7 +118,7 @@ def test_equal_grids_of_the_paper(count, radius, mean, worst_region):
 
 
 def test_points_with_a_radius_are_means_over_circles():
-    """Potential of a point source, averaged over a circle: in the sheet, at the rim, in a corner."""
+    """Mean over a circle of the field of a point: in the sheet, at the rim, in a corner."""
     size, radius = (0.3, 0.2), 0.004
     angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
     circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])

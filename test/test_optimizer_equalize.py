@@ -59,7 +59,7 @@ def test_displacement_gives_every_region_its_area(rows, cols, a, b, seed):
 
 
 def test_figures_of_the_paper():
-    """Worst region <= x 0.83 after three updates of 4 x 4, <= x 0.93 for 8 x 8; see docs/layouts.md."""
+    """Worst region <= x 0.83 after three updates of 4 x 4, <= x 0.93 for 8 x 8."""
     for count, radius, updates, limit in ((4, 0.005, 3, 0.83), (8, 0.0025, 5, 0.93)):
         steps = list(equalize(equal_grid(count, count, (0.2, 0.2), radius, 1e4), updates))
         assert [step.iteration for step in steps] == list(range(updates + 1))
@@ -93,7 +93,7 @@ def test_extremes_stay_valid(rows, cols, size, radius):
 
 
 def test_a_region_that_collapses_is_left_alone():
-    """Rows so close that their regions have no contact: a valid layout or the end, never a crossing."""
+    """Rows so close that their regions hold no contact: never a crossing."""
     steps = np.array([-1, -0.02, 0.02, 1]) * 0.1
     x, y = np.meshgrid(np.array([-1, -1 / 3, 1 / 3, 1]) * 0.1, steps)
     layout = Layout(

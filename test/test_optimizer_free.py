@@ -1,4 +1,4 @@
-"""The free search: its gradient, its constraints, its symmetries, and that it finds better layouts."""
+"""The free search: gradient, constraints, symmetries, and that it finds better layouts."""
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
@@ -42,7 +42,7 @@ def test_gradient_through_symmetries_and_green_function(size, move):
 
 
 def test_gradient_of_sharpness_is_that_of_smooth_images():
-    """Wide smooth images on a fine grid. Crossings that are nearly as far share the derivative: 30 %."""
+    """Wide smooth images, fine grid. Crossings nearly as far share the derivative: 30 %."""
     grid = Grid.for_outline(SQUARE, 80)
     sharpness = Sharpness(grid)
     target = np.array([[0.012, -0.007]])

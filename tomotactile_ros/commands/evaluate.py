@@ -1,4 +1,4 @@
-"""`tomotactile evaluate`: how sharp and how true a layout images single contacts, all over the sheet."""
+"""`tomotactile evaluate`: how sharp and how true a layout images single contacts."""
 
 from __future__ import annotations
 
@@ -113,8 +113,9 @@ def as_text(content):
     yield "  row col  contacts  area/cm2   HWHM/mm  position error/mm"
     for region in regions[:_SHOWN]:
         yield (
-            f"  {region['row']:3d} {region['col']:3d} {region['contacts']:9d} {1e4 * region['area']:9.2f}"
-            f" {1e3 * region['hwhm']:9.2f} {1e3 * region['position_error']:18.2f}"
+            f"  {region['row']:3d} {region['col']:3d} {region['contacts']:9d}"
+            f" {1e4 * region['area']:9.2f} {1e3 * region['hwhm']:9.2f}"
+            f" {1e3 * region['position_error']:18.2f}"
         )
     if len(regions) > _SHOWN:
         yield f"  and {len(regions) - _SHOWN} more (--json lists all)"

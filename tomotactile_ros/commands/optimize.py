@@ -86,8 +86,8 @@ def add_arguments(parser):
         type=float,
         nargs=4,
         metavar=("MEAN", "WORST", "ERROR", "OTHER"),
-        help="of free, relative to the start: mean HWHM, worst tenth, mean position error, and position error "
-        "at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.0)",
+        help="of free, relative to the start: mean HWHM, worst tenth, mean position error, "
+        "and position error at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.0)",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the free search")
     parser.add_argument(

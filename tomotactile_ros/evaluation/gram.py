@@ -1,7 +1,8 @@
 """J'J of the paper's sensitivity, and its derivative, without J.
 
-J[(l, n), k] = Z_l(n, k) / Z_l(k, k) (Kojima et al. 2023, eq. 2). With g_n(k) = G(n, k), w_l(k) = 1 / Z_l(k, k),
-u_l = w_l g_l and c_ln = G(l, l) - G(l, n), the sum over n of Z_l(n, k) Z_l(n, k') can be done on paper:
+J[(l, n), k] = Z_l(n, k) / Z_l(k, k) (Kojima et al. 2023, eq. 2). With g_n(k) = G(n, k),
+w_l(k) = 1 / Z_l(k, k), u_l = w_l g_l and c_ln = G(l, l) - G(l, n), the sum over n of
+Z_l(n, k) Z_l(n, k') can be done on paper:
 
     J'J = (g'g) * (w'w) + z't + t'z,     z = [w; u],     t = [(q - C g_l + D / 2) w; u E / 2 - s w]
     q_l(k) = sum_n c_ln g_n(k),   C_l = sum_n c_ln,   D_l = sum_n c_ln^2,   s(k) = sum_n g_n(k)
@@ -58,7 +59,8 @@ class Gram:
 
         Returns
         -------
-        (E, K) derivative by `electrode_point`, (E, E) by `electrode_electrode`; `point_self` is held.
+        (E, K) derivative by `electrode_point`, (E, E) by `electrode_electrode`; `point_self` is
+        held.
         """
         g, w, z, t = self._point, self._weight, self._z, self._t
         g_product = g[:, chosen].T @ g

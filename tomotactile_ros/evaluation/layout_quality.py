@@ -1,7 +1,7 @@
-"""Quality of a layout: HWHM, position error and blur of single contacts all over the sheet, and noise gain.
+"""Quality of a layout: HWHM, position error and blur of single contacts, and noise gain.
 
-The default is the set-up of Kojima et al. 2023: bare contacts of 1 mm radius at the pixels of a 40 x 40
-image, one step of eq. 1 with lambda^2 = 1000.
+The default is the set-up of Kojima et al. 2023: bare contacts of 1 mm radius at the pixels of a
+40 x 40 image, one step of eq. 1 with lambda^2 = 1000.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ MODELS = ("auto", "paper", "closed_form", "fem")
 class LayoutQuality:
     """What an evaluation found.
 
-    noise_gain : noise of a pixel per noise of a reading, V per V, root mean square; None if not known
+    noise_gain : noise of a pixel per noise of a reading, V per V, root mean square; None if not
+        known
     settings : how it was evaluated: model or profile, lambda^2, contact radius, resolution
     """
 
@@ -75,7 +76,7 @@ class LayoutQuality:
         return out
 
     def by_region(self) -> list[dict]:
-        """For every region its place, number of contacts, area (m^2), mean HWHM and position error (m)."""
+        """For every region: place, contacts, area (m^2), mean HWHM and position error (m)."""
         quality, regions = self.quality, self.regions
         error = regions.means(self.region_of, quality.positions, quality.position_error)
         count = np.bincount(self.region_of, minlength=len(error))
@@ -105,8 +106,9 @@ def evaluate_layout(
 
     Parameters
     ----------
-    model : `paper` (electrodes are points with a radius), `closed_form` or `fem` (both with electrodes as
-        equipotentials that shunt the sheet); `auto` is `paper` for a uniform rectangle and `fem` otherwise
+    model : `paper` (electrodes are points with a radius), `closed_form` or `fem` (both with
+        electrodes as equipotentials that shunt the sheet); `auto` is `paper` for a uniform
+        rectangle and `fem` otherwise
     regularization : lambda^2
     contact_radius : m; 1 mm without it, less for electrodes of less than 2 mm
     resolution : contact positions, and pixels, along the longer side

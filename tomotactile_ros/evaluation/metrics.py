@@ -1,13 +1,15 @@
 """How sharp and how true an image of one contact is.
 
-For a contact at p and its image f (Kojima et al. 2023, section 2.2): h is half of the maximum, c the centre
-of mass of all pixels with f >= h, HWHM the largest distance from c to the contour f = h, and the position
-error PE = |c - p|. The paper leaves three things open; here the set need not be connected, its pixels weigh
-the same, and the contour runs straight between crossings found by linear interpolation between
-neighbouring pixels (then the farthest point is always a crossing). The rim of the sheet is no contour.
+For a contact at p and its image f (Kojima et al. 2023, section 2.2): h is half of the maximum, c
+the centre of mass of all pixels with f >= h, HWHM the largest distance from c to the contour f = h,
+and the position error PE = |c - p|. The paper leaves three things open; here the set need not be
+connected, its pixels weigh the same, and the contour runs straight between crossings found by
+linear interpolation between neighbouring pixels (then the farthest point is always a crossing). The
+rim of the sheet is no contour.
 
-HWHM alone rewards images that are sharp at the wrong place. The blur is the root mean square distance of the
-squared image from the true position: it grows with the width and with the error of position.
+HWHM alone rewards images that are sharp at the wrong place. The blur is the root mean square
+distance of the squared image from the true position: it grows with the width and with the error of
+position.
 """
 
 from __future__ import annotations
@@ -45,8 +47,8 @@ def quality(images, positions, grid: Grid) -> Quality:
 
     Returns
     -------
-    Quality. An image without a positive value shows nothing: its centre is the middle of the sheet and
-    its HWHM the distance to the farthest pixel.
+    Quality. An image without a positive value shows nothing: its centre is the middle of
+    the sheet and its HWHM the distance to the farthest pixel.
     """
     images = np.asarray(images, float)
     positions = np.asarray(positions, float).reshape(-1, 2)

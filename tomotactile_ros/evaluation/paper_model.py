@@ -1,9 +1,10 @@
 """The paper's model of a uniform rectangle: electrodes and contacts are points with a radius.
 
-Distances below the radius count as the radius, those to mirror images in the rim too: the mean of ln |p - q|
-over a circle around p is ln max(|p - q|, radius). Unlike the models in `sheet`, electrodes do not shunt
-the sheet ("negligible" in Kojima et al. 2023), and no contact is on an electrode: one that lies within its
-radius is as far from it as the radius. Everything is at 1 ohm/sq, which J (eq. 2) does not depend on.
+Distances below the radius count as the radius, those to mirror images in the rim too: the mean of
+ln |p - q| over a circle around p is ln max(|p - q|, radius). Unlike the models in `sheet`,
+electrodes do not shunt the sheet ("negligible" in Kojima et al. 2023), and no contact is on an
+electrode: one that lies within its radius is as far from it as the radius. Everything is at 1
+ohm/sq, which J (eq. 2) does not depend on.
 """
 
 from __future__ import annotations
@@ -31,11 +32,13 @@ def default_contact_radius(layout: Layout) -> float:
 def paper_transfer(
     layout: Layout, points, radius: float | None = None, symmetry: Symmetry | None = None
 ) -> Transfer:
-    """`Transfer` to contacts of `radius` (m, `default_contact_radius` without it) at `points` (K, 2).
+    """`Transfer` to contacts of `radius` (m, `default_contact_radius` without it) at `points`.
 
-    With the `symmetry` that the electrodes and the points have, G is computed for one electrode of each kind.
+    With the `symmetry` that the electrodes and the points have, G is computed for one electrode of
+    each kind.
 
-    Raises InputError for other outlines than rectangles without holes, and for contacts that are too large.
+    Raises InputError for other outlines than rectangles without holes, and for contacts that are
+    too large.
     """
     if not layout.outline.is_uniform_rectangle:
         raise InputError(
@@ -45,8 +48,9 @@ def paper_transfer(
     radius = default_contact_radius(layout) if radius is None else radius
     if radius > _LARGEST_CONTACT * layout.radius:
         raise InputError(
-            f"contact radius: {1e3 * radius:g} mm is too large for the paper's model of electrodes of "
-            f"{1e3 * layout.radius:g} mm, at most half of that works; use model closed_form"
+            f"contact radius: {1e3 * radius:g} mm is too large for the paper's model of "
+            f"electrodes of {1e3 * layout.radius:g} mm, at most half of that works; "
+            "use model closed_form"
         )
     size = layout.outline.size
     points = np.asarray(points, float)
@@ -67,7 +71,7 @@ def transfer_of(positions, electrode_radius, size, points, point_self, symmetry=
 
 
 def green(points, sources, size, radius: float) -> np.ndarray:
-    """(P, Q) Green function at 1 ohm/sq between (P, 2) and (Q, 2), distances at least `radius`, m."""
+    """(P, Q) Green function at 1 ohm/sq, distances at least `radius`, m."""
     points, sources = np.asarray(points, float), np.asarray(sources, float)
     tiny = _POINT * radius
     out = green_rectangle(points, sources, size, tiny)
@@ -89,7 +93,7 @@ def green_self(points, size, radius: float) -> np.ndarray:
 
 
 def _images(x, s, side, radius):
-    """Distances along one axis, from `x` to `s` and to its mirror images as far as they can be near."""
+    """Distances along one axis, from `x` to `s` and to its mirror images where these are near."""
     yield x - s
     for rim in (-side, side):
         if min(np.abs(x - rim / 2).min(), np.abs(s - rim / 2).min()) < radius:

@@ -1,11 +1,12 @@
 """Images of single contacts at every pixel: the columns of one matrix, by blocks of its symmetry.
 
-The image of a bare contact at pixel k, one step of eq. 1 of Kojima et al. 2023, is V0 times column k of
+The image of a bare contact at pixel k, one step of eq. 1 of Kojima et al. 2023, is V0 times
+column k of
 
     M = (J'J + lambda^2 I)^-1 J'J = I - lambda^2 S,        S = (J'J + lambda^2 I)^-1
 
-J'J comes from `gram`, its blocks from `symmetry`: on the square one eighth of the contacts is enough, and
-instead of one 1600 x 1600 matrix four of about 200 and one of 400 are inverted.
+J'J comes from `gram`, its blocks from `symmetry`: on the square one eighth of the contacts is
+enough, and instead of one 1600 x 1600 matrix four of about 200 and one of 400 are inverted.
 """
 
 from __future__ import annotations

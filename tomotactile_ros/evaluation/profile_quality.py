@@ -1,7 +1,8 @@
 """Quality of a layout with one of the reconstruction profiles, on frames from an independent model.
 
-Frames come from finite elements with electrodes as equipotentials, one disc at a time at every pixel, with the
-noise of the readings; the profile images them with its own model. Judged is the pressure image.
+Frames come from finite elements with electrodes as equipotentials, one disc at a time at every
+pixel, with the noise of the readings; the profile images them with its own model. Judged is the
+pressure image.
 """
 
 from __future__ import annotations

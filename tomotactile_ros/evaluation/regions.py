@@ -1,7 +1,9 @@
-"""Regions of a sheet for which quality is stated: the quadrilaterals between neighbouring electrodes.
+"""Regions of a sheet for which quality is stated: the quadrilaterals between neighbouring
+electrodes.
 
-A layout is a grid if its electrodes, in their order, form R rows of C whose quadrilaterals do not overlap
-themselves (Kojima et al. 2023, section 2.2: M = (N - 1)^2 regions). Other layouts get 3 x 3 equal blocks.
+A layout is a grid if its electrodes, in their order, form R rows of C whose quadrilaterals do not
+overlap themselves (Kojima et al. 2023, section 2.2: M = (N - 1)^2 regions). Other layouts get 3 x 3
+equal blocks.
 """
 
 from __future__ import annotations
@@ -62,7 +64,7 @@ class Regions:
         return out
 
     def means(self, owner, points, values) -> np.ndarray:
-        """(M,) mean of the `values` (P,) of the `points` (P, 2) that each region owns, `owner` = of(points).
+        """(M,) mean of the `values` (P,) of the `points` (P, 2) that each region owns.
 
         A region without points gets the value at the point nearest to its middle.
         """
@@ -96,7 +98,7 @@ def quadrilaterals(positions, rows: int, cols: int) -> Regions:
 
 
 def grid_shape(positions) -> tuple[int, int] | None:
-    """(rows, columns) if the electrodes, row by row from the lower left, form a grid without crossings."""
+    """(rows, columns) of a grid without crossings, row by row from the lower left."""
     count = len(positions)
     for rows in sorted(range(2, count // 2 + 1), key=lambda rows: abs(rows - count / rows)):
         if count % rows == 0 and is_simple(quadrilaterals(positions, rows, count // rows)):

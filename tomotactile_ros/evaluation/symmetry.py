@@ -1,10 +1,10 @@
 """Symmetries of a sheet with its electrodes, and the bases in which symmetric matrices fall apart.
 
-The elements are the mirrors of x and of y (or only both together: the half turn) and, on a square, the
-swap of x and y. A matrix over the pixels
-that commutes with them is block diagonal in the basis of images that are even or odd under each mirror
-(even-even, even-odd, odd-even, odd-odd). Where the swap is a symmetry too, even-even and odd-odd split
-again into images that are even or odd under it, and odd-even repeats the block of even-odd.
+The elements are the mirrors of x and of y (or only both together: the half turn) and, on a square,
+the swap of x and y. A matrix over the pixels that commutes with them is block diagonal in the basis
+of images that are even or odd under each mirror (even-even, even-odd, odd-even, odd-odd). Where
+the swap is a symmetry too, even-even and odd-odd split again into images that are even or odd under it, and
+odd-even repeats the block of even-odd.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _CLOSE = 1e-9  # of the outline's size: positions that coincide
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One block: orthonormal `bases` (K, d), as many as the block occurs, and the `rows` to take it from.
+    """One block: orthonormal `bases` (K, d), as many as it occurs, and the `rows` it is taken from.
 
     A block of A is A[rows] @ bases[0] / scale[:, None].
     """
@@ -101,7 +101,7 @@ class Symmetry:
 
 
 def find_symmetry(grid: Grid, positions) -> Symmetry:
-    """The symmetries that the cells inside the outline share with electrodes at `positions` (E, 2)."""
+    """The symmetries that the cells inside the outline share with the `positions` (E, 2)."""
     number = np.full(grid.shape, -1)
     number[grid.inside] = np.arange(np.count_nonzero(grid.inside))
     positions = np.asarray(positions, float)
@@ -124,7 +124,7 @@ def find_symmetry(grid: Grid, positions) -> Symmetry:
 
 
 def _move(grid, moved, number, positions, images):
-    """Permutations of the pixels and the electrodes, or None where one of them has not the symmetry."""
+    """Permutations of the pixels and the electrodes, or None where there are none."""
     if not np.array_equal(moved >= 0, number >= 0):
         return None
     distance, electrode = cKDTree(positions).query(images)
@@ -168,7 +168,7 @@ def _symmetry(group, pixels, first, orbit, quarter, blocks):
 
 
 def _basis(pixels, sign, first):
-    """Orthonormal images with these characters, one from each of the pixels `first` that has one."""
+    """Orthonormal images with these characters, from those pixels `first` that have one."""
     count = pixels.shape[1]
     columns = np.tile(np.arange(len(first)), len(pixels))
     values = np.repeat(sign, len(first)).astype(float)

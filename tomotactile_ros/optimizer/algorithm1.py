@@ -1,12 +1,13 @@
 """Electrode positions from the areas of the regions between them.
 
-On a square with as many rows as columns: Algorithm 1 of Kojima et al. 2023, which places the electrodes of
-an even N ring by ring from the centre outward. For an odd N the middle row and column lie on the axes and
-x(0, j) = 0 takes the place of the mirrored neighbour; everything else is the same.
+On a square with as many rows as columns: Algorithm 1 of Kojima et al. 2023, which places the
+electrodes of an even N ring by ring from the centre outward. For an odd N the middle row and column
+lie on the axes and x(0, j) = 0 takes the place of the mirrored neighbour; everything else is the
+same.
 
-For other rectangles and R x C electrodes: the smallest displacement of the electrodes that gives the
-regions the wanted areas. Electrodes on the rim stay on it, and the mirrors of the sheet are kept, because
-both hold for the areas.
+For other rectangles and R x C electrodes: the smallest displacement of the electrodes that gives
+the regions the wanted areas. Electrodes on the rim stay on it, and the mirrors of the sheet are
+kept, because both hold for the areas.
 """
 
 from __future__ import annotations
@@ -24,18 +25,19 @@ def place_in_rings(areas) -> np.ndarray:
 
     Parameters
     ----------
-    areas : (N - 1, N - 1) wanted areas of the regions, m^2; symmetric under the symmetries of the square
+    areas : (N - 1, N - 1) wanted areas of the regions, m^2; symmetric under the symmetries of the
+        square
 
     Returns
     -------
-    (N, N, 2) positions, m, row by row from the lower left. Not checked: a region that is far too large for its
-    ring makes electrodes cross.
+    (N, N, 2) positions, m, row by row from the lower left. Not checked: a region that is far too
+    large for its ring makes electrodes cross.
     """
     count = len(areas) + 1
     half, odd = count // 2, count % 2
 
     def area(i, j):
-        """S(i, j): the region with electrode (i, j), counted outward from the centre, at its upper right."""
+        """S(i, j): the region whose upper right corner is electrode (i, j), from the centre."""
         return areas[half + j - 2 + odd, half + i - 2 + odd]
 
     x, h = np.zeros((half + 1, half + 1)), np.zeros(half + 1)

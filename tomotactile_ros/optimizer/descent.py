@@ -1,9 +1,10 @@
-"""Two searches that keep their whole state in small objects, so that they can be stopped, resumed and sent.
+"""Two searches that keep their whole state in small objects, so that they can be stopped, resumed
+and sent.
 
-`Descent` follows a gradient that jumps a little (contacts change the pixels that count): steps of bounded
-size along running means of gradient and square (Kingma and Ba 2015), shrinking towards the end.
-`Evolution` needs only scores and samples around a mean with an adapted covariance (Hansen 2016, rank-one and
-rank-mu updates, step size by its path). Both are deterministic.
+`Descent` follows a gradient that jumps a little (contacts change the pixels that count): steps of
+bounded size along running means of gradient and square (Kingma and Ba 2015), shrinking towards the
+end. `Evolution` needs only scores and samples around a mean with an adapted covariance (Hansen
+2016, rank-one and rank-mu updates, step size by its path). Both are deterministic.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Descent:
         self._square = np.zeros_like(self.parameters)
 
     def run(self, value_and_gradient: Callable, feasible: Callable, steps: int) -> None:
-        """Some more steps; `feasible` maps parameters to feasible ones, or to None where there are none."""
+        """Some more steps; `feasible` maps parameters to feasible ones, or to None."""
         for _ in range(min(steps, self.total - self.done)):
             score, gradient = value_and_gradient(self.parameters)
             if score < self.score:

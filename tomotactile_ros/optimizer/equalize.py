@@ -1,11 +1,12 @@
 """The paper's optimizer: equal spatial resolution in all regions (Kojima et al. 2023, section 2.2).
 
-Every update gives region m the area S_m / w_m^2, scaled to the sum of all (eq. 12), w_m being the mean
-HWHM of the contacts in it, and places the electrodes accordingly (Algorithm 1; see `algorithm1` for odd N,
-R x C electrodes and rectangles). The score is the mean HWHM of the worst region.
+Every update gives region m the area S_m / w_m^2, scaled to the sum of all (eq. 12), w_m being the
+mean HWHM of the contacts in it, and places the electrodes accordingly (Algorithm 1; see
+`algorithm1` for odd N, R x C electrodes and rectangles). The score is the mean HWHM of the worst
+region.
 
-An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio to the
-power 1/2, 1/4, ...) until the layout is valid.
+An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio
+to the power 1/2, 1/4, ...) until the layout is valid.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def equalize(layout: Layout, updates: int = 5, **evaluation) -> Iterator[Step]:
     updates : how many; every one costs one evaluation
     evaluation : keywords of `evaluate_layout`
 
-    Yields the start and every update. Ends early where no valid layout is left in the wanted direction.
+    Yields the start and every update. Ends early where no valid layout is left in the wanted
+    direction.
 
     Raises InputError for layouts that the method cannot treat.
     """

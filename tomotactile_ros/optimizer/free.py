@@ -1,13 +1,13 @@
 """Electrode positions as free variables: less blur about the true position everywhere.
 
-The score (`objective`) holds the HWHM, its worst tenth, the position error and the noise gain against those of
-the layout given, for the lambda^2 wanted and for two others. Symmetries that the outline and the layout share
-are kept: all electrodes of an orbit move together (`orbits`). Spacing, margin and keep-out zones are never
-violated (`constraints`).
+The score (`objective`) holds the HWHM, its worst tenth, the position error and the noise gain
+against those of the layout given, for the lambda^2 wanted and for two others. Symmetries that the
+outline and the layout share are kept: all electrodes of an orbit move together (`orbits`). Spacing,
+margin and keep-out zones are never violated (`constraints`).
 
-On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after every
-round the worse half is dropped, and the best is refined by evolution (`descent`). Other outlines have no
-closed form: there evolution alone searches, with scores from finite elements.
+On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
+every round the worse half is dropped, and the best is refined by evolution (`descent`). Other
+outlines have no closed form: there evolution alone searches, with scores from finite elements.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Effort:
 
 
 def effort_for(layout: Layout, generations: int | None = None) -> Effort:
-    """Effort by default: a minute for 8 x 8 electrodes on two cores; `generations` of evolution if given."""
+    """Effort by default: less than a minute for 8 x 8 electrodes on two cores."""
     usual = 10 if layout.outline.is_uniform_rectangle else 30
     return Effort(generations=usual if generations is None else generations)
 
@@ -87,8 +87,8 @@ def free(
     executor : any `concurrent.futures` executor; the result does not depend on it
     resolution : contact positions along the longer side
 
-    Yields the start (iteration 0) and the best layout after each round and generation; its score is 1 for the
-    aims, lower is better.
+    Yields the start (iteration 0) and the best layout after each round and generation; its score is
+    1 for the aims, lower is better.
 
     Raises InputError for constraints that cannot be met.
     """
@@ -235,7 +235,7 @@ def _score(task, orbits, parameters):
 
 
 def _starts(task, count, seed, run):
-    """(count) layouts to start from, the most promising first: the best scaled one, and warps of it."""
+    """(count) layouts to start from: first the best scaled one, then warps of it."""
     layout = task.layout
     given = task.constraints.project(layout.positions)
     if given is None:
@@ -260,7 +260,7 @@ def _starts(task, count, seed, run):
 
 
 def _warp(positions, amount):
-    """Positions in [-1, 1]^2 drawn outward or inward, more or less near the rim and along the diagonals."""
+    """Positions in [-1, 1]^2 drawn outward or inward: in the middle, near the rim, diagonally."""
     radial, rim, diagonal = amount
     square = positions**2
     change = radial * (1 - square) + rim * square * (1 - square) * 2 + diagonal * square[:, ::-1]

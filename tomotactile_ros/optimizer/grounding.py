@@ -1,14 +1,16 @@
 """Which electrodes to ground: fewer ground conditions, more frames per second.
 
-A frame takes a time proportional to the number L of ground conditions. Conditions are dropped one at a time from
-all of them, always the one whose loss costs least. What it costs: images are linear estimates with a prior of
-variance 1 / lambda^2 per pixel and readings of variance 1, so the trace of
+A frame takes a time proportional to the number L of ground conditions. Conditions are dropped one
+at a time from all of them, always the one whose loss costs least. What it costs: images are linear
+estimates with a prior of variance 1 / lambda^2 per pixel and readings of variance 1, so the trace
+of
 
     S = (J'J + lambda^2 I)^-1
 
-is the variance that is left, and J'J is the sum of one J_l'J_l for every condition l. Dropping l changes S by
+is the variance that is left, and J'J is the sum of one J_l'J_l for every condition l. Dropping l
+changes S by
 
-    S -> S + S J_l' (I - J_l S J_l')^-1 J_l S,        trace + = tr( (I - J_l S J_l')^-1 J_l S S J_l' )
+    S -> S + S J_l' (I - J_l S J_l')^-1 J_l S,   trace += tr((I - J_l S J_l')^-1 J_l S S J_l')
 
 which needs only matrices of the size of the electrodes, E x E, for every l that is left.
 """
@@ -81,7 +83,8 @@ def drop_order(layout: Layout, regularization: float = REGULARIZATION) -> np.nda
 def scans(
     layout: Layout, counts, regularization: float = REGULARIZATION, **evaluation
 ) -> Iterator[Scan]:
-    """Accuracy with the best `counts` of ground conditions; lambda^2 stays, because the noise of a reading does.
+    """Accuracy with the best `counts` of ground conditions; lambda^2 stays, because the noise of a
+    reading does.
 
     counts : numbers of conditions, each from 1 to E; evaluation : keywords of `evaluate_layout`
     """

@@ -1,16 +1,20 @@
 """What the free optimizer makes small, with its gradient by the electrode positions.
 
-Figures, each relative to the layout that one starts from, over all contact positions and for every lambda^2:
+Figures, each relative to the layout that one starts from, over all contact positions and for every
+lambda^2:
 
     mean HWHM,   mean HWHM of the worst tenth,   mean position error,   and the noise gain
 
-HWHM is the spread about the image's own centre and the position error the way from there to the true
-position: together they are the blur about the true position. The score is a soft maximum of all figures,
-each divided by its aim, so that none can be bought with another:  log(mean(exp(s r))) / s,  s = 25.
+HWHM is the spread about the image's own centre and the position error the way from there to the
+true position: together they are the blur about the true position. The score is a soft maximum of
+all figures, each divided by its aim, so that none can be bought with another:
 
-The gradient goes the way of the computation back: images -> blocks of M -> J'J (`gram`) -> G -> positions.
-With S = (J'J + lambda^2 I)^-1 and M = I - lambda^2 S a change of J'J gives dM = lambda^2 S d(J'J) S. Only
-the last link, G by the position of an electrode, is a central difference of the closed form.
+    log(mean(exp(s r))) / s,    s = 25
+
+The gradient goes the way of the computation back: images -> blocks of M -> J'J (`gram`) -> G ->
+positions. With S = (J'J + lambda^2 I)^-1 and M = I - lambda^2 S a change of J'J gives
+dM = lambda^2 S d(J'J) S. Only the last link, G by the position of an electrode, is a central
+difference of the closed form.
 """
 
 from __future__ import annotations
@@ -44,11 +48,13 @@ _STEP = 1e-6  # of the sheet's size
 class Aims:
     """Figures relative to those of the reference layout that count as equally good.
 
-    `central` for the lambda^2 that the layout is made for, `other` for those it is to carry over to: mean HWHM,
-    worst tenth, mean position error. `noise_gain` is that of the noise gain, for all of them.
+    `central` for the lambda^2 that the layout is made for, `other` for those it is to carry over
+    to: mean HWHM, worst tenth, mean position error. `noise_gain` is that of the noise gain, for all
+    of them.
 
-    Electrodes that leave the rim are better for all figures but one: at a tenth of lambda^2 contacts between
-    the rim and the electrodes are drawn to these. How much of that is allowed is `other[2]`.
+    Electrodes that leave the rim are better for all figures but one: at a tenth of lambda^2
+    contacts between the rim and the electrodes are drawn to these. How much of that is allowed is
+    `other[2]`.
     """
 
     central: tuple[float, float, float] = (0.8, 0.8, 0.72)
@@ -63,7 +69,8 @@ class Objective:
     ----------
     reference : layout whose figures are 1; gives outline and radius
     regularizations : lambda^2 values, the first is the one that the layout is made for
-    resolution : contact positions, and pixels, along the longer side; lambda^2 is scaled to mean the same
+    resolution : contact positions, and pixels, along the longer side; lambda^2 is scaled to mean
+        the same
     """
 
     def __init__(
@@ -102,7 +109,7 @@ class Objective:
 
 
 class FemObjective:
-    """The same score for any outline, from finite elements with electrodes as equipotentials; no gradient.
+    """The same score for any outline, by finite elements; it has no gradient.
 
     The mesh changes with the electrodes, which roughens the score by some tenths of a per cent.
     """

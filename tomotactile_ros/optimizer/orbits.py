@@ -1,7 +1,7 @@
 """Electrode positions as few free parameters: whole orbits of a symmetry group move together.
 
-An electrode that no symmetry maps onto itself has two parameters; one on an axis or a diagonal has one and
-stays on it; one in the centre has none. Positions are linear in the parameters.
+An electrode that no symmetry maps onto itself has two parameters; one on an axis or a diagonal has
+one and stays on it; one in the centre has none. Positions are linear in the parameters.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Orbits:
 
 
 def shared_group(outline: Outline, positions) -> np.ndarray:
-    """(g, 2, 2) those mirrors of x and y, and swaps, that outline and electrodes (E, 2) both have."""
+    """(g, 2, 2) mirrors of x and y, and swaps, that outline and electrodes (E, 2) share."""
     group = [each for each in MIRRORS if _keeps(outline, positions, each)]
     if len(group) == 4 and _keeps(outline, positions, SWAP):
         group += [SWAP @ each for each in group]

@@ -121,7 +121,7 @@ def _table(axes, start, best):
 
 
 def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
-    """Write a PNG: accuracy against the number of ground conditions, and which electrodes they are."""
+    """Write a PNG: accuracy against the number of ground conditions, and which they are."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

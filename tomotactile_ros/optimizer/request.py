@@ -1,4 +1,4 @@
-"""An optimization as the command line and the ROS node ask for it: plain values in, an iterator of steps out."""
+"""An optimization as the command line and the ROS node ask for it: plain values in, steps out."""
 
 from __future__ import annotations
 
@@ -24,15 +24,18 @@ _OTHERS = 0.1, 10.0  # lambda^2 that a free layout has to carry over to, relativ
 
 
 def processes(workers: int) -> Executor:
-    """A pool of processes with one thread of linear algebra each: the matrices are small, the processes many."""
+    """A pool of processes with one thread of linear algebra each: the matrices are small."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # read by new processes when they load numpy
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
-    """The equal grid from rim to rim; electrodes of 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where
-    there is room for them, otherwise a tenth of the pitch."""
+    """The equal grid from rim to rim.
+
+    Electrodes have 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where there is room for
+    them, otherwise a tenth of the pitch.
+    """
     if radius is None:
         checks.integer(rows, "rows", 2, 256)
         checks.integer(cols, "cols", 2, 256)

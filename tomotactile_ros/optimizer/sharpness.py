@@ -1,9 +1,10 @@
 """HWHM and position error of images, as in `evaluation.metrics`, with their derivatives.
 
-The HWHM is a distance between two points that move with the image: where the contour crosses the line
-between two pixels, and the centre of the set f >= h. The crossing has a derivative. The set is a number of
-whole pixels; for the derivative of its centre their edge is smoothed over a tenth of the maximum.
-Crossings nearly as far as the farthest share its derivative, so that it does not jump from one to the other.
+The HWHM is a distance between two points that move with the image: where the contour crosses the
+line between two pixels, and the centre of the set f >= h. The crossing has a derivative. The set is
+a number of whole pixels; for the derivative of its centre their edge is smoothed over a tenth of
+the maximum. Crossings nearly as far as the farthest share its derivative, so that it does not jump
+from one to the other.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _SMALL = 0.01  # of a cell: rounds the tip of |c - p|
 
 
 class Sharpness:
-    """HWHM and position error for images over the pixels of `grid`, a full rectangle or any other."""
+    """HWHM and position error of images over the pixels of `grid`."""
 
     def __init__(self, grid: Grid):
         number = np.full(grid.shape, -1)
@@ -42,8 +43,8 @@ class Sharpness:
 
         Returns
         -------
-        (n,) HWHM, (n,) position error, and back(by_hwhm, by_error), which turns the derivatives (n,) of some
-        number by these into its derivatives (K, n) by the images.
+        (n,) HWHM, (n,) position error, and back(by_hwhm, by_error), which turns the derivatives
+        (n,) of some number by these into its derivatives (K, n) by the images.
         """
         columns = np.arange(images.shape[1])
         peak = images.argmax(axis=0)

@@ -75,7 +75,8 @@ def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
 
     Returns
     -------
-    All steps, and the one with the lowest score. KeyboardInterrupt before the first step is passed on.
+    All steps, and the one with the lowest score. KeyboardInterrupt before the first step is
+    passed on.
     """
     history: list[Step] = []
     try:
