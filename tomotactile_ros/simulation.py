@@ -118,7 +118,7 @@ class Simulator:
             speed = np.linalg.norm(contact.velocity)
             if speed > 0:
                 way = min(reach, speed * min(_HORIZON, contact.end - contact.start))
-                distance = np.arange(0, way, self._step)
+                distance = np.arange(0, way, self._step / 3)
                 steps = distance[:, None] * (contact.velocity / speed)
                 points = contact.patches(across)[0]
                 paths.append((points + steps[:, None]).reshape(-1, 2))
