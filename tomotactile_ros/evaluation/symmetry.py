@@ -2,9 +2,9 @@
 
 The elements are the mirrors of x and of y (or only both together: the half turn) and, on a square,
 the swap of x and y. A matrix over the pixels that commutes with them is block diagonal in the basis
-of images that are even or odd under each mirror (even-even, even-odd, odd-even, odd-odd). Where
-the swap is a symmetry too, even-even and odd-odd split again into images that are even or odd under it, and
-odd-even repeats the block of even-odd.
+of images that are even or odd under each mirror (even-even, even-odd, odd-even, odd-odd). Where the
+swap is a symmetry too, even-even and odd-odd split again into images that are even or odd under it,
+and odd-even repeats the block of even-odd.
 """
 
 from __future__ import annotations
