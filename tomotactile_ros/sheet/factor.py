@@ -10,7 +10,8 @@ more factorisation.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
 from scipy.sparse.csgraph import dijkstra
 
 from tomotactile_ros.errors import InputError
@@ -97,7 +98,8 @@ class LevelCholesky:
         block = None
         for i in reversed(range(len(self.levels))):
             corner = self._corner[i]
-            inner = cho_solve((corner, True), np.eye(len(corner)), check_finite=False)
+            half = np.tril(dpotri(corner, lower=True)[0])
+            inner = half + np.tril(half, -1).T
             if block is not None:
                 gain = solve_triangular(
                     corner, self._down[i].T, lower=True, trans="T", check_finite=False

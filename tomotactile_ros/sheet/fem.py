@@ -58,7 +58,9 @@ class FemSheet:
         conductance = 1 / self._resistance
         nodal = stiffness(mesh.points, mesh.triangles, conductance)
         self._number()
-        self.stiffness = stiffness(mesh.points, mesh.triangles, conductance, self.unknown)
+        entries = nodal.tocoo()  # explicit zeros included: they tell what is coupled
+        where = self.unknown[entries.row], self.unknown[entries.col]
+        self.stiffness = sparse.coo_matrix((entries.data, where)).tocsr()
         free = np.arange(1, self.stiffness.shape[0])  # unknown 0 is held at 0 V
         axis = int(np.argmax(layout.outline.size[::-1]) == 0)
         along = self.where[free, axis]
@@ -284,11 +286,8 @@ def _weights(number, weights, count):
     return out
 
 
-def stiffness(points, triangles, conductance, unknown=None) -> sparse.csr_matrix:
-    """Stiffness matrix (M, M) of linear triangles, `conductance` (T,) of each, S per square.
-
-    `unknown` (N,) numbers the unknowns; nodes with the same number are one. Without it each node is its own.
-    """
+def stiffness(points, triangles, conductance) -> sparse.csr_matrix:
+    """Stiffness matrix (N, N) of linear triangles, `conductance` (T,) of each, S per square."""
     rows, columns, values = [], [], []
     for i in range(3):
         j, k = triangles[:, (i + 1) % 3], triangles[:, (i + 2) % 3]
@@ -298,7 +297,6 @@ def stiffness(points, triangles, conductance, unknown=None) -> sparse.csr_matrix
         rows += [j, k, j, k]
         columns += [k, j, j, k]
         values += [-weight, -weight, weight, weight]
-    unknown = np.arange(len(points)) if unknown is None else unknown
-    where = (unknown[np.concatenate(rows)], unknown[np.concatenate(columns)])
-    shape = (unknown.max() + 1,) * 2
+    where = np.concatenate(rows), np.concatenate(columns)
+    shape = len(points), len(points)
     return sparse.coo_matrix((np.concatenate(values), where), shape).tocsr()
