@@ -55,7 +55,7 @@ def save_pressure(
     figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=100)
+        figure.savefig(path, dpi=100, bbox_inches="tight", pad_inches=0.1)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
