@@ -27,7 +27,7 @@ def points_away(layout, distance, count=300, seed=0):
 
 
 def image_series(point, source, size, images=40):
-    """G of shared physics by brute force: the published sum with very many images."""
+    """G by brute force: the image series of the rectangle with very many images."""
     (a, b), (x, y), (s, t) = size, point + np.array(size) / 2, source + np.array(size) / 2
     total = ((y**2 + t**2) / (2 * b) - max(y, t) + b / 3) / a
     for n in range(-images, images + 1):
