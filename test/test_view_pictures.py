@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tomotactile_ros.figure import save_pressure
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import load_layout
-from tomotactile_ros.report import contact_lines, pair
-from tomotactile_ros.terminal import picture
-from tomotactile_ros.view import OUTSIDE, Overlay, colour, full_scale, palette
+from tomotactile_ros.view.colours import OUTSIDE, Overlay, colour, full_scale, palette
+from tomotactile_ros.view.contacts import contact_lines, pair
+from tomotactile_ros.view.figure import save_pressure
+from tomotactile_ros.view.terminal import picture
 
 LAYOUT = load_layout("equal-4x4")
 GRID = Grid.for_outline(LAYOUT.outline, 40)

@@ -7,7 +7,7 @@ import numpy as np
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.reconstruction import Pipeline
-from tomotactile_ros.report import pair
+from tomotactile_ros.view.contacts import pair
 
 _MOST = 0.8  # of all pairs that must be told apart
 

@@ -8,9 +8,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.display import Shot
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_image, stamp_of
+from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")
 _KEPT = 16  # frames whose parts are waited for

@@ -10,11 +10,11 @@ import sys
 import time
 from pathlib import Path
 
-from tomotactile_ros.display import Display
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.processes import Child, stop_all
 from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.view.display import Display
 
 DEFAULT_RATE = 15.625  # frames/s
 PATIENCE = 10.0  # s without the first image until it is said why

@@ -23,7 +23,7 @@ from tomotactile_ros.nodes.conversions import (
     image_to_message,
 )
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers, place
-from tomotactile_ros.view import Overlay, colour, full_scale, palette
+from tomotactile_ros.view.colours import Overlay, colour, full_scale, palette
 
 LEAST_SCALE = 1000.0  # Pa, of an automatic range
 

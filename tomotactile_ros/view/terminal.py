@@ -6,7 +6,7 @@ so that cells are about square. Row 0, the +y edge, is the top line.
 
 import numpy as np
 
-from tomotactile_ros.view import OUTSIDE, colour
+from tomotactile_ros.view.colours import OUTSIDE, colour
 
 _RESET = "\x1b[0m"
 _MARGIN = 5  # characters for the y axis

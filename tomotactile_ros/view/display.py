@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.figure import save_pressure
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.report import contact_lines
 from tomotactile_ros.scene import Scene
-from tomotactile_ros.terminal import picture
-from tomotactile_ros.view import full_scale
+from tomotactile_ros.view.colours import full_scale
+from tomotactile_ros.view.contacts import contact_lines
+from tomotactile_ros.view.figure import save_pressure
+from tomotactile_ros.view.terminal import picture
 
 _LEAST_SCALE = 1000.0  # Pa
 _PERIOD = {True: 0.1, False: 0.5}  # s between two pictures, and between two plain reports

@@ -8,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.report import contact_lines
+from tomotactile_ros.view.contacts import contact_lines
 
 _MOST_LINES = 6  # of contacts below the picture
 
