@@ -12,7 +12,8 @@ changes S by
 
     S -> S + S J_l' (I - J_l S J_l')^-1 J_l S,   trace += tr((I - J_l S J_l')^-1 J_l S S J_l')
 
-which needs only matrices of the size of the electrodes, E x E, for every l that is left.
+which needs only matrices of the size of the electrodes, E x E, for every l that is left; smaller
+ones without the combinations of readings that hardly add to J'J.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 
 _CHOICE_RESOLUTION = 20  # contact positions along the longer side while choosing
+_TELLING = 1e-4  # least that a combination of readings adds to J'J, in parts of lambda^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +61,16 @@ def drop_order(layout: Layout, regularization: float = REGULARIZATION) -> np.nda
     else:
         transfer = make_sheet(layout, "fem").transfer(grid.pixels, 1e-3)
     count = layout.electrodes
-    rows = Sensitivity(transfer).dense().reshape(count, count, -1)
     regularization = regularization * len(grid.pixels) / 1600
-    gram = np.einsum("lnk,lnj->kj", rows, rows, optimize=True)
+    dense = Sensitivity(transfer).dense().reshape(count, count, -1)
+    rows = [_telling(row, _TELLING * regularization) for row in dense]
+    gram = sum(row.T @ row for row in rows)
     inverse = np.linalg.inv(gram + regularization * np.eye(len(gram)))
     left, order = list(range(count)), []
     while left:
         costs, updates = [], []
         for ground in left:
-            own = np.delete(rows[ground], ground, axis=0)
+            own = rows[ground]
             reach = own @ inverse  # J_l S
             rest = np.eye(len(own)) - reach @ own.T
             gain = np.linalg.solve(rest, reach)
@@ -78,6 +81,12 @@ def drop_order(layout: Layout, regularization: float = REGULARIZATION) -> np.nda
         inverse = inverse + reach.T @ gain
         order.append(left.pop(spared))
     return np.array(order)
+
+
+def _telling(rows, least):
+    """(r, K) with the same J'J as `rows` (E, K), but for eigenvalues below `least`."""
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    return vectors[:, values > least].T @ rows
 
 
 def scans(
