@@ -7,9 +7,10 @@ from tomotactile_ros.contact import Contact
 from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.fem import FemSheet, stiffness
+from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.sheet.triangles import corner_angles, links, stiffness
 
 DRIVE = 3.3
 
@@ -166,7 +167,10 @@ def test_currents_balance(layout):
 def test_stiffness_rows_sum_to_zero_and_reproduce_linear_fields():
     sheet = FemSheet(equal_grid(2, 2, (0.2, 0.1), 0.005, 1.0, margin=0.03))
     mesh = sheet.mesh
-    matrix = stiffness(mesh.points, mesh.triangles, np.ones(len(mesh.triangles)))
+    cotangents, angles = corner_angles(mesh.points, mesh.triangles)
+    np.testing.assert_allclose(angles.sum(axis=1), np.pi)
+    ends, conductance = links(mesh.triangles, cotangents, np.ones(len(mesh.triangles)))
+    matrix = stiffness(ends, conductance, len(mesh.points))
     assert np.abs(matrix.sum(axis=1)).max() < 1e-10
     inside = sheet.layout.outline.rim_distance(mesh.points) > 1e-9
     assert np.abs((matrix @ mesh.points)[inside]).max() < 1e-12

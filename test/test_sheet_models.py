@@ -8,7 +8,7 @@ from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.factor import LevelCholesky
+from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
 
@@ -262,7 +262,7 @@ def test_level_factorisation_solves_and_inverts():
     chain = sparse.diags([np.ones(59)], [1])
     links = links + links.T + chain + chain.T
     matrix = (sparse.diags(np.asarray(links.sum(axis=0)).ravel() + 0.1) - links).tocsr()
-    factor = LevelCholesky(matrix, [0])
+    factor = LevelFactor(matrix, [0])
     right = random.random((60, 3))
     np.testing.assert_allclose(factor.solve(right), np.linalg.solve(matrix.toarray(), right))
     rows, columns = matrix.nonzero()
@@ -275,4 +275,4 @@ def test_parts_that_are_not_connected_are_refused():
     from scipy import sparse
 
     with pytest.raises(InputError, match="not connected"):
-        LevelCholesky(sparse.eye(4).tocsr(), [0])
+        LevelFactor(sparse.eye(4).tocsr(), [0])

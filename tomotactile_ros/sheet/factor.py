@@ -1,118 +1,112 @@
-"""Cholesky factorisation of a sparse symmetric positive definite matrix by levels.
+"""Factorisation of a sparse symmetric positive definite matrix by levels.
 
 Breadth-first levels of the matrix graph couple only to their neighbours: the matrix is block tridiagonal,
-with dense blocks about as large as the mesh is wide. Everything is then done by LAPACK on whole blocks:
-factorisation, many right-hand sides at once, and, which a general sparse solver does not offer, the entries
-of the inverse between coupled unknowns (block form of Takahashi, Fagan and Chin 1973) at the price of one
-more factorisation.
+with blocks about as large as the mesh is wide. Block elimination keeps the dense inverse X of each level's
+Schur complement; couplings C to the next level stay sparse. The rest is products of whole blocks: many
+right-hand sides at once, and, which a general sparse solver does not offer, the entries of the inverse
+between coupled unknowns (block form of Takahashi, Fagan and Chin 1973).
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse.csgraph import dijkstra
 
 from tomotactile_ros.errors import InputError
 
 
-class LevelCholesky:
+class LevelFactor:
     """Factorisation of `matrix` (CSR, symmetric positive definite), levels starting at `start` (indices).
 
-    Raises InputError where some unknowns are not connected to `start`.
+    Raises InputError where some unknowns are not connected to `start`, LinAlgError where the matrix is
+    not positive definite.
     """
 
     def __init__(self, matrix, start):
-        self.size = matrix.shape[0]
-        self.level = _levels(matrix, start)
-        order = np.argsort(self.level, kind="stable")
-        edges = np.searchsorted(self.level[order], np.arange(1, self.level.max() + 1))
-        self.levels = np.split(order, edges)
-        self.place = np.empty(self.size, int)
-        self.place[order] = np.arange(self.size) - np.repeat(
-            [0, *edges], list(map(len, self.levels))
-        )
-        self._corner = []  # Cholesky factor of each level's block
-        self._down = []  # its coupling to the next level, times the inverse transposed factor
-        schur = None
-        for block, coupling in self._blocks(matrix):
-            if schur is not None:
-                block -= schur
-            corner = cholesky(block, lower=True, check_finite=False, overwrite_a=True)
-            self._corner.append(corner)
-            if coupling is not None:
-                down = solve_triangular(corner, coupling, lower=True, check_finite=False).T
-                self._down.append(down)
-                schur = down @ down.T
-
-    def _blocks(self, matrix):
-        """For each level the dense block of its own and the one to the next level, None for the last."""
-        entries = matrix.tocoo()
-        first, second = self.level[entries.row], self.level[entries.col]
-        sizes = [len(nodes) for nodes in self.levels]
-        for step in 0, 1:
-            kept = np.flatnonzero(second - first == step)
-            kept = kept[np.argsort(first[kept], kind="stable")]
-            parts = np.split(kept, np.searchsorted(first[kept], np.arange(1, len(sizes))))
-            blocks = []
-            for height, width, part in zip(sizes, sizes[step:], parts):
-                block = np.zeros((height, width))
-                block[self.place[entries.row[part]], self.place[entries.col[part]]] = entries.data[
-                    part
-                ]
-                blocks.append(block)
-            if step == 0:
-                own = blocks
-        return zip(own, [*blocks, None], strict=True)
+        level = _levels(matrix, start)
+        self._order = np.argsort(level, kind="stable")
+        self._place = np.empty(len(level), int)  # of an unknown in this order
+        self._place[self._order] = np.arange(len(level))
+        edges = np.searchsorted(level[self._order], np.arange(level.max() + 2))
+        self._level = level
+        self._parts = [slice(*ends) for ends in pairwise(edges)]
+        ordered = matrix[self._order][:, self._order]
+        self._coupling = [
+            ordered[own, after] for own, after in zip(self._parts, self._parts[1:])
+        ]  # C of each level
+        self._inverse = _own_blocks(ordered, level[self._order], edges)  # X of each level
+        for i, block in enumerate(self._inverse):
+            if i:
+                coupling = self._coupling[i - 1].T
+                block -= coupling @ (coupling @ self._inverse[i - 1]).T
+            _invert(block)
 
     def solve(self, right) -> np.ndarray:
         """(N, n) solutions for right-hand sides (N, n)."""
-        parts = []
-        for i, nodes in enumerate(self.levels):
-            part = right[nodes]
-            if i:
-                part = part - self._down[i - 1] @ parts[-1]
-            parts.append(solve_triangular(self._corner[i], part, lower=True, check_finite=False))
-        out = np.empty_like(right, dtype=float)
-        for i in reversed(range(len(self.levels))):
-            part = parts[i]
-            if i + 1 < len(self.levels):
-                part = part - self._down[i].T @ out[self.levels[i + 1]]
-            out[self.levels[i]] = solve_triangular(
-                self._corner[i], part, lower=True, trans="T", check_finite=False
-            )
-        return out
+        found = right[self._order].astype(float)
+        parts = [found[part] for part in self._parts]
+        steps = list(zip(parts, parts[1:], self._coupling, self._inverse))
+        for own, after, coupling, inverse in steps:
+            after -= coupling.T @ (inverse @ own)
+        parts[-1][:] = self._inverse[-1] @ parts[-1]
+        for own, after, coupling, inverse in reversed(steps):
+            own[:] = inverse @ (own - coupling @ after)
+        return found[self._place]
 
     def inverse_entries(self, rows, columns) -> np.ndarray:
         """(n,) entries of the inverse at (rows, columns), pairs in the same or in neighbouring levels."""
         rows, columns = np.asarray(rows), np.asarray(columns)
-        swap = self.level[rows] < self.level[columns]
+        swap = self._level[rows] < self._level[columns]
         rows, columns = np.where(swap, columns, rows), np.where(swap, rows, columns)
-        step = self.level[rows] - self.level[columns]
+        level = self._level[columns]
+        step = self._level[rows] - level
         if step.size and step.max() > 1:
             raise ValueError("entries of the inverse between levels that are not neighbours")
+        order = np.lexsort((step, level))
+        edges = np.searchsorted(2 * level[order] + step[order], np.arange(2 * len(self._parts) + 1))
+        rows, columns = self._place[rows[order]], self._place[columns[order]]
         out = np.empty(len(rows))
-        order = np.argsort(self.level[columns], kind="stable")
-        edges = np.searchsorted(self.level[columns][order], np.arange(len(self.levels) + 1))
         block = None
-        for i in reversed(range(len(self.levels))):
-            corner = self._corner[i]
-            half = np.tril(dpotri(corner, lower=True)[0])
-            inner = half + np.tril(half, -1).T
-            if block is not None:
-                gain = solve_triangular(
-                    corner, self._down[i].T, lower=True, trans="T", check_finite=False
-                ).T
-                across = -block @ gain
-                inner -= gain.T @ across
-            wanted = order[edges[i] : edges[i + 1]]
-            own, other = wanted[step[wanted] == 0], wanted[step[wanted] == 1]
-            out[own] = inner[self.place[rows[own]], self.place[columns[own]]]
-            if len(other):
-                out[other] = across[self.place[rows[other]], self.place[columns[other]]]
-            block = inner
+        for i in reversed(range(len(self._parts))):
+            inverse, first = self._inverse[i], self._parts[i].start
+            own = slice(edges[2 * i], edges[2 * i + 1])
+            if block is None:
+                block = inverse
+            else:
+                coupling, next_ = self._coupling[i], slice(edges[2 * i + 1], edges[2 * i + 2])
+                across = -(coupling @ block).T @ inverse
+                block = inverse - inverse @ (coupling @ across)
+                out[order[next_]] = across[
+                    rows[next_] - self._parts[i].stop, columns[next_] - first
+                ]
+            out[order[own]] = block[rows[own] - first, columns[own] - first]
         return out
+
+
+def _own_blocks(ordered, level, edges):
+    """The dense block (n, n) of each level, in one piece of memory."""
+    entries = ordered.tocoo()
+    kept = level[entries.row] == level[entries.col]
+    row, column = entries.row[kept], entries.col[kept]
+    size, first = np.diff(edges), edges[level[row]]
+    starts = np.concatenate([[0], np.cumsum(size**2)])
+    memory = np.zeros(starts[-1])
+    at = starts[level[row]] + (row - first) * size[level[row]] + column - first
+    memory[at] = entries.data[kept]
+    return [memory[a:b].reshape(n, n) for (a, b), n in zip(pairwise(starts), size)]
+
+
+def _invert(block):
+    """Invert a symmetric positive definite matrix in place; the result is exactly symmetric."""
+    lower, failed = dpotrf(block, lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("the stiffness matrix is not positive definite")
+    lower = dpotri(lower, lower=True, overwrite_c=True)[0]
+    np.add(lower, lower.T, out=block)
+    np.fill_diagonal(block, lower.diagonal())
 
 
 def _levels(matrix, start):

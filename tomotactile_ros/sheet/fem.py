@@ -20,14 +20,13 @@ contacts may be smaller and closer than elements.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.spatial import cKDTree
 
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.sheet.factor import LevelCholesky
+from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
+from tomotactile_ros.sheet.triangles import at_ends, corner_angles, links, stiffness
 
 _FEW = 300  # points whose mutual Green function is computed at once
 _NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
@@ -55,20 +54,18 @@ class FemSheet:
         self._resistance = (
             uniform if resistance is None else np.asarray(resistance(centroids), float)
         )
-        conductance = 1 / self._resistance
-        nodal = stiffness(mesh.points, mesh.triangles, conductance)
         self._number()
-        entries = nodal.tocoo()  # explicit zeros included: they tell what is coupled
-        where = self.unknown[entries.row], self.unknown[entries.col]
-        self.stiffness = sparse.coo_matrix((entries.data, where)).tocsr()
+        cotangents, angles = corner_angles(mesh.points, mesh.triangles)
+        ends, conductance = links(mesh.triangles, cotangents, 1 / self._resistance)
+        self.stiffness = stiffness(self.unknown[ends], conductance, len(self.where))
         free = np.arange(1, self.stiffness.shape[0])  # unknown 0 is held at 0 V
         axis = int(np.argmax(layout.outline.size[::-1]) == 0)
         along = self.where[free, axis]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
-        self._factor = LevelCholesky(self.stiffness[free][:, free], start)
+        self._factor = LevelFactor(self.stiffness[free][:, free], start)
         self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
         self._kept_green = np.empty((0, 0))
-        self._radius = self._node_radius(nodal)
+        self._radius = self._node_radius(ends, conductance, angles)
         self._solve_electrodes()
 
     def _number(self):
@@ -86,22 +83,16 @@ class FemSheet:
         self.electrode_of = np.full(len(self.where), -1)
         self.electrode_of[:tied] = np.arange(tied)
 
-    def _node_radius(self, nodal):
+    def _node_radius(self, ends, conductance, angles):
         """(M,) radius of the disc as which a source on each unknown acts, m; the electrodes' own there."""
-        mesh = self.mesh
-        corner = np.repeat(self._resistance, 3)
-        nodes = mesh.triangles.ravel()
-        local = np.bincount(nodes, corner) / np.bincount(nodes)
-        pairs = sparse.triu(nodal, 1).tocoo()
-        logs = -pairs.data * np.log(
-            np.linalg.norm(mesh.points[pairs.row] - mesh.points[pairs.col], axis=1)
-        )
-        count = len(mesh.points)
-        total = np.bincount(pairs.row, logs, count) + np.bincount(pairs.col, logs, count)
-        diagonal = nodal.diagonal()
+        points, nodes = self.mesh.points, self.mesh.triangles.ravel()
+        local = np.bincount(nodes, np.repeat(self._resistance, 3)) / np.bincount(nodes)
+        total = at_ends(ends, conductance, len(points))
+        logs = conductance * np.log(np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1))
         # seen from the rim, a half disc or a quarter: the same disc, but only its part in the sheet
-        opening = self._opening() / (2 * np.pi)
-        radius = np.exp(total / diagonal - 2 * np.pi * opening / (local * diagonal))
+        opening = np.bincount(nodes, angles.ravel()) / (2 * np.pi)
+        mean_log = at_ends(ends, logs, len(points)) / total
+        radius = np.exp(mean_log - 2 * np.pi * opening / (local * total))
         self._reach = np.where(self.electrode_of >= 0, self.layout.radius, 0.0)
         out = np.full(len(self.where), self.layout.radius)
         single = self.electrode_of[self.unknown] < 0
@@ -110,16 +101,6 @@ class FemSheet:
         self._local[self.unknown] = local / opening
         self._centre_local = (local / opening)[[nodes[-1] for nodes in self.mesh.electrodes]]
         return out
-
-    def _opening(self):
-        """(N,) angle of the sheet seen from each node: 2 pi inside, pi on a straight rim."""
-        p = self.mesh.points[self.mesh.triangles]
-        angle = np.zeros(len(self.mesh.points))
-        for i in range(3):
-            u, v = p[:, (i + 1) % 3] - p[:, i], p[:, (i + 2) % 3] - p[:, i]
-            turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1))
-            angle += np.bincount(self.mesh.triangles[:, i], turn, len(angle))
-        return angle
 
     def _solve_electrodes(self):
         electrodes = self.layout.electrodes
@@ -141,16 +122,13 @@ class FemSheet:
 
     def _sharpen(self):
         """Make up for what the rings lack in the logarithmic field of their own electrode."""
-        rings = self.layout.radius, self.mesh.last
+        radius, last = self.layout.radius, self.mesh.last
         rate = self._centre_local * self.mesh.log_excess()
         own = np.arange(self.layout.electrodes)
-        self.electrode_electrode[own, own] += rate * np.log(rings[1] / rings[0])
-        tree = cKDTree(self.where)
-        for electrode, position in enumerate(self.layout.positions):
-            near = np.array(tree.query_ball_point(position, rings[1][electrode]), int)
-            distance = np.maximum(np.linalg.norm(self.where[near] - position, axis=1), rings[0])
-            lack = rate[electrode] * np.log(rings[1][electrode] / distance)
-            self._to_electrodes[electrode, near] += np.maximum(lack, 0)
+        self.electrode_electrode[own, own] += rate * np.log(last / radius)
+        distance, nearest = self.layout.nearest(self.where)
+        lack = rate[nearest] * np.log(last[nearest] / np.maximum(distance, radius))
+        self._to_electrodes[nearest, np.arange(len(lack))] += np.maximum(lack, 0)
 
     def _solve(self, feed):
         out = np.zeros_like(feed)
@@ -272,9 +250,9 @@ def _log_distance(first, second, radius):
 
 
 def _pairs(corners, weights):
-    """All nine pairs of corners of each triangle, and the products of their weights: (K, 9) each."""
-    first, second = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
-    return corners[:, first], corners[:, second], weights[:, first] * weights[:, second]
+    """The six pairs of corners of each triangle, and the products of their weights: (K, 6) each."""
+    first, second, times = [0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0], [1, 1, 1, 2, 2, 2]
+    return corners[:, first], corners[:, second], weights[:, first] * weights[:, second] * times
 
 
 def _weights(number, weights, count):
@@ -284,19 +262,3 @@ def _weights(number, weights, count):
     for corner in range(3):
         out[row, number[:, corner]] += weights[:, corner]
     return out
-
-
-def stiffness(points, triangles, conductance) -> sparse.csr_matrix:
-    """Stiffness matrix (N, N) of linear triangles, `conductance` (T,) of each, S per square."""
-    rows, columns, values = [], [], []
-    for i in range(3):
-        j, k = triangles[:, (i + 1) % 3], triangles[:, (i + 2) % 3]
-        u, v = points[j] - points[triangles[:, i]], points[k] - points[triangles[:, i]]
-        cotangent = (u * v).sum(axis=1) / (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        weight = conductance * cotangent / 2
-        rows += [j, k, j, k]
-        columns += [k, j, j, k]
-        values += [-weight, -weight, weight, weight]
-    where = np.concatenate(rows), np.concatenate(columns)
-    shape = len(points), len(points)
-    return sparse.coo_matrix((np.concatenate(values), where), shape).tocsr()

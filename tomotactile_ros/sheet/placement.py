@@ -1,0 +1,128 @@
+"""Where the nodes of a mesh lie: on the outline, on rings around the electrodes, on a lattice between.
+
+The local element size is `h` far from electrodes and shrinks in proportion to the distance near one:
+rings of nodes around each electrode, the first on its rim, each further out by as much as its nodes are
+apart, so that the logarithmic field of a small electrode is resolved as well as that of a large one.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.sheet.rim import curves
+
+_TINY = 1e-6  # keeps counts of elements from rounding either way
+_CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
+
+
+def place_nodes(layout, size) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (N, 2) and the radius (E,) of each electrode's outermost ring, m; `size` is a `LocalSize`."""
+    corners, along = _rim(layout, size)
+    rings, last = _rings(layout, size)
+    return _thin([corners, rings, along, _background(layout, size, last)], size), last
+
+
+class LocalSize:
+    """The local element size."""
+
+    def __init__(self, layout, h, ring, inner):
+        self.h = h
+        self.ring = 4 * int(np.ceil(max(ring, 4 * np.pi * layout.radius / h) / 4 - _TINY))
+        self.positions = layout.positions
+        self.step = 2 * np.pi / self.ring
+        self.radius = layout.radius
+        self.inner = self.radius * (1 + self.step) ** -np.arange(1.0, inner + 1)
+        self.tree = cKDTree(layout.positions)
+
+    def __call__(self, points):
+        return self.at(self.tree.query(points)[0])
+
+    def at(self, distance):
+        """Element size at a distance from the nearest electrode's centre."""
+        smallest = min([self.radius, *self.inner])
+        return np.clip(distance * self.step, smallest * self.step, self.h)
+
+
+def _rim(layout, size):
+    """Nodes on the rim: corners and crossings with electrodes; and nodes between them by local size."""
+    pieces = []  # curve, samples of its parameter
+    for curve in curves(layout.outline):
+        crossings = np.sort(curve.crossings(size.positions, size.radius))
+        crossings = crossings[(crossings > 1e-9) & (crossings < 1 - 1e-9)]
+        for start, end in pairwise([0.0, *crossings, 1.0]):
+            samples = 4 * (end - start) * curve.length / (size.radius * size.step)
+            pieces.append((curve, np.linspace(start, end, int(np.clip(samples, 32, 20000)) + 1)))
+    corners = np.array([curve(t[0]) for curve, t in pieces])
+    local = size(np.concatenate([curve((t[1:] + t[:-1]) / 2) for curve, t in pieces]))
+    ends = np.cumsum([len(t) - 1 for _, t in pieces])[:-1]
+    between = []
+    for (curve, t), spacing in zip(pieces, np.split(local, ends)):
+        measure = np.concatenate([[0], np.cumsum(np.diff(t) * curve.length / spacing)])
+        count = max(1, round(measure[-1] - _TINY))
+        wanted = np.arange(1, count) / count * measure[-1]
+        between.append(curve(np.interp(wanted, measure, t)))
+    return corners, np.concatenate(between)
+
+
+def _rings(layout, size):
+    """Rings of every electrode, out to the local size h or half way to the next electrode.
+
+    Returns the nodes, centres included, and the radius of each electrode's last ring.
+    """
+    angle = size.step * np.arange(size.ring)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    half_way = size.tree.query(size.positions, k=2)[0][:, 1] / 2
+    points = [size.positions]
+    for inner in size.inner:
+        points.append((size.positions[:, None] + inner * circle).reshape(-1, 2))
+    last = np.full(len(half_way), size.radius)
+    radius, growing = size.radius, np.full(len(half_way), True)
+    while growing.any():
+        last[growing] = radius
+        points.append((size.positions[growing, None] + radius * circle).reshape(-1, 2))
+        finest = radius == size.radius
+        radius *= 1 + size.step
+        spacing = radius * size.step
+        growing = (radius < half_way - spacing / 3) & (finest or spacing < size.h)
+    points = np.concatenate(points)
+    apart = size.tree.query(points)[0]
+    to_rim = layout.outline.rim_distance(points)
+    on_rim = to_rim < 1e-9 * max(layout.outline.size)
+    clear = (to_rim > _CROWDED * size.at(apart)) | (apart < size.radius * (1 + 1e-9))
+    return points[on_rim | clear & layout.outline.contains(points)], last
+
+
+def _background(layout, size, last):
+    """Square lattice outside the last rings, symmetric about the centre."""
+    a, b = layout.outline.size
+    x, y = (
+        np.linspace(-side / 2, side / 2, int(np.ceil(side / size.h - _TINY)) + 1) for side in (a, b)
+    )
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    distance, nearest = size.tree.query(points)
+    spacing = 0.6 * size.at(distance)
+    clear = distance - last[nearest] > spacing
+    clear &= layout.outline.rim_distance(points) > spacing
+    return points[clear & layout.outline.contains(points)]
+
+
+def _thin(groups, size):
+    """Points of all groups but those too close to a point of the same or an earlier group."""
+    points = np.concatenate(groups)
+    rank = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+    local = size(points)
+    pairs = cKDTree(points).query_pairs(_CROWDED * size.h, output_type="ndarray")
+    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    limit = np.where(
+        rank[pairs].max(axis=1) == rank[pairs].min(axis=1), 0.5 * _CROWDED, _CROWDED
+    ) * local[pairs].min(axis=1)
+    limit = np.where((rank[pairs] == 0).all(axis=1), 1e-6 * limit, limit)
+    close = pairs[distance < limit]
+    gone = np.zeros(len(points), bool)
+    for first, second in close[np.lexsort((close[:, 1], close[:, 0]))]:
+        if not gone[first]:
+            gone[second] = True
+    return points[~gone]

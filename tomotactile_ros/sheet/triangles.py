@@ -1,0 +1,41 @@
+"""Linear triangles: what they conduct between their nodes, and the stiffness matrix that this adds up to.
+
+A triangle of conductance s conducts s cot(a) / 2 siemens between two of its nodes, a being its angle at
+the third. All of it, triangle by triangle, is the list of *links* of a mesh.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+
+def corner_angles(points, triangles) -> tuple[np.ndarray, np.ndarray]:
+    """Cotangents and angles (T, 3) at the corners of each triangle."""
+    p = points[triangles]
+    u, v = p[:, [1, 2, 0]] - p, p[:, [2, 0, 1]] - p
+    along = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1]
+    across = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return along / across, np.arctan2(across, along)
+
+
+def links(triangles, cotangents, conductance):
+    """Nodes at both ends (2, n) and S (n,) of all links; `conductance` (T,) of triangles, S per square."""
+    ends = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()])
+    return ends, (conductance[:, None] / 2 * cotangents).ravel()
+
+
+def at_ends(ends, values, count) -> np.ndarray:
+    """(count,) sum of the `values` (n,) of the links that end at each node."""
+    return np.bincount(ends.ravel(), np.tile(values, 2), count)
+
+
+def stiffness(ends, conductance, count) -> sparse.csr_matrix:
+    """(count, count) matrix of links; what is linked has an entry even where it conducts nothing."""
+    apart = ends[0] != ends[1]
+    (first, second), conductance = ends[:, apart], conductance[apart]
+    own = np.arange(count)
+    rows, columns = np.concatenate([first, second, own]), np.concatenate([second, first, own])
+    diagonal = at_ends(ends[:, apart], conductance, count)
+    values = np.concatenate([-conductance, -conductance, diagonal])
+    return sparse.coo_matrix((values, (rows, columns)), (count, count)).tocsr()
