@@ -7,7 +7,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.paper_model import green, green_self, paper_transfer
-from tomotactile_ros.evaluation.point_spread import PointSpread, layout_point_spread
+from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout, equal_grid
@@ -81,14 +81,16 @@ def test_adjoint_of_the_gram_is_its_derivative(grounded):
 )
 def test_symmetry_changes_nothing_but_the_work(layout, resolution, kinds):
     grid = Grid.for_outline(layout.outline, resolution)
-    spread = layout_point_spread(layout, grid, 10.0)
+    symmetry = find_symmetry(grid, layout.positions)
+    transfer = paper_transfer(layout, grid.pixels, symmetry=symmetry)
+    spread = PointSpread(gram_blocks(transfer, grid, symmetry), 10.0)
     first = spread.symmetry.first
     assert len(first) == kinds
     _, expected, inverse = dense(paper_transfer(layout, grid.pixels), 10.0)
     assert spread.images == pytest.approx(expected[:, first], abs=1e-10 * expected.max())
     noise = np.sqrt(np.trace(expected @ inverse) / len(expected))
     assert spread.noise_gain == pytest.approx(noise, rel=1e-9)
-    plain = PointSpread(paper_transfer(layout, grid.pixels), grid, 10.0).quality()
+    plain = PointSpread(gram_blocks(paper_transfer(layout, grid.pixels), grid), 10.0).quality()
     quick = spread.quality()
     assert quick.position_error == pytest.approx(plain.position_error, abs=1e-12)
     assert quick.hwhm == pytest.approx(plain.hwhm, abs=1e-12)

@@ -15,7 +15,12 @@ from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.metrics import Quality, statistics
 from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
-from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION, PointSpread
+from tomotactile_ros.evaluation.point_spread import (
+    REGULARIZATION,
+    RESOLUTION,
+    PointSpread,
+    gram_blocks,
+)
 from tomotactile_ros.evaluation.regions import Regions, layout_regions
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid
@@ -134,7 +139,7 @@ def evaluate_layout(
     else:
         sheet = make_sheet(layout, model)
         transfer = sheet.transfer(grid.pixels, contact_radius)
-    spread = PointSpread(transfer, grid, regularization, symmetry=symmetry, grounded=grounded)
+    spread = PointSpread(gram_blocks(transfer, grid, symmetry, grounded), regularization)
     settings = {
         "model": model,
         "regularization": float(regularization),

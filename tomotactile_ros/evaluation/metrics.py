@@ -53,11 +53,11 @@ def quality(images, positions, grid: Grid) -> Quality:
     images = np.asarray(images, float)
     positions = np.asarray(positions, float).reshape(-1, 2)
     parts = [
-        _half_maximum(images[start : start + _CHUNK], grid)
+        half_maximum(np.ascontiguousarray(images[start : start + _CHUNK].T), grid)
         for start in range(0, len(images), _CHUNK)
     ]
-    hwhm = np.concatenate([part[0] for part in parts])
-    centre = np.concatenate([part[1] for part in parts])
+    hwhm = np.concatenate([part.hwhm for part in parts])
+    centre = np.concatenate([part.centre for part in parts])
     error = np.linalg.norm(centre - positions, axis=1)
     return Quality(positions, hwhm, error, blur(images, positions, grid))
 
@@ -89,30 +89,53 @@ def statistics(values) -> dict[str, float]:
     }
 
 
-def _half_maximum(images, grid):
-    """(P,) HWHM and (P, 2) centre of images (P, K)."""
-    top = images.max(axis=1, keepdims=True)
+@dataclass(frozen=True, eq=False)
+class HalfMaximum:
+    """What n images have at half of their maximum.
+
+    peak (n,) pixel of the maximum, top (n,) its value, centre (n, 2) of all pixels above, m;
+    hwhm (n,) largest distance from it to a crossing, m.
+
+    Crossings of the contour, C in all images: `image` (C,) where, between the pixels `one` and
+    `other` (C,), at the part `t` (C,) of the way, `arm` (C, 2) from the centre, m
+    """
+
+    peak: np.ndarray
+    top: np.ndarray
+    centre: np.ndarray
+    hwhm: np.ndarray
+    image: np.ndarray
+    one: np.ndarray
+    other: np.ndarray
+    t: np.ndarray
+    arm: np.ndarray
+
+
+def half_maximum(images, grid: Grid) -> HalfMaximum:
+    """Contours and centres of `images` (K, n)."""
+    columns = np.arange(images.shape[1])
+    peak = images.argmax(axis=0)
+    top = images[peak, columns]
     above = (images >= top / 2) & (top > 0)
-    count = np.maximum(above.sum(axis=1), 1)
-    centre = above @ grid.pixels / count[:, None]
-    farthest = np.zeros(len(images))
-    inside = grid.inside
+    centre = (grid.pixels.T @ above / np.maximum(above.sum(axis=0), 1)).T
+    first, second = _neighbours(grid)
+    edge, image = np.nonzero(above[first] != above[second])
+    one, other = first[edge], second[edge]
+    here, there = images[one, image], images[other, image]
+    t = (here - top[image] / 2) / (here - there)
+    arm = grid.pixels[one] + t[:, None] * (grid.pixels[other] - grid.pixels[one]) - centre[image]
+    hwhm = np.zeros(len(columns))
+    np.maximum.at(hwhm, image, np.linalg.norm(arm, axis=1))
+    for flat in np.flatnonzero(hwhm == 0):  # no contour
+        hwhm[flat] = np.linalg.norm(grid.pixels - centre[flat], axis=1).max()
+    return HalfMaximum(peak, top, centre, hwhm, image, one, other, t, arm)
+
+
+def _neighbours(grid):
+    """Indices of pixels side by side, and one above the other."""
     number = np.full(grid.shape, -1)
-    number[inside] = np.arange(np.count_nonzero(inside))
-    for first, second in ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:])):
-        pair = np.flatnonzero((first >= 0) & (second >= 0))
-        first, second = first.ravel()[pair], second.ravel()[pair]
-        image, edge = np.nonzero(above[:, first] != above[:, second])
-        if len(image):
-            one, other = first[edge], second[edge]
-            half = top[image, 0] / 2
-            here, there = images[image, one] - half, images[image, other] - half
-            t = (here / (here - there))[:, None]
-            crossing = grid.pixels[one] * (1 - t) + grid.pixels[other] * t
-            distance = np.linalg.norm(crossing - centre[image], axis=1)
-            np.maximum.at(farthest, image, distance)
-    flat = np.flatnonzero(farthest == 0)
-    if len(flat):
-        apart = np.linalg.norm(grid.pixels - centre[flat, None], axis=2)
-        farthest[flat] = apart.max(axis=1)
-    return farthest, centre
+    number[grid.inside] = np.arange(np.count_nonzero(grid.inside))
+    first = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    second = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    both = (first >= 0) & (second >= 0)
+    return first[both], second[both]

@@ -11,6 +11,7 @@ enough, and instead of one 1600 x 1600 matrix four of about 200 and one of 400 a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,36 +19,41 @@ from scipy.linalg import lapack
 
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.metrics import Quality, quality
-from tomotactile_ros.evaluation.paper_model import paper_transfer
 from tomotactile_ros.evaluation.symmetry import Symmetry, find_symmetry
 from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
 
 REGULARIZATION = 1000.0  # lambda^2 of the paper
 RESOLUTION = 40  # contact positions, and pixels, along the longer side
 
 
-class PointSpread:
-    """M for the pixels of `grid`, which are also the points of `transfer`.
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """J'J of all pixels of `grid`, in the `blocks` of its `symmetry`."""
 
-    Parameters
-    ----------
-    transfer : to contacts at all pixels
-    grid : the image's cells
-    symmetry : of the transfer; none is used without it
-    regularization : lambda^2
-    grounded : (L,) ground conditions, all without it; must have the symmetry
+    grid: Grid
+    gram: Gram
+    symmetry: Symmetry
+    blocks: list[np.ndarray]
+
+
+def gram_blocks(transfer, grid: Grid, symmetry: Symmetry | None = None, grounded=None) -> Blocks:
+    """J'J for the pixels of `grid`, which are also the points of `transfer`.
+
+    symmetry : of the transfer, none is used without it; grounded : (L,) ground conditions, all
+    without it; must have the symmetry
     """
+    symmetry = symmetry or find_symmetry(grid, np.array([[np.pi, np.e]]))
+    gram = Gram(transfer, grounded)
+    return Blocks(grid, gram, symmetry, symmetry.split(gram.rows(symmetry.first)))
 
-    def __init__(
-        self, transfer, grid, regularization=REGULARIZATION, *, symmetry=None, grounded=None
-    ):
-        self.grid = grid
+
+class PointSpread:
+    """M, and S block by block in `inverse`, for one lambda^2, the `regularization`."""
+
+    def __init__(self, blocks: Blocks, regularization: float = REGULARIZATION):
+        self.grid, self.symmetry = blocks.grid, blocks.symmetry
         self.regularization = float(regularization)
-        self.symmetry: Symmetry = symmetry or find_symmetry(grid, np.array([[np.pi, np.e]]))
-        self.gram = Gram(transfer, grounded)
-        rows = self.symmetry.quarter_rows(self.gram.rows(self.symmetry.first))
-        self.inverse = [self._invert(block) for block in self.symmetry.split(rows)]
+        self.inverse = [self._invert(block) for block in blocks.blocks]
 
     def _invert(self, block):
         """S of one block of J'J."""
@@ -63,7 +69,7 @@ class PointSpread:
     def images(self) -> np.ndarray:
         """(K, n) images of unit contacts at the pixels `symmetry.first`, V per V."""
         first = self.symmetry.first
-        out = -self.regularization * self.symmetry.join(self.inverse, first)
+        out = -self.regularization * self.symmetry.join(self.inverse)
         out[first, np.arange(len(first))] += 1
         return out
 
@@ -71,8 +77,8 @@ class PointSpread:
     def noise_gain(self) -> float:
         """Noise of a pixel per noise of a reading, V per V: root mean square over the pixels."""
         total = sum(
-            len(block.bases) * (np.trace(s) - self.regularization * np.vdot(s, s))
-            for block, s in zip(self.symmetry.blocks, self.inverse)
+            count * (np.trace(s) - self.regularization * np.vdot(s, s))
+            for count, s in zip(self.symmetry.multiplicities, self.inverse)
         )
         return float(np.sqrt(total / len(self.symmetry.orbit)))
 
@@ -83,10 +89,3 @@ class PointSpread:
         return Quality(
             self.grid.pixels, one.hwhm[orbit], one.position_error[orbit], one.blur[orbit]
         )
-
-
-def layout_point_spread(layout: Layout, grid: Grid, regularization=REGULARIZATION) -> PointSpread:
-    """Point spreads of a layout on a uniform rectangle in the paper's model, by its symmetries."""
-    symmetry = find_symmetry(grid, layout.positions)
-    transfer = paper_transfer(layout, grid.pixels, symmetry=symmetry)
-    return PointSpread(transfer, grid, regularization, symmetry=symmetry)

@@ -25,7 +25,7 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
-from tomotactile_ros.optimizer.objective import Aims, FemObjective, Objective
+from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
 from tomotactile_ros.optimizer.step import Clock, Step
 
@@ -177,8 +177,7 @@ class _Task:
 @lru_cache(maxsize=2)
 def _problem(task: _Task):
     """The objective, made once in every process."""
-    kind = Objective if task.differentiable else FemObjective
-    return kind(task.layout, task.regularizations, task.aims, resolution=task.resolution)
+    return Objective(task.layout, task.regularizations, task.aims, resolution=task.resolution)
 
 
 def _search(task, effort, rounds, seed, run):

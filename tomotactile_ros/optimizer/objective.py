@@ -22,21 +22,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
-from tomotactile_ros.evaluation.gram import Gram
-from tomotactile_ros.evaluation.metrics import worst
+from tomotactile_ros.evaluation.metrics import half_maximum
 from tomotactile_ros.evaluation.paper_model import (
     default_contact_radius,
     green,
     green_self,
     transfer_of,
 )
-from tomotactile_ros.evaluation.point_spread import PointSpread
+from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.optimizer.sharpness import Sharpness
+from tomotactile_ros.optimizer.sharpness import by_images
 from tomotactile_ros.sheet import make_sheet
 
 SHARPNESS = 25.0
@@ -63,7 +61,11 @@ class Aims:
 
 
 class Objective:
-    """Score of electrode positions on a uniform rectangle, in the paper's model.
+    """Score of electrode positions: in the paper's model on a uniform rectangle, and by finite
+    elements on every other outline.
+
+    Finite elements have no gradient, and their mesh, which changes with the electrodes, roughens
+    the score by some tenths of a per cent.
 
     Parameters
     ----------
@@ -83,12 +85,14 @@ class Objective:
     ):
         self.reference = reference
         self.size = reference.outline.size
+        self.differentiable = reference.outline.is_uniform_rectangle
         self.grid = Grid.for_outline(reference.outline, resolution)
         finest = Grid.for_outline(reference.outline, 40)
         scale = len(self.grid.pixels) / len(finest.pixels)
         self.regularizations = [scale * each for each in regularizations]
-        self._self = green_self(self.grid.pixels, self.size, default_contact_radius(reference))
-        self._sharpness = Sharpness(self.grid)
+        self._contact_radius = default_contact_radius(reference)
+        if self.differentiable:
+            self._self = green_self(self.grid.pixels, self.size, self._contact_radius)
         self._aims = _aim_rows(aims, len(self.regularizations))
         self._start = 1.0
         self._start = np.maximum(self.figures(reference.positions), _least(self.grid))
@@ -107,44 +111,13 @@ class Objective:
         score, share = _soft_maximum(images.figures / self._start / self._aims)
         return score, images.gradient(share / self._start / self._aims)
 
-
-class FemObjective:
-    """The same score for any outline, by finite elements; it has no gradient.
-
-    The mesh changes with the electrodes, which roughens the score by some tenths of a per cent.
-    """
-
-    def __init__(self, reference, regularizations, aims=Aims(), *, resolution=40):
-        self.reference = reference
-        self.regularizations = regularizations
-        self.resolution = resolution
-        self._aims = _aim_rows(aims, len(regularizations))
-        self._start = 1.0
-        grid = Grid.for_outline(reference.outline, resolution)
-        self._start = np.maximum(self.figures(reference.positions), _least(grid))
-
-    def figures(self, positions) -> np.ndarray:
-        """(lambdas, 4) the figures relative to the reference layout."""
-        layout = replace(self.reference, positions=positions)
-        grid = Grid.for_outline(layout.outline, self.resolution)
-        transfer = make_sheet(layout, "fem").transfer(grid.pixels, default_contact_radius(layout))
-        rows = []
-        for regularization in self.regularizations:
-            spread = PointSpread(transfer, grid, regularization)
-            found = spread.quality()
-            rows.append(
-                [
-                    found.hwhm.mean(),
-                    worst(found.hwhm, _WORST),
-                    found.position_error.mean(),
-                    spread.noise_gain,
-                ]
-            )
-        return np.array(rows) / self._start
-
-    def score(self, positions) -> float:
-        """The score."""
-        return _soft_maximum(self.figures(positions) / self._aims)[0]
+    def transfer(self, positions, symmetry):
+        """`Transfer` from electrodes at `positions` to contacts at all pixels."""
+        reference, pixels = self.reference, self.grid.pixels
+        if not self.differentiable:
+            sheet = make_sheet(replace(reference, positions=positions), "fem")
+            return sheet.transfer(pixels, self._contact_radius)
+        return transfer_of(positions, reference.radius, self.size, pixels, self._self, symmetry)
 
 
 def _least(grid):
@@ -170,29 +143,14 @@ class _Images:
     def __init__(self, objective: Objective, positions):
         self.objective, self.positions = objective, np.asarray(positions, float)
         grid = objective.grid
-        self.symmetry = find_symmetry(grid, self.positions)
-        transfer = transfer_of(
-            self.positions,
-            objective.reference.radius,
-            objective.size,
-            grid.pixels,
-            objective._self,
-            self.symmetry,
-        )
-        self.gram = Gram(transfer)
-        first = self.symmetry.first
-        rows = self.symmetry.quarter_rows(self.gram.rows(first))
-        blocks = self.symmetry.split(rows)
-        self.inverses, self.sharpness, figures = [], [], []
-        for regularization in objective.regularizations:
-            inverse = [_inverse(block, regularization) for block in blocks]
-            images = -regularization * self.symmetry.join(inverse, first)
-            images[first, np.arange(len(first))] += 1
-            sharpness = objective._sharpness(images, grid.pixels[first])
-            self.inverses.append(inverse)
-            self.sharpness.append(sharpness)
-            figures.append(self._figures(sharpness, inverse, regularization))
-        self.figures = np.array(figures)
+        symmetry = find_symmetry(grid, self.positions) if objective.differentiable else None
+        transfer = objective.transfer(self.positions, symmetry)
+        blocks = gram_blocks(transfer, grid, symmetry)
+        self.gram, self.symmetry = blocks.gram, blocks.symmetry
+        self.targets = grid.pixels[self.symmetry.first]
+        self.spreads = [PointSpread(blocks, each) for each in objective.regularizations]
+        self.contours = [half_maximum(spread.images, grid) for spread in self.spreads]
+        self.figures = np.array([self._figures(*each) for each in zip(self.spreads, self.contours)])
 
     def _weights(self, hwhm):
         """(n,) weights of the mean and of the mean of the worst tenth."""
@@ -203,35 +161,28 @@ class _Images:
         tenth[order] = np.clip(_WORST * sizes.sum() - before, 0, sizes[order])
         return sizes / sizes.sum(), tenth / tenth.sum()
 
-    def _figures(self, sharpness, inverse, regularization):
-        hwhm, error, _ = sharpness
-        mean, tenth = self._weights(hwhm)
-        return mean @ hwhm, tenth @ hwhm, mean @ error, self._noise_gain(inverse, regularization)
-
-    def _noise_gain(self, inverse, regularization):
-        total = sum(
-            len(block.bases) * (np.trace(s) - regularization * np.vdot(s, s))
-            for block, s in zip(self.symmetry.blocks, inverse)
-        )
-        return np.sqrt(total / len(self.symmetry.orbit))
+    def _figures(self, spread, found):
+        mean, tenth = self._weights(found.hwhm)
+        error = np.linalg.norm(found.centre - self.targets, axis=1)
+        return mean @ found.hwhm, tenth @ found.hwhm, mean @ error, spread.noise_gain
 
     def gradient(self, by_figures):
         """(E, 2) from the derivatives (lambdas, 4) by the figures."""
-        symmetry, first = self.symmetry, self.symmetry.first
-        by_block = [0.0] * len(symmetry.blocks)
-        for i, regularization in enumerate(self.objective.regularizations):
-            hwhm, _, back = self.sharpness[i]
-            mean, tenth = self._weights(hwhm)
-            by_hwhm = by_figures[i, 0] * mean + by_figures[i, 1] * tenth
-            by_image = back(by_hwhm / symmetry.sizes, by_figures[i, 2] * mean / symmetry.sizes)
-            parts = symmetry.split(symmetry.quarter_rows(by_image.T))
-            by_total = by_figures[i, 3] / (2 * self.figures[i, 3] * len(symmetry.orbit))
-            for j, (part, s) in enumerate(zip(parts, self.inverses[i])):
+        symmetry, sizes = self.symmetry, self.symmetry.sizes
+        by_block = [0.0] * len(symmetry.multiplicities)
+        for spread, found, by in zip(self.spreads, self.contours, by_figures):
+            mean, tenth = self._weights(found.hwhm)
+            by_hwhm, by_error = (by[0] * mean + by[1] * tenth) / sizes, by[2] * mean / sizes
+            grid = self.objective.grid
+            by_image = by_images(found, spread.images, self.targets, grid, by_hwhm, by_error)
+            by_total = by[3] / (2 * spread.noise_gain * len(symmetry.orbit))
+            regularization = spread.regularization
+            for j, (part, s) in enumerate(zip(symmetry.split(by_image.T), spread.inverse)):
                 change = regularization * (part + part.T) / 2
                 change += by_total * (2 * regularization * s - np.eye(len(s)))
                 by_block[j] = by_block[j] + s @ change @ s
-        seed = symmetry.join(by_block, first).T * symmetry.sizes[:, None]
-        return self._through_green(*self.gram.adjoint(first, seed))
+        seed = symmetry.join(by_block).T * sizes[:, None]
+        return self._through_green(*self.gram.adjoint(symmetry.first, seed))
 
     def _through_green(self, by_point, by_between):
         """(E, 2) from the derivatives by G; one electrode of each kind stands for the others."""
@@ -255,15 +206,6 @@ class _Images:
         out = np.zeros(self.positions.shape)
         out[kinds] = slope / (2 * step)
         return out
-
-
-def _inverse(block, regularization):
-    """(block + regularization I)^-1 of a symmetric positive semidefinite block."""
-    matrix = (block + block.T) / 2
-    matrix[np.diag_indices_from(matrix)] += regularization
-    factor, _ = lapack.dpotrf(matrix, lower=True, overwrite_a=True)
-    inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
-    return np.tril(inverse) + np.tril(inverse, -1).T
 
 
 def _gather(values, rows, columns):
