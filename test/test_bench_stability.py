@@ -11,7 +11,7 @@ def rows(what, *values):
     """Rows of the extremes whose name begins with `what`, at these values."""
     found = [trial for trial in stability.trials() if trial.what.startswith(what)]
     assert found
-    return [stability._row(trial, value) for trial in found for value in values]
+    return [stability.row(trial, value) for trial in found for value in values]
 
 
 def test_sheet_resistance_changes_no_voltage():
@@ -44,7 +44,7 @@ def test_what_no_number_can_say_is_text():
         raise InputError("no")
 
     trial = stability.Trial("what", "measure", (1, np.inf), outcome)
-    first, second = (stability._row(trial, value) for value in trial.values)
+    first, second = (stability.row(trial, value) for value in trial.values)
     assert first["error"] == "inf" and first["refusal"] is None
     assert second["value"] == "inf" and second["refusal"] == "no"
 
@@ -52,8 +52,13 @@ def test_what_no_number_can_say_is_text():
 @pytest.mark.parametrize("step", [1, 3, 100])
 def test_every_extreme_keeps_its_ends(step):
     for trial in stability.trials():
-        kept = stability._values(trial, step)
+        kept = stability.values(trial, step)
         assert kept[0] == trial.values[0] and kept[-1] == trial.values[-1]
     assert stability.count(step) == sum(
-        len(stability._values(trial, step)) for trial in stability.trials()
+        len(stability.values(trial, step)) for trial in stability.trials()
     )
+
+
+def test_the_package_solves_eq_1_to_its_precision():
+    usual, hard = rows("condition, as used", 1e2, 1e4)
+    assert max(usual["error"], hard["error"]) < 1e-4

@@ -9,41 +9,47 @@ import pytest
 
 from tomotactile_ros.bench import (
     accuracy,
+    cases,
+    compare,
+    growth,
+    libraries,
     peers,
     readme,
     report,
     run,
     stability,
+    store,
     tables,
     timing,
     trade,
     trials,
 )
-from tomotactile_ros.bench.conditions import spread_conditions
-from tomotactile_ros.bench.growth import exponent
 from tomotactile_ros.commands import bench
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.yamlio import plain
 
-CASE = trade.Case("equal-4x4", "fast", 20, None)
+CASE = cases.Case("equal-4x4", resolution=20)
 SIZE = trials.Size(side=3, pairs=2)
+EFFORT = trade.Effort(SIZE, SIZE, block=2, rounds=2, seconds=0.0)
 
 
 @pytest.fixture(scope="module")
 def made():
-    return trials.make_trials(trade.find_layout(CASE.layout), SIZE)
+    return trials.make_trials(cases.find_layout(CASE.layout), SIZE)
 
 
 @pytest.fixture(scope="module")
-def row(made):
-    return trade.measure(CASE, made, 0.0)
+def row():
+    (found,) = trade.Trade(EFFORT).measure([CASE], lambda work: None)
+    return found
 
 
 def run_command(*arguments):
     parser = argparse.ArgumentParser()
     bench.add_arguments(parser)
-    bench.run(parser.parse_args([str(argument) for argument in arguments]))
+    return bench.run(parser.parse_args([str(argument) for argument in arguments]))
 
 
 def test_trials_are_the_same_every_time(made):
@@ -65,13 +71,13 @@ def test_repeats_differ_by_the_noise_alone(made):
 
 
 def test_accuracy_is_the_same_every_time(made, row):
-    conditions = spread_conditions(made.layout, None)
-    again = accuracy.measure(Pipeline(made.layout, trade.settings_of(CASE)), made, conditions)
+    again = accuracy.measure(Pipeline(made.layout, CASE.settings), made, cases.grounded(CASE))
     assert {key: row[key] for key in again} == again
 
 
 def test_a_row_says_everything_in_plain_numbers(row):
-    assert row["setup"] > 0 and row["frame"]["p99"] >= row["frame"]["median"] > 0
+    assert row["setup"]["median"] > 0 and row["frame"]["p99"] >= row["frame"]["median"] > 0
+    assert row["frame"]["relative"]["median"] > 0 and row["contacts"] == [9, 18]
     assert row["memory"]["peak"] >= row["memory"]["held"] > 0
     assert 0 < row["contact_error"]["mean"] < 0.02
     assert len(tables.trade_row(row)) == len(tables.TRADE)
@@ -92,24 +98,43 @@ def test_a_perfect_result_has_no_error():
     assert accuracy._force_error([Perfect(positions[0])], recording).tolist() == [0.0, 0.5]
 
 
-@pytest.mark.parametrize("count", [8, 16, 32])
-def test_chosen_conditions_are_distinct_and_spread(count):
-    layout = trade.find_layout("equal-8x8")
-    chosen = spread_conditions(layout, count)
-    assert len(set(chosen)) == count
-    points = layout.positions[chosen]
-    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(count, dtype=bool)].min()
-    pitch = 0.2 / 7
-    assert apart >= pitch * np.sqrt(64 / count) * 0.7
+def test_a_part_of_the_trials_is_spread_over_all(made):
+    part = made.few(trials.Size(side=2, pairs=1))
+    assert (len(part.singles), len(part.defective), len(part.pairs)) == (4, 4, 9)
+    apart = [np.linalg.norm(one - other) for one, other in part.pairs.positions]
+    assert apart == pytest.approx(made.separations)
+    for kind in ("singles", "defective"):
+        frames = getattr(made, kind).frames[[0, 2, 5, 8]]
+        assert np.array_equal(getattr(part, kind).frames, frames, equal_nan=True)
+
+
+@pytest.mark.parametrize("count", [8, 4])
+def test_ground_conditions_are_those_of_the_optimizer(count):
+    chosen = cases.grounded(cases.Case("equal-4x4", conditions=count))
+    (scan,) = scans(cases.find_layout("equal-4x4"), [count])
+    assert np.array_equal(chosen, scan.grounded)
 
 
 def test_full_mode_covers_every_choice():
-    cases = trade.full_cases()
-    assert {case.profile for case in cases} == set(trade.PROFILES)
-    assert {case.resolution for case in cases} == set(trade.RESOLUTIONS)
-    assert {case.conditions for case in cases} == set(trade.CONDITIONS)
-    assert {"equal-4x4", "equal-8x8", "equal-16x16"} <= {case.layout for case in cases}
-    assert set(trade.quick_cases()) <= set(cases)
+    full = cases.full_cases()
+    assert {case.profile for case in full} == set(cases.PROFILES)
+    assert {case.resolution for case in full} == set(cases.RESOLUTIONS)
+    assert {case.conditions for case in full} == set(cases.CONDITIONS)
+    assert {"equal-4x4", "equal-8x8", "equal-16x16", "optimized-16x16"} <= {
+        case.layout for case in full
+    }
+    assert set(cases.quick_cases()) <= set(full)
+    measured = {part.name for part in run.parts("full")}
+    assert {"trade equal-16x16 80²", "peers", "growth", "stability"} <= measured
+
+
+def test_what_is_left_out_is_said():
+    lines = cases.left_out([cases.Case("equal-4x4"), cases.Case("equal-8x8")])
+    assert (
+        "equal-4x4: not measured with 32 and 16 ground conditions, 16 are all that it has" in lines
+    )
+    assert "free-16x16: not measured, no such layout is installed" in lines
+    assert not any("equal-8x8" in line for line in lines)
 
 
 def test_the_front_leaves_out_what_is_slower_and_worse():
@@ -120,7 +145,7 @@ def test_the_front_leaves_out_what_is_slower_and_worse():
 
 def test_fitted_exponent():
     sizes = np.array([4.0, 16.0, 64.0])
-    assert exponent(sizes, 3 * sizes**1.5) == pytest.approx(1.5)
+    assert growth.exponent(sizes, 3 * sizes**1.5) == pytest.approx(1.5)
 
 
 def test_memory_counts_what_is_held_and_what_was_in_use():
@@ -134,14 +159,16 @@ def test_memory_counts_what_is_held_and_what_was_in_use():
 
 
 def _result(row):
-    default = plain(row) | {"layout": trade.DEFAULT_LAYOUT, "resolution": 40}
+    default = plain(row) | {"layout": cases.DEFAULT_LAYOUT, "resolution": 40}
     machine = {
         "processor": "some CPU",
         "python": "3.12",
         "libraries": {"numpy": "2"},
         "date": "2026-01-01",
     }
-    return {"format": "tomotactile-bench/1", "trade": [default, plain(row)], "machine": machine}
+    peers = {"ratios": {"dense / fast": {"median": 9.0}}}
+    rows = [default, plain(row)]
+    return {"format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers}
 
 
 def test_readme_is_rewritten_between_the_comments_only(tmp_path, row):
@@ -172,13 +199,115 @@ def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content)
 def test_a_missing_peer_is_a_line(made, monkeypatch):
     for name in ("pyeit", "pyeit.eit.jac", "skfem"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(peers, "_ROUNDS", 1)
+    monkeypatch.setattr(peers, "_SECONDS", 0.0)
     found = peers.compare(made)
-    assert "not installed" in found["pyeit"]["skipped"]
+    assert "not installed" in found["problem"]["pyeit"]["skipped"]
     assert "not installed" in found["forward"]["scikit-fem"]["skipped"]
-    assert found["dense / fast"]["median"] > 0
+    assert found["ratios"]["dense / fast"]["median"] > 0
     shown = "\n".join(report._peers(found))
     assert shown.count("is not installed: python3 -m pip install") == 2
+
+
+def test_the_lattice_has_two_triangles_in_every_pixel(made):
+    nodes, triangles = libraries.lattice(made.layout, 20)
+    grid = Pipeline(made.layout, CASE.settings).grid
+    centres = nodes[triangles].mean(axis=1)
+    for half in np.split(centres, 2):
+        assert (np.abs(half - grid.pixels) < np.divide(grid.cell_size, 2)).all()
+
+
+def test_calls_are_measured_in_turn_until_there_are_enough():
+    order = []
+    calls = {name: lambda name=name: order.append(name) for name in "ab"}
+    times = timing.in_turn(calls, block=2, least=3, seconds=0.0)
+    assert "".join(order) == 3 * "aaabbb"  # the first of each block only warms up
+    assert {name: each.shape for name, each in times.items()} == {"a": (3, 2), "b": (3, 2)}
+
+
+def test_ratios_do_not_see_a_machine_that_slows_down():
+    slower = np.linspace(1, 3, 7)[:, None] * np.ones((7, 4))
+    found = timing.ratio(8 * slower, slower)
+    assert found == {"median": 8.0, "low": 8.0, "high": 8.0, "rounds": 7}
+
+
+def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):
+    def measured(profile, time, error):
+        changes = {"frame": {"median": time}, "contact_error": {"mean": error}, "profile": profile}
+        return row | {"layout": cases.DEFAULT_LAYOUT, "resolution": 40} | changes
+
+    class Accurate:
+        def __init__(self, layout, settings):
+            assert settings.profile == "auto"
+            self.profile = "accurate"
+
+    monkeypatch.setattr(run, "Pipeline", Accurate)
+    rows = [
+        measured("fast", 1.0, 3.0),
+        measured("balanced", 4.0, 2.0),
+        measured("accurate", 9.0, 1.0),
+    ]
+    choices = run.auto_choices([row, *rows])
+    assert [choice["deadline"] for choice in choices] == pytest.approx([1 / 3, 2.0, 6.0, 27.0])
+    assert [choice["measured"] for choice in choices] == ["fast", "fast", "balanced", "accurate"]
+    assert report._agreement(choices).endswith("at 1 of 4 deadlines")
+
+
+def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
+    one, other = tmp_path / "one.json", tmp_path / "other.json"
+    one.write_text(json.dumps(_result(row)))
+    twin = _result(row)
+    for each in twin["trade"]:
+        each["frame"]["median"] *= 3  # a slower machine
+        each["frame"]["relative"]["median"] *= 1.09
+    other.write_text(json.dumps(twin))
+    assert run_command("--compare", one, other) == 0
+    shown = capsys.readouterr().out
+    assert "+9.0 %" in shown and "accuracy: every figure is the same" in shown
+
+
+@pytest.mark.parametrize("key", ["ratio", "accuracy"])
+def test_results_that_differ_are_told(tmp_path, row, key, capsys):
+    one, other = _result(row), _result(row)
+    if key == "ratio":
+        other["peers"]["ratios"]["dense / fast"]["median"] *= 0.8
+    else:
+        other["trade"][0]["noise_gain"] *= 1 + 1e-9
+    assert not compare.agree(one, other)
+    shown = "\n".join(compare.lines(one, other))
+    assert (
+        "-20.0 %" if key == "ratio" else "equal-8x8, fast, 40², all grounds: noise_gain"
+    ) in shown
+
+
+def _stopped(tick):
+    raise KeyboardInterrupt
+
+
+def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
+    done = []
+
+    def part(name, found):
+        return run.Part(name, 1.0, lambda tick: done.append(name) or found)
+
+    names = ["trade a", "peers", "growth", "stability"]
+    todo = [part(name, [name]) for name in names]
+    monkeypatch.setattr(run, "auto_choices", lambda rows: [])
+    path = tmp_path / "bench.part.json"
+    stopped = [*todo[:2], run.Part("growth", 1.0, _stopped), todo[3]]
+    monkeypatch.setattr(run, "parts", lambda mode: stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run.measure("quick", store.Store(path, "quick"))
+    monkeypatch.setattr(run, "parts", lambda mode: todo)
+    assert not store.Store(path, "full").parts
+    result = run.measure("quick", store.Store(path, "quick"))
+    assert done == names
+    assert (result["trade"], result["growth"]) == (["trade a"], ["growth"])
+
+
+def test_a_broken_store_is_begun_anew(tmp_path):
+    path = tmp_path / "bench.part.json"
+    path.write_text('{"made by"')
+    assert not store.Store(path, "quick").parts
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "not json"])
@@ -194,25 +323,34 @@ def _not_installed(*_):
 
 
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(trade, "DEFAULT_LAYOUT", "equal-4x4")
-    monkeypatch.setattr(trade, "quick_cases", lambda: [trade.Case("equal-4x4", "fast", 40, None)])
-    monkeypatch.setattr(trials, "QUICK", SIZE)
+    small = cases.Case("equal-4x4")
+    for module in (cases, run):
+        monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
+    monkeypatch.setattr(trade, "REFERENCE", small)
+    monkeypatch.setattr(run, "quick_cases", lambda: [small])
+    monkeypatch.setattr(run, "QUICK", EFFORT)
     monkeypatch.setattr(run, "QUICK_GROWTH", ((3, 4), (20, 30)))
-    monkeypatch.setattr(peers, "_pyeit", _not_installed)
-    monkeypatch.setattr(peers, "_ROUNDS", 1)
+    monkeypatch.setattr(growth, "_DEFAULT", (4, 20))
+    monkeypatch.setattr(libraries, "PyeitOneStep", _not_installed)
+    for module in (peers, growth):
+        monkeypatch.setattr(module, "_SECONDS", 0.0)
     some = stability.trials()[-2:]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
     text.write_text("<!-- bench:profiles -->\n<!-- /bench:profiles -->\n")
-    run_command("--out", out, "--readme", text)
+    assert run_command("--out", out, "--readme", text) == 0
     result = json.loads(out.read_text())
     assert set(result) == {
-        "format", "mode", "machine", "seconds", "peak_memory", "trade", "auto", "peers", "growth",
-        "stability",
+        "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "auto", "peers",
+        "growth", "stability",
     }  # fmt: skip
     assert result["machine"]["threads"]["OMP_NUM_THREADS"] == "1"
+    assert {path.name for path in out.parent.iterdir()} == {
+        "bench.json", "bench-front.png", "bench-growth.png",
+    }  # fmt: skip
     assert (out.parent / "bench-front.png").read_bytes()[:4] == b"\x89PNG"
     assert (out.parent / "bench-growth.png").read_bytes()[:4] == b"\x89PNG"
     assert "| `fast` |" in text.read_text()
     shown = capsys.readouterr().out
     assert "\n".join(report.lines(result)) in shown
+    assert run_command("--compare", out, out) == 0

@@ -2,36 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from tomotactile_ros.bench import timing
-from tomotactile_ros.bench.trade import find_layout
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_scene, record
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.bench.cases import Case, find_layout
+from tomotactile_ros.bench.trials import DRIVE, make_scene, record
+from tomotactile_ros.reconstruction import Pipeline
 
 ELECTRODES = (4, 6, 8, 10, 12, 16)  # to a side
 RESOLUTIONS = (20, 40, 80, 160)
 QUANTITIES = ("setup", "frame", "memory")
 _DEFAULT = 8, 40
-_SETUPS, _FRAMES = 3, 30
+_PLACE = 0.13, 0.07  # of the contact, in parts of the sides
+_SECONDS = 4.0  # for all set-ups, and for all frames
 
 
 def measure(
-    electrodes: Iterable[int], resolutions: Iterable[int], tick: Callable[[], None]
+    electrodes: Sequence[int], resolutions: Sequence[int], tick: Callable[[float], None]
 ) -> dict:
     """Cost of the profile `fast` for n x n electrodes and for m x m pixels, each with fitted exponents.
 
-    `tick` is called after every point. Durations in s, memory in bytes; exponents count electrodes n^2 and
-    pixels m^2.
+    `tick` is told of work, s, that is done. Durations in s, all measured in turn, memory in bytes; exponents
+    count electrodes n^2 and pixels m^2.
     """
-    by_electrodes = [_point(n, _DEFAULT[1], tick) for n in electrodes]
-    by_pixels = [_point(_DEFAULT[0], m, tick) for m in resolutions]
-    return {
-        "electrodes": _fitted([n["electrodes"] for n in by_electrodes], by_electrodes),
-        "pixels": _fitted([n["pixels"] for n in by_pixels], by_pixels),
+    sizes = _sizes(electrodes, resolutions)
+    makers, frames, memories = {}, {}, {}
+    for size in sizes:
+        makers[size] = _maker(*size)
+        memories[size] = timing.memory(makers[size])["held"]
+        frames[size] = _frame(makers[size]())
+        tick(_work(size))
+    setups = timing.in_turn(makers, block=1, least=3, seconds=_SECONDS, warm=False)
+    frames = timing.in_turn(frames, least=20, seconds=_SECONDS)
+    points = {
+        size: {
+            "electrodes": size[0] ** 2,
+            "pixels": size[1] ** 2,
+            "setup": float(np.median(setups[size])),
+            "frame": float(np.median(frames[size])),
+            "memory": memories[size],
+        }
+        for size in sizes
     }
+    return {
+        "electrodes": _fitted("electrodes", [points[n, _DEFAULT[1]] for n in electrodes]),
+        "pixels": _fitted("pixels", [points[_DEFAULT[0], m] for m in resolutions]),
+    }
+
+
+def work(electrodes: Sequence[int], resolutions: Sequence[int]) -> float:
+    """About how long `measure` takes, s."""
+    return sum(map(_work, _sizes(electrodes, resolutions)))
 
 
 def exponent(sizes, values) -> float:
@@ -39,25 +62,31 @@ def exponent(sizes, values) -> float:
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
-def _fitted(sizes, points):
+def _sizes(electrodes, resolutions):
+    """Each once."""
+    each = [(n, _DEFAULT[1]) for n in electrodes] + [(_DEFAULT[0], m) for m in resolutions]
+    return list(dict.fromkeys(each))
+
+
+def _work(size):
+    return 1.0 + 12 * (size[0] / 16) ** 2 * (size[1] / 40) ** 2
+
+
+def _fitted(by, points):
+    sizes = [point[by] for point in points]
     exponents = {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
     return {"points": points, "exponents": exponents}
 
 
-def _point(side, resolution, tick):
-    layout = find_layout(f"equal-{side}x{side}")
-    settings = Settings(resolution=resolution, noise=NOISE, contact_law=LAW)
-    pipelines = [timing.timed(lambda: Pipeline(layout, settings)) for _ in range(_SETUPS)]
-    pipeline = pipelines[-1][0]
+def _maker(side, resolution):
+    case = Case(f"equal-{side}x{side}", resolution=resolution)
+    return lambda: Pipeline(find_layout(case.layout), case.settings)
+
+
+def _frame(pipeline):
+    """A function that reconstructs a frame of one contact."""
+    layout = pipeline.layout
+    place = np.array(layout.outline.size) * _PLACE
+    (frame,) = record(layout, make_scene(layout), [place[None]]).frames
     everything = np.arange(layout.electrodes)
-    place = np.array(layout.outline.size) * [0.13, 0.07]
-    frames = record(layout, make_scene(layout), [place[None]]).frames
-    calls = [lambda: pipeline.process(frames[0], everything, DRIVE)]
-    tick()
-    return {
-        "electrodes": side**2,
-        "pixels": resolution**2,
-        "setup": float(np.median([seconds for _, seconds in pipelines])),
-        "frame": timing.summary(timing.durations(calls, _FRAMES, 0.0))["median"],
-        "memory": timing.memory(lambda: Pipeline(layout, settings))["held"],
-    }
+    return lambda: pipeline.process(frame, everything, DRIVE)

@@ -7,70 +7,98 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.bench import trade
+from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.errors import InputError
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}
+_QUANTITIES = (
+    ("setup", "set-up / s", 1.0),
+    ("frame", "frame / ms", 1e3),
+    ("memory", "memory / MB", 1e-6),
+)
 
 
 def save_front(path: str | Path, result: dict) -> None:
-    """Position error of the reported contact against the time of one frame; the front as a line."""
-    from matplotlib.ticker import LogLocator
+    """Error of a contact's place against the time of one frame, a panel for each number of electrodes.
 
-    figure = _figure(7.5, 5.2)
-    axes = figure.add_subplot()
-    rows = [row for row in result["trade"] if row["layout"] == trade.DEFAULT_LAYOUT]
-    others = [row for row in result["trade"] if row["layout"] != trade.DEFAULT_LAYOUT]
-    for row in rows + others:
-        full = row["conditions"] is None
+    The choices on the front are named, the others are pale.
+    """
+    panels = {}
+    for row in result["trade"]:
+        panels.setdefault(find_layout(row["layout"]).electrodes, []).append(row)
+    figure = _figure(max(6.5, 4.4 * len(panels)), 5.2)
+    all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (electrodes, rows) in zip(all_axes, sorted(panels.items())):
+        _draw_front(axes, rows)
+        axes.set_title(f"{electrodes} electrodes")
+        axes.set_xlabel("time of one frame, median / ms")
+    all_axes[0].set_ylabel("error of a contact's place, mean / mm")
+    all_axes[0].annotate(
+        "better", (0.03, 0.03), (0.16, 0.12), "axes fraction", color="0.4", fontsize=9,
+        arrowprops={"arrowstyle": "->", "color": "0.4"},
+    )  # fmt: skip
+    for label, style in _legend():
+        all_axes[-1].plot([], [], label=label, **style)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    figure.suptitle(f"Speed and accuracy, one thread of {result['machine']['processor']}")
+    _write(figure, path)
+
+
+def _draw_front(axes, rows):
+    best = list(trade.front(rows))
+    for row in rows:
         colour = _COLOURS[row["profile"]]
         axes.plot(
             *_place(row),
-            _MARKERS[row["resolution"]] if row in rows else "x",
+            _MARKERS[row["resolution"]],
             color=colour,
-            markerfacecolor=colour if full else "none",
-            markersize=8 if row in rows else 6,
+            markerfacecolor=colour if row["conditions"] is None else "none",
+            markersize=7,
+            alpha=1.0 if row in best else 0.3,
         )
-    for row in others + [row for row in rows if row["conditions"] is not None]:
-        axes.annotate(_name(row), _place(row), (5, 4), textcoords="offset points", fontsize=7)
-    line = [_place(row) for row in trade.front(rows)]
-    axes.step(*np.transpose(line), where="post", color="0.3", linewidth=1, zorder=0)
-    for label, style in _legend():
-        axes.plot([], [], label=label, **style)
-    axes.set(
-        xscale="log", yscale="log", xlabel="time of one frame, median / ms",
-        ylabel="error of a contact's place, mean / mm",
-        title=f"Speed and accuracy, one thread of {result['machine']['processor']}",
-    )  # fmt: skip
+    axes.step(*np.transpose([_place(row) for row in best]), where="post", color="0.3", zorder=0)
+    for row in best:
+        axes.annotate(
+            _name(row), _place(row), (6, 6), textcoords="offset points", fontsize=7, rotation=25
+        )
+    axes.set(xscale="log", yscale="log")
+    axes.margins(0.15)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("{x:g}")
-    axes.grid(which="both", color="0.9")
-    axes.legend(frameon=False, fontsize=8)
-    _write(figure, path)
+        _plain_numbers(axis)
+    axes.grid(which="both", color="0.93")
 
 
 def save_growth(path: str | Path, result: dict) -> None:
-    """Set-up, frame and memory against electrodes and pixels, with the fitted exponents."""
-    figure = _figure(9.0, 4.0)
-    units = {
-        "setup": ("set-up / s", 1.0),
-        "frame": ("frame / ms", 1e3),
-        "memory": ("memory / MB", 1e-6),
-    }
-    for number, (by, growth) in enumerate(result["growth"].items()):
-        axes = figure.add_subplot(1, 2, number + 1)
-        sizes = [point[by] for point in growth["points"]]
-        for key, (label, scale) in units.items():
-            values = [scale * point[key] for point in growth["points"]]
-            axes.loglog(sizes, values, "o-", label=f"{label}, n^{growth['exponents'][key]:.2f}")
-        axes.set(xlabel=f"number of {by}, n")
-        axes.set_xticks(sizes, [str(size) for size in sizes], minor=False)
-        axes.minorticks_off()
-        axes.grid(color="0.9")
-        axes.legend(frameon=False, fontsize=8)
+    """Set-up, frame and memory against electrodes and pixels, with the fitted powers."""
+    figure = _figure(10.0, 5.6)
+    grown = result["growth"]
+    all_axes = figure.subplots(len(grown), len(_QUANTITIES), squeeze=False, sharey="col")
+    for row, (by, growth) in zip(all_axes, grown.items()):
+        sizes = np.array([point[by] for point in growth["points"]])
+        for axes, (key, label, scale) in zip(row, _QUANTITIES):
+            values = scale * np.array([point[key] for point in growth["points"]])
+            power = growth["exponents"][key]
+            middle = np.exp(np.log(values).mean() - power * np.log(sizes).mean())
+            axes.plot(sizes, middle * sizes**power, "--", color="0.6", label=f"∝ n^{power:.2f}")
+            axes.plot(sizes, values, "o", color="tab:blue")
+            axes.set(xscale="log", yscale="log", xlabel=f"number of {by}, n", ylabel=label)
+            axes.set_xticks(sizes, [str(size) for size in sizes])
+            axes.set_xticks([], minor=True)
+            _plain_numbers(axes.yaxis)
+            axes.grid(color="0.9")
+            axes.legend(frameon=False, fontsize=9, loc="upper left")
+    figure.suptitle(f"Growth of cost, profile fast, one thread of {result['machine']['processor']}")
     _write(figure, path)
+
+
+def _plain_numbers(axis):
+    from matplotlib.ticker import LogLocator
+
+    axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("{x:g}")
+    axis.set_tick_params(which="both", labelsize=8)
 
 
 def _place(row):
@@ -78,18 +106,18 @@ def _place(row):
 
 
 def _name(row):
+    family = row["layout"].partition("-")[0]
     ground = "" if row["conditions"] is None else f", {row['conditions']} grounds"
-    return row["layout"] + ground if row["layout"] != trade.DEFAULT_LAYOUT else ground[2:]
+    return f"{family} {row['resolution']}²{ground}"
 
 
 def _legend():
     for profile, colour in _COLOURS.items():
         yield profile, {"marker": "o", "color": colour, "linestyle": ""}
+    yield "fewer ground conditions", {"marker": "o", "color": "0.5", "linestyle": "", "mfc": "none"}
     for cells, marker in _MARKERS.items():
         yield f"{cells} x {cells} pixels", {"marker": marker, "color": "0.5", "linestyle": ""}
-    yield "fewer ground conditions", {"marker": "o", "color": "0.5", "linestyle": "", "mfc": "none"}
-    yield "other layouts", {"marker": "x", "color": "0.5", "linestyle": ""}
-    yield "front", {"color": "0.3"}
+    yield "front: none is faster and better", {"color": "0.3"}
 
 
 def _figure(width, height):

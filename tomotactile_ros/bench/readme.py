@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tomotactile_ros.bench import report, tables, trade
+from tomotactile_ros.bench import report, tables
+from tomotactile_ros.bench.cases import is_default
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.yamlio import write_atomic
 
@@ -49,7 +50,7 @@ def _whole_report(result):
 
 def profile_table(result: dict) -> list[str]:
     """Lines in Markdown: the profiles on 8 x 8 electrodes and 40 x 40 pixels, and what measured them."""
-    rows = [row for row in result["trade"] if trade.is_default(row)]
+    rows = [row for row in result["trade"] if is_default(row)]
     machine = result["machine"]
     return [
         *tables.markdown(_HEADER, map(_cells, rows)),
@@ -64,7 +65,7 @@ def _cells(row):
     error, force = row["contact_error"], row["force_error"]
     return (
         f"`{row['profile']}`",
-        f"{row['setup']:.2f} s",
+        f"{row['setup']['median']:.2f} s",
         f"{tables.milliseconds(row['frame']['median'])} ms",
         f"{tables.milliseconds(row['frame']['p99'])} ms",
         f"{tables.megabytes(row['memory']['held'])} MB",

@@ -25,9 +25,11 @@ def lines(result: dict) -> Iterator[str]:
     yield "Speed and accuracy"
     yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]))
     yield tables.LEGEND
+    yield from result["left_out"]
     yield ""
     yield "What `profile: auto` takes, and the most accurate measured profile within the deadline"
     yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
+    yield _agreement(result["auto"])
     yield ""
     yield "Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels"
     yield from _peers(result["peers"])
@@ -43,28 +45,31 @@ def lines(result: dict) -> Iterator[str]:
 
 
 def _choice(row):
-    return f"{1e3 * row['deadline']:g}", row["auto"], row["measured"]
+    return tables.milliseconds(row["deadline"]), row["auto"], row["measured"]
+
+
+def _agreement(rows):
+    agree = sum(row["auto"] == row["measured"] for row in rows)
+    return f"auto agrees with the measured front at {agree} of {len(rows)} deadlines"
 
 
 def _peers(peers):
+    problem = peers["problem"]
     header = ("what", "set-up s", "frame ms", "spread ms", "HWHM mm", "PE mm", "p95")
-    rows, skipped = [], []
-    for name, found in peers.items():
-        if "skipped" in found if isinstance(found, dict) else False:
-            skipped.append(found["skipped"])
-        elif isinstance(found, dict) and "frame" in found:
-            rows.append(_peer(name, found))
-    yield from tables.text(header, rows)
-    yield from skipped
-    for name, found in peers.items():
-        if isinstance(found, float):
-            yield f"{name}: {found:.3g}"
-        elif "low" in found:
-            yield f"{name}: {found['median']:.3g} (quartiles {found['low']:.3g} to {found['high']:.3g})"
-    forward = []
-    for name, found in peers["forward"].items():
-        text = found.get("skipped") or f"{1e3 * found['median']:.3g} ms"
-        forward.append(f"{name}: {text}")
+    measured = ((name, found) for name, found in problem.items() if "skipped" not in found)
+    yield from tables.text(header, (_peer(*each) for each in measured))
+    yield from (found["skipped"] for found in problem.values() if "skipped" in found)
+    for name, found in peers["ratios"].items():
+        text = f"{name}: {found['median']:.3g}"
+        if "rounds" in found:
+            text += (
+                f" (quartiles {found['low']:.3g} to {found['high']:.3g}, {found['rounds']} rounds)"
+            )
+        yield text
+    forward = (
+        f"{name}: {found.get('skipped') or tables.milliseconds(found['median']) + ' ms'}"
+        for name, found in peers["forward"].items()
+    )
     yield f"the sheet for all electrodes: {', '.join(forward)}"
 
 

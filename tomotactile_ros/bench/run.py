@@ -4,63 +4,124 @@ from __future__ import annotations
 
 import resource
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby
+from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.bench import growth, machine, peers, stability, trade, trials
+from tomotactile_ros.bench import growth, machine, peers, stability
+from tomotactile_ros.bench.cases import (
+    DEFAULT_LAYOUT,
+    Case,
+    find_layout,
+    full_cases,
+    is_default,
+    left_out,
+    quick_cases,
+)
+from tomotactile_ros.bench.store import Store
+from tomotactile_ros.bench.trade import FULL, QUICK, Trade
 from tomotactile_ros.progress import Progress
 from tomotactile_ros.reconstruction import Pipeline
 
-FORMAT = "tomotactile-bench/1"
+FORMAT = "tomotactile-bench/2"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
+Tick = Callable[[float], None]
+_TRADE = "trade"
 
 
-def measure(mode: str) -> dict:
-    """Everything of `quick` or `full` mode as plain data, see docs/benchmarks.md."""
-    quick = mode == "quick"
-    start = time.perf_counter()
-    cases = trade.quick_cases() if quick else trade.full_cases()
-    size = trials.QUICK if quick else trials.FULL
-    sizes = QUICK_GROWTH if quick else (growth.ELECTRODES, growth.RESOLUTIONS)
-    thinned = 3 if quick else 1
-    total = len(cases) + 1 + stability.count(thinned) + sum(map(len, sizes))
+@dataclass(frozen=True)
+class Part:
+    """`measure` does about `work` s of work and calls what it is given after some of it."""
+
+    name: str
+    work: float
+    measure: Callable[[Tick], Any]
+
+
+def measure(mode: str, store: Store) -> dict:
+    """Everything of `quick` or `full` mode as plain data, see docs/benchmarks.md; `store` keeps every part."""
+    todo = parts(mode)
+    left = [part for part in todo if part.name not in store.parts]
+    total = max(round(sum(part.work for part in left)), 1)
     with Progress(f"{mode} benchmark", total) as progress:
-        done = iter(range(1, total + 1))
-
-        def tick(note=""):
-            progress.update(next(done), note)
-
-        rows, frames = _trade(cases, size, 0.2 if quick else 2.0, tick)
-        compared = peers.compare(frames)
-        tick()
-        grown = growth.measure(*sizes, tick)
-        stable = list(stability.run(thinned, tick))
+        before = 0.0
+        for part in left:
+            start = time.perf_counter()
+            found = part.measure(_ticker(progress, before, part.work))
+            before += part.work
+            seconds = time.perf_counter() - start
+            store.add(part.name, {"found": found, "seconds": seconds, "peak_memory": _peak()})
+    kept = {part.name: store.parts[part.name] for part in todo}
+    rows = [row for name, part in kept.items() if name.startswith(_TRADE) for row in part["found"]]
     return {
         "format": FORMAT,
         "mode": mode,
         "machine": machine.describe(),
-        "seconds": time.perf_counter() - start,
-        "peak_memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "seconds": sum(part["seconds"] for part in kept.values()),
+        "peak_memory": max(part["peak_memory"] for part in kept.values()),
         "trade": rows,
+        "left_out": left_out(full_cases()) if mode == "full" else [],
         "auto": auto_choices(rows),
-        "peers": compared,
-        "growth": grown,
-        "stability": stable,
+        **{name: kept[name]["found"] for name in ("peers", "growth", "stability")},
     }
 
 
-def _trade(cases, size, seconds, tick):
-    """Rows of all cases, and the trials of the default layout."""
-    rows, made, default = [], None, None
-    for case in cases:
-        if made is None or made.layout.name != case.layout:
-            made = trials.make_trials(trade.find_layout(case.layout), size)
-        if case.layout == trade.DEFAULT_LAYOUT:
-            default = made
-        rows.append(trade.measure(case, made, seconds))
-        tick(f"{case.layout}, {case.profile}")
-    return rows, default
+def parts(mode: str) -> list[Part]:
+    """What is measured, in this order. Each part of the trade is measured in turn."""
+    quick = mode == "quick"
+    trade = Trade(QUICK if quick else FULL)
+    cases = quick_cases() if quick else full_cases()
+    sizes = QUICK_GROWTH if quick else (growth.ELECTRODES, growth.RESOLUTIONS)
+    thinned = 3 if quick else 1
+    groups = [cases] if quick else _groups(cases)
+    return [
+        *_trade_parts(trade, groups),
+        Part("peers", 15, lambda tick: peers.compare(trade.trials(DEFAULT_LAYOUT))),
+        Part("growth", growth.work(*sizes), lambda tick: growth.measure(*sizes, tick)),
+        Part(
+            "stability",
+            0.3 * stability.count(thinned),
+            lambda tick: list(stability.run(thinned, lambda: tick(0.3))),
+        ),
+    ]
+
+
+def _groups(cases):
+    """Cases of one layout and resolution each."""
+    return [list(group) for _, group in groupby(cases, lambda case: (case.layout, case.resolution))]
+
+
+def _trade_parts(trade, groups):
+    known = set()
+    for cases in groups:
+        new = {case.layout for case in cases} - known
+        known |= new
+        yield Part(
+            f"{_TRADE} {cases[0].layout} {cases[0].resolution}²",
+            trade.work(cases, new),
+            partial(trade.measure, cases),
+        )
+
+
+def _ticker(progress, before, most):
+    """Adds up work, s, but no more than `most`, to what was done `before`."""
+    done = 0.0
+
+    def tick(work):
+        nonlocal done
+        done = min(done + work, most)
+        progress.update(round(before + done))
+
+    return tick
+
+
+def _peak():
+    """Bytes."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def auto_choices(rows: list[dict]) -> list[dict]:
@@ -68,20 +129,15 @@ def auto_choices(rows: list[dict]) -> list[dict]:
 
     Deadlines (s) lie between the measured times of the profiles, where a busy machine does not decide.
     """
-    default = {row["profile"]: row for row in rows if trade.is_default(row)}
-    layout = trade.find_layout(trade.DEFAULT_LAYOUT)
+    default = {row["profile"]: row for row in rows if is_default(row)}
+    layout = find_layout(DEFAULT_LAYOUT)
     times = np.sort([row["frame"]["median"] for row in default.values()])
     out = []
     for deadline in [times[0] / 3, *np.sqrt(times[1:] * times[:-1]), 3 * times[-1]]:
         in_time = [p for p, row in default.items() if row["frame"]["median"] <= deadline]
         fastest = min(default, key=lambda p: default[p]["frame"]["median"])
         best = min(in_time, key=lambda p: default[p]["contact_error"]["mean"], default=fastest)
-        settings = replace(trade.settings_of(trade.Case("", "auto", 40, None)), deadline=deadline)
-        out.append(
-            {
-                "deadline": float(deadline),
-                "auto": Pipeline(layout, settings).profile,
-                "measured": best,
-            }
-        )
+        settings = replace(Case(DEFAULT_LAYOUT, "auto").settings, deadline=float(deadline))
+        chosen = Pipeline(layout, settings).profile
+        out.append({"deadline": float(deadline), "auto": chosen, "measured": best})
     return out

@@ -1,61 +1,91 @@
-"""Times and memory: medians with their spread, many things measured in turn so that a busy machine
-disturbs all of them alike."""
+"""Times and memory. Things to compare are measured in turn, in many short rounds, so that a machine that
+slows down or is busy for a while disturbs all of them alike."""
 
 from __future__ import annotations
 
 import gc
 import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 Call = Callable[[], Any]
-_PATIENCE = 10.0  # s
 
 
-def summary(seconds: Sequence[float]) -> dict[str, float]:
+def in_turn(
+    calls: dict[str, Call],
+    *,
+    block: int = 5,
+    least: int = 8,
+    seconds: float = 1.0,
+    uncertainty: float = 0.01,
+    warm: bool = True,
+) -> dict[str, np.ndarray]:
+    """Seconds (rounds, block) of every call, `block` in a row of each in every round.
+
+    Parameters
+    ----------
+    least : rounds at least; then until every median is known to `uncertainty` of itself, relative to that
+        of the first of `calls`, or until `seconds` are over
+    warm : a call before each block does not count: it finds the caches full of what others left
+    """
+    out: dict[str, list[list[float]]] = {name: [] for name in calls}
+    with _no_collection():
+        begin = time.perf_counter()
+        while True:
+            for name, call in calls.items():
+                if warm:
+                    call()
+                out[name].append([_seconds(call) for _ in range(block)])
+            elapsed = time.perf_counter() - begin
+            if len(out[name]) >= least and (elapsed >= seconds or _known(out, uncertainty)):
+                return {name: np.array(times) for name, times in out.items()}
+
+
+def _seconds(call):
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def _known(times, uncertainty):
+    first, *others = map(np.array, times.values())
+    ratios = [ratio(other, first) for other in others]
+    return all(_median_error(each) < uncertainty * each["median"] for each in ratios)
+
+
+def _median_error(found):
+    """Standard error of the median of normally distributed values with these quartiles."""
+    return 0.93 * (found["high"] - found["low"]) / np.sqrt(found["rounds"])
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Python collects no garbage meanwhile."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def summary(times: np.ndarray) -> dict[str, float]:
     """Median, 99th percentile and interquartile range of durations, s."""
-    low, median, high, p99 = np.percentile(seconds, [25, 50, 75, 99])
-    return {"median": median, "p99": p99, "spread": high - low, "samples": len(seconds)}
+    low, median, high, p99 = np.percentile(times, [25, 50, 75, 99])
+    return {"median": median, "p99": p99, "spread": high - low, "samples": times.size}
 
 
-def durations(calls: Sequence[Call], least: int, seconds: float) -> list[float]:
-    """Seconds that each call took; `calls` in turn, `least` times and then until `seconds` are over.
-
-    Fewer than `least`, but a fifth of it, where calls are so slow that it would take `_PATIENCE`.
-    """
-    out: list[float] = []
-    begin = time.perf_counter()
-    while True:
-        elapsed = time.perf_counter() - begin
-        enough = least if elapsed < _PATIENCE else least // 5
-        if len(out) >= enough and elapsed >= seconds:
-            return out
-        call = calls[len(out) % len(calls)]
-        start = time.perf_counter()
-        call()
-        out.append(time.perf_counter() - start)
-
-
-def in_turn(calls: dict[str, Call], rounds: int, block: int = 5) -> dict[str, list[float]]:
-    """Seconds of every call, the median of `block` in a row, in `rounds` rounds of all of them.
-
-    A first call before each block does not count: it finds the caches full of what others left.
-    """
-    out: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(rounds):
-        for name, call in calls.items():
-            call()
-            out[name].append(float(np.median(durations([call] * block, block, 0.0))))
-    return out
-
-
-def ratio(numerator: Sequence[float], denominator: Sequence[float]) -> dict[str, float]:
-    """Ratio of two durations measured in turn: median and quartiles over the rounds."""
-    low, median, high = np.percentile(np.divide(numerator, denominator), [25, 50, 75])
-    return {"median": median, "low": low, "high": high}
+def ratio(numerator: np.ndarray, denominator: np.ndarray) -> dict[str, float]:
+    """Ratio of durations (rounds, block) that were measured in turn: median and quartiles over the rounds."""
+    each = np.median(numerator, axis=1) / np.median(denominator, axis=1)
+    low, median, high = np.percentile(each, [25, 50, 75])
+    return {"median": median, "low": low, "high": high, "rounds": len(each)}
 
 
 def timed(make: Call) -> tuple[Any, float]:

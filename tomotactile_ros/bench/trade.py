@@ -2,108 +2,190 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from itertools import product
+from functools import partial
+from itertools import cycle
 
 import numpy as np
 
 from tomotactile_ros.bench import accuracy, timing
-from tomotactile_ros.bench.conditions import spread_conditions
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, Trials
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid, load_layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.yamlio import config_folders
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, Case, find_layout, grounded
+from tomotactile_ros.bench.trials import DRIVE, Size, Trials, make_trials
+from tomotactile_ros.reconstruction import Pipeline
 
-PROFILES = ("fast", "balanced", "accurate")
-RESOLUTIONS = (20, 40, 80)
-CONDITIONS = (None, 32, 16, 8)
-FAMILIES = ("equal", "optimized", "free")
-ELECTRODES = (4, 8, 16)
-DEFAULT_LAYOUT = "equal-8x8"
-_SIDE, _SHEET = 0.2, 10000.0  # m, ohm/sq of a grid that is not installed
-_FRAMES = 100  # timed at least
+REFERENCE = Case(DEFAULT_LAYOUT)
+_FRAME = {"fast": 2e-3, "balanced": 6e-3, "accurate": 2.5e-2}  # s with 40 x 40 pixels, roughly
+_WORTH = 0.02  # least gain in accuracy for which a slower choice is on the front
+_SIMULATION = 4.0  # s for the frames of a layout, roughly
+_OTHER = 0.5  # s for the rest of a case, roughly
 
 
 @dataclass(frozen=True)
-class Case:
-    """One row. `conditions` None: all electrodes are grounded in turn."""
+class Effort:
+    """How much is measured: contacts of a row, and of a slow one; frames in a row, rounds at least, and s for
+    the times that are taken in turn."""
 
-    layout: str
-    profile: str
-    resolution: int
-    conditions: int | None
-
-
-def quick_cases() -> list[Case]:
-    """Each profile, resolution and layout but the largest, and 16 conditions; all else at its default."""
-    base = (DEFAULT_LAYOUT, "fast", 40, None)
-    out = [Case(DEFAULT_LAYOUT, profile, 40, None) for profile in PROFILES]
-    out += [Case(*base[:2], resolution, None) for resolution in RESOLUTIONS if resolution != 40]
-    out.append(Case(*base[:3], 16))
-    out += [Case(name, *base[1:]) for name in layout_names((4, 8)) if name != base[0]]
-    return out
+    size: Size
+    few: Size
+    block: int
+    rounds: int
+    seconds: float
 
 
-def full_cases() -> list[Case]:
-    """Everything with everything; conditions only where there are more electrodes."""
-    return [
-        Case(name, profile, resolution, conditions)
-        for name, profile, resolution, conditions in product(
-            layout_names(ELECTRODES), PROFILES, RESOLUTIONS, CONDITIONS
+QUICK = Effort(Size(5, 6), Size(5, 6), block=5, rounds=20, seconds=8.0)
+FULL = Effort(Size(6, 8), Size(5, 5), block=3, rounds=7, seconds=3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A case that is ready to be measured."""
+
+    case: Case
+    pipeline: Pipeline
+    grounded: np.ndarray
+    trials: Trials
+
+    def work(self) -> Callable[[], object]:
+        """A function that reconstructs one recorded frame after the other."""
+        frames = np.concatenate([self.trials.singles.frames, self.trials.pairs.frames])
+        frames = cycle(frames[:, self.grounded])
+        return lambda: self.pipeline.process(next(frames), self.grounded, DRIVE)
+
+
+class Trade:
+    """Measures cases with some `effort`; keeps the recorded frames of every layout, and the reference."""
+
+    def __init__(self, effort: Effort):
+        self.effort = effort
+        self._trials: dict[str, Trials] = {}
+        self._reference: Subject | None = None
+
+    def trials(self, name: str) -> Trials:
+        """Recorded frames of a layout."""
+        if name not in self._trials:
+            self._trials[name] = make_trials(find_layout(name), self.effort.size)
+        return self._trials[name]
+
+    def measure(self, cases: list[Case], tick: Callable[[float], None]) -> list[dict]:
+        """Rows of `cases`; `tick` is told of work, s, that is done. Times in s, memory in bytes, lengths in m.
+
+        setup     median, and how many times that of the reference (`fast`, 40 x 40 pixels, all ground
+                  conditions, `equal-8x8`), measured in turn; the same for all profiles and ground conditions
+        frame     median and more, and how many times that of the reference
+        memory    of the pipeline after a frame with all ground conditions
+        contacts  how many single ones and pairs were measured
+        """
+        for case in cases:
+            if case.layout not in self._trials:
+                self.trials(case.layout)
+                tick(_SIMULATION)
+            grounded(case)
+        if self._reference is None:
+            self._reference = self._subject(REFERENCE, {})
+        pipelines: dict = {(REFERENCE.layout, REFERENCE.resolution): self._reference.pipeline}
+        subjects = [self._subject(case, pipelines) for case in cases]
+        rows = []
+        for subject in subjects:
+            merit = accuracy.measure(subject.pipeline, subject.trials, subject.grounded)
+            trials = subject.trials
+            rows.append(merit | {"contacts": [len(trials.singles), len(trials.pairs)]})
+            tick(self._work(subject.case))
+        setups = self._setups(cases)
+        tick(self.effort.seconds)
+        frames = self._frames(subjects)
+        tick(self.effort.seconds)
+        memories = {
+            key: self._memory(Case(*key)) for key in dict.fromkeys(map(_same_memory, cases))
+        }
+        return [
+            asdict(case)
+            | {
+                "setup": setups[case.layout, case.resolution],
+                "frame": frame,
+                "memory": memories[_same_memory(case)],
+            }
+            | row
+            for case, frame, row in zip(cases, frames, rows, strict=True)
+        ]
+
+    def work(self, cases: list[Case], new: set[str]) -> float:
+        """About how long `measure` takes, s; `new`: layouts that no earlier cases had."""
+        simulation = _SIMULATION * len(new)
+        choice = sum(map(_choice, new & {case.layout for case in cases if case.conditions}))
+        return simulation + choice + sum(map(self._work, cases)) + 3 * self.effort.seconds
+
+    def _work(self, case):
+        size = self.effort.few if case.is_slow else self.effort.size
+        frames = 2 * size.side**2 + 9 * size.pairs + 12
+        return _OTHER + frames * _FRAME[case.profile] * (case.resolution / 40) ** 1.5
+
+    def _subject(self, case, pipelines):
+        """`pipelines` by layout and resolution lend what they have in common."""
+        key = case.layout, case.resolution
+        if key not in pipelines:
+            pipelines[key] = Pipeline(find_layout(case.layout), case.settings)
+        trials = self.trials(case.layout)
+        return Subject(
+            case,
+            pipelines[key].with_settings(case.settings),
+            grounded(case),
+            trials.few(self.effort.few) if case.is_slow else trials,
         )
-        if conditions is None or conditions < find_layout(name).electrodes
-    ]
+
+    def _setups(self, cases):
+        """By layout and resolution."""
+        kinds = dict.fromkeys((case.layout, case.resolution) for case in [REFERENCE, *cases])
+        calls = {
+            (layout, cells): partial(
+                Pipeline, find_layout(layout), Case(layout, resolution=cells).settings
+            )
+            for layout, cells in kinds
+        }
+        seconds = self.effort.seconds / 2
+        return _compared(timing.in_turn(calls, block=1, least=3, seconds=seconds, warm=False))
+
+    def _frames(self, subjects):
+        """For each of `subjects`."""
+        calls = {None: self._reference.work()}
+        calls |= {i: subject.work() for i, subject in enumerate(subjects)}
+        block, least, seconds = self.effort.block, self.effort.rounds, self.effort.seconds
+        found = _compared(timing.in_turn(calls, block=block, least=least, seconds=seconds))
+        return [found[i] for i in range(len(subjects))]
+
+    def _memory(self, case):
+        everything, frame = grounded(case), self.trials(case.layout).singles.frames[0]
+
+        def make():
+            pipeline = Pipeline(find_layout(case.layout), case.settings)
+            pipeline.process(frame, everything, DRIVE)
+            return pipeline
+
+        return timing.memory(make)
 
 
-def layout_names(counts) -> list[str]:
-    """Equal grids, and the optimised layouts that are installed, of n x n electrodes for n in `counts`."""
-    installed = {
-        path.stem for folder in config_folders("layouts") for path in folder.glob("*.yaml")
+def _compared(times):
+    """Summaries of times in turn, with `relative` to the first."""
+    first = next(iter(times.values()))
+    return {
+        name: timing.summary(each) | {"relative": timing.ratio(each, first)}
+        for name, each in times.items()
     }
-    wanted = [(family, f"{family}-{n}x{n}") for n in counts for family in FAMILIES]
-    return [name for family, name in wanted if family == "equal" or name in installed]
 
 
-def find_layout(name: str) -> Layout:
-    """An installed layout, or the equal grid of that name."""
-    try:
-        return load_layout(name)
-    except InputError:
-        family, _, size = name.partition("-")
-        if family != "equal":
-            raise
-        rows, columns = (int(n) for n in size.split("x"))
-        return equal_grid(rows, columns, (_SIDE, _SIDE), 0.1 * _SIDE / rows, _SHEET, name=name)
+def _choice(name):
+    """Time to choose the ground conditions of a layout, s, roughly."""
+    return 60 * (find_layout(name).electrodes / 256) ** 2
 
 
-def settings_of(case: Case) -> Settings:
-    return Settings(profile=case.profile, resolution=case.resolution, noise=NOISE, contact_law=LAW)
-
-
-def measure(case: Case, trials: Trials, seconds: float) -> dict:
-    """Figures of one row; times in s, memory in bytes, lengths in m."""
-    layout, settings = trials.layout, settings_of(case)
-    conditions = spread_conditions(layout, case.conditions)
-    pipeline, setup = timing.timed(lambda: Pipeline(layout, settings))
-    merit = accuracy.measure(pipeline, trials, conditions)
-    frames = np.concatenate([trials.singles.frames, trials.pairs.frames])[:, conditions]
-    calls = [lambda frame=frame: pipeline.process(frame, conditions, DRIVE) for frame in frames]
-    per_frame = timing.summary(timing.durations(calls, _FRAMES, seconds))
-    held = timing.memory(lambda: Pipeline(layout, settings))
-    return asdict(case) | {"setup": setup, "frame": per_frame, "memory": held} | merit
-
-
-def is_default(row: dict) -> bool:
-    """Whether a row belongs to the profiles at their defaults."""
-    return (row["layout"], row["resolution"], row["conditions"]) == (DEFAULT_LAYOUT, 40, None)
+def _same_memory(case):
+    return case.layout, case.profile, case.resolution
 
 
 def front(rows: list[dict]) -> Iterator[dict]:
-    """Rows of which none is both faster and more accurate (mean error of a contact's place)."""
+    """Rows that are more accurate (mean error of a contact's place) than all faster ones, by what is worth it."""
     best = np.inf
     for row in sorted(rows, key=lambda row: row["frame"]["median"]):
-        if row["contact_error"]["mean"] < best:
+        if row["contact_error"]["mean"] < (1 - _WORTH) * best:
             best = row["contact_error"]["mean"]
             yield row

@@ -35,9 +35,6 @@ class Size:
     pairs: int
 
 
-QUICK, FULL = Size(5, 6), Size(8, 10)
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Frames (N, E, E), V, and for each the true positions (n, 2), m, and forces (n,), N."""
@@ -45,6 +42,18 @@ class Recording:
     frames: np.ndarray
     positions: list[np.ndarray]
     forces: list[np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def part(self, chosen) -> Recording:
+        """The frames with the numbers `chosen`."""
+        chosen = np.arange(len(self))[chosen]
+        return Recording(
+            self.frames[chosen],
+            [self.positions[i] for i in chosen],
+            [self.forces[i] for i in chosen],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +73,18 @@ class Trials:
     repeats: Recording
     separations: np.ndarray
 
+    def few(self, size: Size) -> Trials:
+        """A part of these: at most so many places, evenly chosen, and pairs for each separation."""
+        count = len(self.singles)
+        places = np.unique(np.linspace(0, count - 1, min(size.side**2, count)).astype(int))
+        numbers = np.arange(len(self.pairs)).reshape(len(self.separations), -1)[:, : size.pairs]
+        return replace(
+            self,
+            singles=self.singles.part(places),
+            defective=self.defective.part(places),
+            pairs=self.pairs.part(numbers.ravel()),
+        )
+
 
 def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     """Simulate all frames of `layout`."""
@@ -74,14 +95,14 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     repeats = [places[len(places) // 3][None]] * _REPEATS
     singles = [place[None] for place in places]
     clean = record(layout, make_scene(layout), [*singles, *pairs, *repeats])
-    cuts = np.cumsum([len(singles), len(pairs)])
+    first, second = len(singles), len(singles) + len(pairs)
     return Trials(
         layout,
-        _part(clean, 0, cuts[0]),
-        record(layout, _defective(layout), singles),
-        _part(clean, cuts[0], cuts[1]),
-        _part(clean, cuts[1], None),
-        separations,
+        singles=clean.part(slice(first)),
+        defective=record(layout, _defective(layout), singles),
+        pairs=clean.part(slice(first, second)),
+        repeats=clean.part(slice(second, None)),
+        separations=separations,
     )
 
 
@@ -102,14 +123,6 @@ def record(
     frames = np.stack([simulator.frame(i + 0.5, i) for i in range(len(places))])
     force = pressure * np.pi * radius**2
     return Recording(frames, list(places), [np.full(len(points), force) for points in places])
-
-
-def _part(recording, start, stop):
-    return Recording(
-        recording.frames[start:stop],
-        recording.positions[start:stop],
-        recording.forces[start:stop],
-    )
 
 
 def make_scene(layout: Layout) -> Scene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 from tomotactile_ros.errors import InputError
@@ -14,33 +15,28 @@ def add_arguments(parser):
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--quick", action="store_true", help="a representative part (the default)")
     mode.add_argument("--full", action="store_true", help="everything with everything")
+    mode.add_argument("--from", dest="source", help="take this result instead of measuring")
+    mode.add_argument(
+        "--compare", nargs=2, metavar=("A", "B"), help="are the ratios in two results the same?"
+    )
     parser.add_argument("--out", default="out/bench.json", help="file to write, plots beside it")
     parser.add_argument("--readme", help="document whose measured figures are rewritten")
-    parser.add_argument("--from", dest="source", help="take this result instead of measuring")
 
 
 def run(args):
-    from tomotactile_ros.bench import plots, readme, report
-    from tomotactile_ros.bench.machine import use_one_thread
-    from tomotactile_ros.bench.run import measure
-    from tomotactile_ros.yamlio import plain, write_atomic
+    """0; 1 where two results differ."""
+    if args.compare:
+        return _compare(*map(load, args.compare))
+    from tomotactile_ros.bench import readme, report
 
-    if args.source:
-        result = load(args.source)
-    else:
-        use_one_thread()
-        out = Path(args.out)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        result = plain(measure("full" if args.full else "quick"))
-        write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
-        plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
-        plots.save_growth(out.with_name(f"{out.stem}-growth.png"), result)
+    result = load(args.source) if args.source else _measure(args)
     print("\n".join(report.lines(result)))
     if not args.source:
-        print(f"\n{out}, with {out.stem}-front.png and {out.stem}-growth.png beside it")
+        print(f"\n{args.out}, with plots of the front and of growth beside it")
     if args.readme:
         readme.rewrite(args.readme, result)
         print(f"{args.readme}: figures rewritten")
+    return 0
 
 
 def load(path):
@@ -54,3 +50,40 @@ def load(path):
     if not isinstance(result, dict) or result.get("format") != FORMAT:
         raise InputError(f"{path}: not a result of `tomotactile bench` ({FORMAT})")
     return result
+
+
+def _measure(args):
+    from tomotactile_ros.bench import plots
+    from tomotactile_ros.bench.machine import use_one_thread
+    from tomotactile_ros.bench.run import measure, parts
+    from tomotactile_ros.bench.store import Store
+    from tomotactile_ros.yamlio import plain, write_atomic
+
+    use_one_thread()
+    mode = "full" if args.full else "quick"
+    out = Path(args.out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    store = Store(out.with_suffix(".part.json"), mode)
+    if store.parts:
+        print(f"{store.path}: goes on after {len(store.parts)} parts", file=sys.stderr)
+    try:
+        result = plain(measure(mode, store))
+    except KeyboardInterrupt:
+        print(
+            f"{store.path}: keeps {len(store.parts)} of {len(parts(mode))} parts; "
+            "the same command goes on from there",
+            file=sys.stderr,
+        )
+        raise
+    write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
+    plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
+    plots.save_growth(out.with_name(f"{out.stem}-growth.png"), result)
+    store.remove()
+    return result
+
+
+def _compare(one, other):
+    from tomotactile_ros.bench import compare
+
+    print("\n".join(compare.lines(one, other)))
+    return 0 if compare.agree(one, other) else 1

@@ -1,0 +1,71 @@
+"""Two results side by side: are their ratios the same?
+
+Milliseconds follow the machine's mood; ratios of times that were measured in turn do not. Accuracy has fixed
+seeds and must be the same to the last digit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.cases import Case
+
+MOST = 0.1  # by which ratios may differ
+_MEASURED = ("setup", "frame", "memory")  # all else in a row of the trade is accuracy
+_CHOICE = ("layout", "profile", "resolution", "conditions")
+
+
+def lines(one: dict, other: dict) -> Iterator[str]:
+    """The ratios of both, and how far they are apart."""
+    found = ratios(one), ratios(other)
+    rows = [
+        (name, f"{a:.3g}", f"{b:.3g}", f"{100 * (b / a - 1):+.1f} %")
+        for name, a, b in _common(*found)
+    ]
+    yield from tables.text(("ratio", "first", "second", "change"), rows)
+    apart = {name: abs(b / a - 1) for name, a, b in _common(*found)}
+    name = max(apart, key=apart.get)
+    yield (
+        f"{sum(each <= MOST for each in apart.values())} of {len(apart)} ratios are the same within "
+        f"{100 * MOST:g} %; most apart: {name}, {100 * apart[name]:.1f} %"
+    )
+    changed = list(different_accuracy(one, other))
+    yield (
+        f"accuracy: {len(changed)} rows differ" if changed else "accuracy: every figure is the same"
+    )
+    yield from changed
+
+
+def agree(one: dict, other: dict) -> bool:
+    """Whether all ratios are the same within `MOST`, and accuracy exactly."""
+    common = _common(ratios(one), ratios(other))
+    same = all(abs(b / a - 1) <= MOST for _, a, b in common)
+    return same and not any(different_accuracy(one, other))
+
+
+def ratios(result: dict) -> dict[str, float]:
+    """All ratios of times in a result, by name."""
+    out = {}
+    for row in result["trade"]:
+        out[f"frame, {_name(row)}"] = row["frame"]["relative"]["median"]
+        out[f"set-up, {row['layout']}, {row['resolution']}²"] = row["setup"]["relative"]["median"]
+    return out | {name: found["median"] for name, found in result["peers"]["ratios"].items()}
+
+
+def different_accuracy(one: dict, other: dict) -> Iterator[str]:
+    """A line for each row of the trade whose accuracy is not the same."""
+    rows = {_name(row): row for row in other["trade"]}
+    for row in one["trade"]:
+        twin = rows.get(_name(row), row)
+        keys = [key for key in row if key not in _MEASURED and row[key] != twin.get(key)]
+        if keys:
+            yield f"{_name(row)}: {', '.join(keys)}"
+
+
+def _common(one, other):
+    return [(name, one[name], other[name]) for name in one if name in other]
+
+
+def _name(row):
+    return str(Case(*(row[key] for key in _CHOICE)))
