@@ -58,11 +58,9 @@ class FemSheet:
         cotangents, angles = corner_angles(mesh.points, mesh.triangles)
         ends, conductance = links(mesh.triangles, cotangents, 1 / self._resistance)
         self.stiffness = stiffness(self.unknown[ends], conductance, len(self.where))
-        free = np.arange(1, self.stiffness.shape[0])  # unknown 0 is held at 0 V
-        axis = int(np.argmax(layout.outline.size[::-1]) == 0)
-        along = self.where[free, axis]
+        along = self.where[1:, np.argmax(layout.outline.size)]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
-        self._factor = LevelFactor(self.stiffness[free][:, free], start)
+        self._factor = LevelFactor(self.stiffness[1:, 1:], start)  # unknown 0 is held at 0 V
         self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
         self._kept_green = np.empty((0, 0))
         self._radius = self._node_radius(ends, conductance, angles)

@@ -18,7 +18,7 @@ from tomotactile_ros.sheet.placement import LocalSize, place_nodes
 
 # Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which spares
 # Qhull more than half of its time; the triangles then join the nodes where they are.
-_JOGGLE = "Qbb QJ1e-9"
+_JOGGLE = "QJ1e-9"
 
 
 @dataclass(frozen=True, eq=False)

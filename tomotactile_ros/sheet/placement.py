@@ -88,11 +88,13 @@ def _rings(layout, size):
         spacing = radius * size.step
         growing = (radius < half_way - spacing / 3) & (finest or spacing < size.h)
     points = np.concatenate(points)
-    apart = size.tree.query(points)[0]
-    to_rim = layout.outline.rim_distance(points)
-    on_rim = to_rim < 1e-9 * max(layout.outline.size)
-    clear = (to_rim > _CROWDED * size.at(apart)) | (apart < size.radius * (1 + 1e-9))
-    return points[on_rim | clear & layout.outline.contains(points)], last
+    apart, owner = size.tree.query(points)
+    to_rim = layout.outline.rim_distance(size.positions)[owner] - apart  # at least
+    doubtful = np.flatnonzero(to_rim < size.h)
+    to_rim[doubtful] = layout.outline.rim_distance(points[doubtful])
+    kept = (to_rim > _CROWDED * size.at(apart)) | (apart < size.radius * (1 + 1e-9))
+    kept[doubtful] &= layout.outline.contains(points[doubtful])
+    return points[kept | (to_rim < 1e-9 * max(layout.outline.size))], last
 
 
 def _background(layout, size, last):
@@ -115,14 +117,15 @@ def _thin(groups, size):
     rank = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     local = size(points)
     pairs = cKDTree(points).query_pairs(_CROWDED * size.h, output_type="ndarray")
-    distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    limit = np.where(
-        rank[pairs].max(axis=1) == rank[pairs].min(axis=1), 0.5 * _CROWDED, _CROWDED
-    ) * local[pairs].min(axis=1)
-    limit = np.where((rank[pairs] == 0).all(axis=1), 1e-6 * limit, limit)
-    close = pairs[distance < limit]
+    first, second = np.sort(pairs, axis=1).T
+    limit = _CROWDED * np.minimum(local[first], local[second])
+    limit[rank[first] == rank[second]] /= 2
+    limit[rank[second] == 0] *= 1e-6  # points come in the order of their ranks
+    x, y = (points[first] - points[second]).T
+    close = np.flatnonzero(np.hypot(x, y) < limit)
+    close = close[np.lexsort((second[close], first[close]))]
     gone = np.zeros(len(points), bool)
-    for first, second in close[np.lexsort((close[:, 1], close[:, 0]))]:
-        if not gone[first]:
-            gone[second] = True
+    for one, other in zip(first[close], second[close]):
+        if not gone[one]:
+            gone[other] = True
     return points[~gone]

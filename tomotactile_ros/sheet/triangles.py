@@ -12,10 +12,10 @@ from scipy import sparse
 
 def corner_angles(points, triangles) -> tuple[np.ndarray, np.ndarray]:
     """Cotangents and angles (T, 3) at the corners of each triangle."""
-    p = points[triangles]
-    u, v = p[:, [1, 2, 0]] - p, p[:, [2, 0, 1]] - p
-    along = u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1]
-    across = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    x, y = points[triangles, 0], points[triangles, 1]
+    ux, uy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
+    vx, vy = x[:, [2, 0, 1]] - x, y[:, [2, 0, 1]] - y
+    along, across = ux * vx + uy * vy, ux * vy - uy * vx
     return along / across, np.arctan2(across, along)
 
 
