@@ -14,9 +14,10 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
-from tomotactile_ros.optimizer.free import Effort, free
+from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.optimizer.search import Effort
 from tomotactile_ros.optimizer.sharpness import by_images
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.region import Region, regular_polygon
@@ -26,10 +27,12 @@ SHORT = Effort(starts=2, rounds=2, descents=3, generations=2)
 
 
 @pytest.mark.parametrize("size, move", [((0.2, 0.2), 0), ((0.25, 0.2), 0), ((0.2, 0.2), 0.004)])
-def test_gradient_through_symmetries_and_green_function(size, move):
-    """The noise gain is smooth: its gradient must be that of differences, along every parameter."""
+@pytest.mark.parametrize("noise_gain, scenes", [(1.0, None), (1e9, 1.0)])
+def test_gradient_through_symmetries_and_green_function(size, move, noise_gain, scenes):
+    """Noise gain and scenes are smooth: their gradient must be that of differences, along every
+    parameter."""
     reference = equal_grid(3, 4, size, 0.003, 1e4, margin=0.02)
-    aims = Aims(central=(1e9, 1e9, 1e9), other=(1e9, 1e9, 1e9), noise_gain=1.0)
+    aims = Aims((1e9, 1e9, 1e9), (1e9, 1e9, 1e9), noise_gain, scenes)
     objective = Objective(reference, (200.0, 50.0), aims, resolution=14)
     positions = reference.positions * 0.93 + [move, move / 2]
     orbits = find_orbits(positions, shared_group(reference.outline, positions))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import RESOLUTION
 from tomotactile_ros.layout import load_layout
-from tomotactile_ros.optimizer.free import DEFAULT_AIMS
 from tomotactile_ros.optimizer.grounding import scans
-from tomotactile_ros.optimizer.objective import Aims
+from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
 from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished
 from tomotactile_ros.progress import Progress, track
@@ -35,6 +35,8 @@ _RECORDED = (  # options that decide what comes out
     "keep_out",
     "asymmetric",
     "aims",
+    "scenes",
+    "starts",
     "seed",
 )
 
@@ -89,6 +91,14 @@ def add_arguments(parser):
         help="of free, relative to the start: mean HWHM, worst tenth, mean position error, "
         "and position error at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.0)",
     )
+    parser.add_argument(
+        "--scenes",
+        type=float,
+        metavar="AIM",
+        help="of free: count the blur of scenes with two and with wide contacts too, with this "
+        "aim relative to the start, for instance 0.9",
+    )
+    parser.add_argument("--starts", type=int, help="of free: layouts to start from (default: 8)")
     parser.add_argument("--seed", type=int, default=0, help="of the free search")
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes of the free search"
@@ -117,7 +127,8 @@ def run(args):
         margin=args.margin,
         keep_out=tuple(map(tuple, args.keep_out)),
         symmetric=not args.asymmetric,
-        aims=_aims(args.aims),
+        aims=_aims(args.aims, args.scenes),
+        starts=args.starts,
         seed=args.seed,
         resolution=args.resolution,
     )
@@ -164,13 +175,16 @@ def _command(args):
     return " ".join(words)
 
 
-def _aims(numbers):
+def _aims(numbers, scenes):
+    if scenes is not None:
+        checks.positive(scenes, "--scenes", "number")
+    aims = replace(DEFAULT_AIMS, scenes=scenes)
     if numbers is None:
-        return DEFAULT_AIMS
+        return aims
     for number in numbers:
         checks.positive(number, "--aims", "number")
     *central, other = numbers
-    return Aims(central=tuple(central), other=(*DEFAULT_AIMS.other[:2], other))
+    return replace(aims, central=tuple(central), other=(*aims.other[:2], other))
 
 
 def _check_writable(out):
@@ -226,8 +240,6 @@ def _run_grounding(args, layout):
 
 def finished_grounding(layout, name, found):
     """The layout with the conditions to scan in its provenance."""
-    from dataclasses import replace
-
     return replace(
         layout,
         name=name,

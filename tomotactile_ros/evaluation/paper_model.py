@@ -52,22 +52,30 @@ def paper_transfer(
             f"electrodes of {1e3 * layout.radius:g} mm, at most half of that works; "
             "use model closed_form"
         )
-    size = layout.outline.size
-    points = np.asarray(points, float)
-    self_term = green_self(points, size, radius)
-    return transfer_of(layout.positions, layout.radius, size, points, self_term, symmetry)
+    contacts = Contacts(np.asarray(points, float), layout.outline.size, radius)
+    return contacts.transfer(layout.positions, layout.radius, symmetry)
 
 
-def transfer_of(positions, electrode_radius, size, points, point_self, symmetry=None) -> Transfer:
-    """`Transfer` for electrodes at `positions` (E, 2), with the points' self terms (K,) given."""
-    kinds = np.arange(len(positions)) if symmetry is None else symmetry.kinds
-    to_points = green(positions[kinds], points, size, electrode_radius)
-    between = green(positions[kinds], positions, size, electrode_radius)
-    if symmetry is not None:
-        to_points = symmetry.spread(to_points, symmetry.pixels)
-        between = symmetry.spread(between, symmetry.electrodes)
-    nowhere = np.full(len(points), -1)
-    return Transfer("paper", points, between, to_points, point_self, nowhere, _no_pairs)
+class Contacts:
+    """Contacts of `radius` (m) at `points` (K, 2) of a rectangle of `size`, for any electrodes."""
+
+    def __init__(self, points, size, radius: float):
+        self.points, self.size, self.radius = points, size, radius
+        self._self = green_self(points, size, radius)
+
+    def transfer(self, positions, radius: float, symmetry: Symmetry | None = None) -> Transfer:
+        """`Transfer` for electrodes of `radius` (m) at `positions` (E, 2)."""
+        kinds = np.arange(len(positions)) if symmetry is None else symmetry.kinds
+        to_points = green(positions[kinds], self.points, self.size, radius)
+        between = green(positions[kinds], positions, self.size, radius)
+        if symmetry is not None:
+            to_points = symmetry.spread(to_points, symmetry.pixels)
+            between = symmetry.spread(between, symmetry.electrodes)
+        nowhere = np.full(len(self.points), -1)
+        return Transfer("paper", self.points, between, to_points, self._self, nowhere, self._green)
+
+    def _green(self, i, j):
+        return green(self.points[i], self.points[j], self.size, self.radius)
 
 
 def green(points, sources, size, radius: float) -> np.ndarray:
@@ -104,7 +112,3 @@ def _excess(squared, radius):
     """What a point source at a squared distance has too much of."""
     point = softened(squared, (_POINT * radius) ** 2)
     return np.minimum(np.log(point) - 2 * np.log(radius), 0) / (4 * np.pi)
-
-
-def _no_pairs(i, j):
-    raise NotImplementedError("the paper images one contact at a time")

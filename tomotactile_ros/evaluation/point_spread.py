@@ -73,6 +73,13 @@ class PointSpread:
         out[first, np.arange(len(first))] += 1
         return out
 
+    def apply(self, vectors) -> np.ndarray:
+        """M @ `vectors` (K, m)."""
+        out = np.empty_like(vectors)
+        for element in self.symmetry.pixels:
+            out[element[self.symmetry.first]] = self.images.T @ vectors[element]
+        return out
+
     @cached_property
     def noise_gain(self) -> float:
         """Noise of a pixel per noise of a reading, V per V: root mean square over the pixels."""

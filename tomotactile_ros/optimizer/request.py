@@ -13,8 +13,9 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import equalize
-from tomotactile_ros.optimizer.free import DEFAULT_AIMS, SPACING, Effort, effort_for, free
-from tomotactile_ros.optimizer.objective import Aims
+from tomotactile_ros.optimizer.free import SPACING, free
+from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
+from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step
 from tomotactile_ros.region import Region, regular_polygon
 
@@ -62,6 +63,7 @@ class Request:
     keep_out : of free, discs (x, y, radius) without electrode centres, m
     symmetric : of free, keep the symmetries of outline and layout
     aims : of free, what the figures should come to
+    starts : of free, layouts to descend from; None for the default
     seed : of free
     resolution : contact positions along the longer side
     """
@@ -75,6 +77,7 @@ class Request:
     keep_out: tuple[tuple[float, float, float], ...] = ()
     symmetric: bool = True
     aims: Aims = DEFAULT_AIMS
+    starts: int | None = None
     seed: int = 0
     resolution: int = 40
 
@@ -83,6 +86,8 @@ class Request:
             raise InputError(f"method: {self.method!r} is none of {', '.join(METHODS)}")
         if self.steps is not None:
             checks.integer(self.steps, "steps", 0, 100000)
+        if self.starts is not None:
+            checks.integer(self.starts, "starts", 1, 10000)
         checks.integer(self.seed, "seed", 0, 2**32 - 1)
         checks.positive(self.regularization, "regularization", "number")
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
@@ -129,7 +134,8 @@ class Request:
                 "margin": constraints.margin,
                 "keep_out": [list(disc) for disc in self.keep_out],
                 "symmetric": self.symmetric,
-                "aims": {key: value for key, value in vars(self.aims).items()},
+                "aims": {key: value for key, value in vars(self.aims).items() if value is not None},
+                "starts": self._effort().starts,
                 "seed": self.seed,
             }
         return out
@@ -138,7 +144,7 @@ class Request:
         return (self.regularization, *(factor * self.regularization for factor in _OTHERS))
 
     def _effort(self) -> Effort:
-        return effort_for(self.layout, self.steps)
+        return effort_for(self.layout, self.steps, self.starts)
 
     def _constraints(self) -> Constraints:
         discs = []

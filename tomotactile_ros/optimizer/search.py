@@ -1,0 +1,155 @@
+"""Where to look for better electrode positions: starts, descent by the gradient, evolution.
+
+On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
+every round the worse half is dropped, and the best is refined by evolution (`descent`). Other
+outlines have no closed form: there evolution alone searches, with scores from finite elements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import repeat
+
+import numpy as np
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.descent import Descent, Evolution
+from tomotactile_ros.optimizer.objective import Objective
+from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
+
+_SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
+_SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to search.
+
+    starts       layouts to descend from
+    rounds       of descent; after each the worse half of the starts is dropped
+    descents     gradient steps in each round
+    generations  of evolution afterwards
+    """
+
+    starts: int = 8
+    rounds: int = 4
+    descents: int = 10
+    generations: int = 8
+
+    def total(self, layout: Layout) -> int:
+        """Number of steps: descent is possible on uniform rectangles only."""
+        return self.generations + (self.rounds if layout.outline.is_uniform_rectangle else 0)
+
+
+def effort_for(layout: Layout, generations: int | None = None, starts: int | None = None) -> Effort:
+    """Effort by default: half a minute for 8 x 8 electrodes on two cores.
+
+    One more round for every doubling of the starts.
+    """
+    if generations is None:
+        generations = Effort.generations if layout.outline.is_uniform_rectangle else 30
+    starts = Effort.starts if starts is None else starts
+    return Effort(starts, 1 + max(starts - 1, 1).bit_length(), Effort.descents, generations)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Everything that a worker needs to score positions and to move them.
+
+    symmetric : keep the symmetries that outline and electrodes share
+    """
+
+    objective: Objective
+    constraints: Constraints
+    symmetric: bool
+
+    def run(self, effort: Effort, seed: int, spread) -> Iterator[tuple[np.ndarray, float]]:
+        """Positions (E, 2) and score of the best so far, after every round and generation.
+
+        spread : `map`, or that of an executor
+        """
+        starts = self._starts(effort.starts, seed, spread)
+        orbits = self._orbits(starts[0])
+        parameters = [orbits.parameters(start) for start in starts]
+        layout = self.objective.reference
+        step = 0.02 * np.sqrt(layout.outline.area / layout.electrodes)
+        best, score = parameters[0], self._score(orbits, parameters[0])
+        if self.objective.differentiable:
+            total = effort.rounds * effort.descents
+            states = [Descent(each, step, total) for each in parameters]
+            for _ in range(effort.rounds):
+                states = list(
+                    spread(self._descend, repeat(orbits), states, repeat(effort.descents))
+                )
+                states = sorted(states, key=lambda state: state.score)[: (len(states) + 1) // 2]
+                best, score = states[0].best, states[0].score
+                yield orbits.positions(best), score
+            step /= 4
+        evolution = Evolution(best, step, seed)
+        for _ in range(effort.generations):
+            tried = list(spread(self._try, repeat(orbits), evolution.ask()))
+            evolution.tell(np.array([each for each, _ in tried]), [found for _, found in tried])
+            if evolution.score < score:
+                best, score = evolution.best, evolution.score
+            yield orbits.positions(best), score
+
+    def _orbits(self, positions) -> Orbits:
+        group = np.eye(2)[None]
+        if self.symmetric:
+            group = shared_group(self.objective.reference.outline, positions)
+        return find_orbits(positions, group)
+
+    def _feasible(self, orbits, parameters):
+        """Parameters nearby that obey the constraints, or None."""
+        positions = self.constraints.project(orbits.positions(parameters))
+        return None if positions is None else orbits.parameters(positions)
+
+    def _score(self, orbits, parameters):
+        return self.objective.score(orbits.positions(parameters))
+
+    def _try(self, orbits, parameters):
+        """Feasible parameters nearby and their score; infinite where there are none."""
+        moved = self._feasible(orbits, parameters)
+        return (parameters, np.inf) if moved is None else (moved, self._score(orbits, moved))
+
+    def _descend(self, orbits, state, steps):
+        def value_and_gradient(parameters):
+            score, gradient = self.objective(orbits.positions(parameters))
+            return score, orbits.matrix.T @ gradient.ravel()
+
+        state.run(value_and_gradient, lambda moved: self._feasible(orbits, moved), steps)
+        return state
+
+    def _starts(self, count, seed, spread):
+        """(count) layouts to start from: first the best scaled one, then warps of it."""
+        layout, constraints = self.objective.reference, self.constraints
+        given = constraints.project(layout.positions)
+        if given is None:
+            raise InputError(
+                f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m "
+                f"spacing, {constraints.margin:g} m margin and the zones to keep out of"
+            )
+        orbits = self._orbits(given)
+        tried = list(
+            spread(self._try, repeat(orbits), [orbits.parameters(given * s) for s in _SCALES])
+        )
+        starts = [orbits.positions(min(tried, key=lambda each: each[1])[0])]
+        random = np.random.default_rng(seed)
+        half = np.array(layout.outline.size) / 2
+        while len(starts) < count:
+            scale, *amount = random.uniform(-1, 1, 4) * _SPREAD
+            warped = _warp(starts[0] / half, amount) * half * (1 + scale)
+            moved = self._feasible(orbits, orbits.parameters(warped))
+            starts.append(starts[0] if moved is None else orbits.positions(moved))
+        return starts
+
+
+def _warp(positions, amount):
+    """Positions in [-1, 1]^2 drawn outward or inward: in the middle, near the rim, diagonally."""
+    radial, rim, diagonal = amount
+    square = positions**2
+    change = radial * (1 - square) + rim * square * (1 - square) * 2 + diagonal * square[:, ::-1]
+    return positions * (1 + change)
