@@ -1,142 +1,295 @@
-"""The serial path under load: emulator in its own process, driver's device in this one.
+"""The serial path under load: emulated sensor -> pseudo-terminal -> driver node -> a subscriber.
 
-Reports lost frames, the CPU time of this process, its memory and the time from a frame's last
-sample to its delivery.  Emulator and driver share one clock, so that time is measured and not
-estimated.  With --replug, unplugs and replugs instead and reports how long the frames took to come
-back.
+    scripts/setup python3 benchmark/serial_load.py                    10 min of each sensor
+    scripts/setup python3 benchmark/serial_load.py --minutes 3 --sensor 8x8@250
+
+Four processes: the emulator, the driver, this one, which subscribes and watches, and a sleeper.
+
+* Lost: frames of which the driver got no or not every row; missed: published, but not arrived here.
+* CPU and memory are those of the driver process.  Memory is what is its own (RssAnon + VmSwap),
+  every 10 s.  Growth is the slope of a line through the means of the minutes after the first, with
+  two standard errors; a leak of the smallest object (16 B) per frame at 250 frames/s would be
+  0.24 MB/min.
+* Latency is from a frame's last sample to the end of its publication.  Emulator and driver read the
+  same clock, so that it is measured, not estimated.  It holds what the emulator is late by; that
+  stands for hardware, which waits for nobody, and has real-time priority where that is allowed.
+* The sleeper only wakes up as often as there are frames.  How late it is at that is what the
+  machine does to everybody.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
-import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.devices import emulator
-from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layout import equal_grid
 
-WARM_UP = 5.0
+SENSORS = ("8x8@250", "16x16@15")
+SAMPLE = 10.0
+WARM_UP = 60.0
+DOMAIN = "77"  # of ROS: nobody else's traffic
 
 
-class Probe(SerialDevice):
-    """Notes when each frame was delivered and when its last sample was taken."""
+def be_driver(latencies: str, *ros_arguments: str) -> int:
+    """The driver node, with a device that writes down when each frame was published."""
+    from tomotactile_ros.devices import serial
+    from tomotactile_ros.nodes import driver
 
-    def __init__(self, *args: object, **kwargs: object) -> None:
-        super().__init__(*args, **kwargs)
-        self.latencies = np.full(1 << 20, np.nan)
-        self.delivered = 0
+    seen = np.memmap(latencies, np.float64, "r+")
+    made = []
 
-    def _publish(self, rows, arrival, row_bytes) -> None:
-        super()._publish(rows, arrival, row_bytes)
-        self.latencies[self.delivered] = time.monotonic() - 1e-6 * rows.last_sample
-        self.delivered += 1
+    class Probe(serial.SerialDevice):
+        def open(self, on_frame) -> None:
+            def timed(frame) -> None:
+                on_frame(frame)
+                seen[self.published] = time.monotonic() - 1e-6 * self.last_sample
+                self.published += 1
 
+            self.published = 0
+            made.append(self)
+            super().open(timed)
 
-def resident() -> float:
-    """Resident memory of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
+        def _publish(self, rows, *others) -> None:
+            self.last_sample = rows.last_sample
+            super()._publish(rows, *others)
 
-
-def cpu() -> float:
-    """CPU time of this process, s."""
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
-
-
-def start_emulator(folder: str, side: int, rate: float) -> tuple[subprocess.Popen, str]:
-    """Start the emulator of a side x side sensor; return its process and port."""
-    layout = Path(folder, "layout.yaml")
-    equal_grid(side, side, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.005).save(
-        layout
-    )
-    command = [sys.executable, "-m", "tomotactile_ros.devices.emulator", "--layout", str(layout)]
-    process = subprocess.Popen(
-        [*command, "--rate", str(rate), "--port", f"pty:{folder}/port"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    return process, process.stdout.readline().strip()
+    serial.SerialDevice = Probe
+    status = driver.main(["driver", *ros_arguments])
+    counters = made[-1].status().counters if made else {}
+    Path(latencies).with_suffix(".json").write_text(json.dumps(counters))
+    return status
 
 
-def load(side: int, rate: float, duration: float) -> None:
-    """Run one sensor for `duration` s after the warm-up and print a line of figures."""
-    with tempfile.TemporaryDirectory() as folder:
-        process, port = start_emulator(folder, side, rate)
-        device = Probe(port, side * side, rate=rate)
-        device.open(lambda frame: None)
-        time.sleep(WARM_UP)
-        begin, cpu0, memory0, first = time.monotonic(), cpu(), resident(), device.delivered
-        time.sleep(duration)
-        wall, busy, last = time.monotonic() - begin, cpu() - cpu0, device.delivered
-        memory, counters = resident() - memory0, device.status().counters
-        device.close()
+def be_sleeper(lateness: str, rate: str) -> int:
+    """Wake up at that rate and write down how late each time."""
+    seen = np.memmap(lateness, np.float64, "r+")
+    due = time.monotonic()
+    for k in range(seen.size):
+        due = max(due + 1.0 / float(rate), time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
+        seen[k] = time.monotonic() - due
+    return 0
+
+
+def be_emulator(*arguments: str) -> int:
+    """The emulator, ahead of all ordinary processes where that is allowed."""
+    from tomotactile_ros.devices import emulator
+
+    with contextlib.suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    return emulator.main(list(arguments))
+
+
+ROLES = {"--emulator": be_emulator, "--driver": be_driver, "--sleeper": be_sleeper}
+
+
+class Chart:
+    """Memory and CPU time of a process over time, read from outside."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid, self._start = pid, time.monotonic()
+        self.times: list[float] = []
+        self.memory: list[float] = []
+        self.cpu: list[float] = []
+
+    def sample(self) -> None:
+        """Note time since the start (s), memory (MB) and CPU time (s)."""
+        lines = Path(f"/proc/{self._pid}/status").read_text().splitlines()
+        sizes = {name: text for name, text in (line.split(":", 1) for line in lines)}
+        own = sum(int(sizes[name].split()[0]) for name in ("RssAnon", "VmSwap"))
+        ticks = Path(f"/proc/{self._pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]
+        self.times.append(time.monotonic() - self._start)
+        self.memory.append(1.024e-3 * own)
+        self.cpu.append(sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK"))
+
+    def minutes(self) -> np.ndarray:
+        """Mean memory of each whole minute, MB."""
+        minute = (np.array(self.times) // 60.0).astype(int)
+        memory = np.array(self.memory)
+        return np.array([memory[minute == m].mean() for m in range(minute[-1])])
+
+    def growth(self) -> tuple[float, float]:
+        """Slope behind the first minute in MB/min, and two standard errors; NaN if too short."""
+        means = self.minutes()[1:]
+        if means.size < 3:
+            return np.nan, np.nan
+        x = np.arange(means.size) - (means.size - 1) / 2
+        slope = x @ means / (x @ x)
+        scatter = means - means.mean() - slope * x
+        return slope, 2.0 * np.sqrt(scatter @ scatter / (x.size - 2) / (x @ x))
+
+    def load(self) -> float:
+        """CPU time behind the first minute (or the first sample), in % of a core."""
+        first = min(np.searchsorted(self.times, WARM_UP), len(self.times) - 2)
+        return 100.0 * (self.cpu[-1] - self.cpu[first]) / (self.times[-1] - self.times[first])
+
+
+@contextlib.contextmanager
+def running(command: list[str], **options) -> Iterator[subprocess.Popen]:
+    """A process, stopped and waited for at the end."""
+    process = subprocess.Popen(command, **options)
+    try:
+        yield process
+    finally:
         process.terminate()
         process.wait()
-    latencies = 1e3 * device.latencies[first:last]
-    print(
-        f"{side} x {side}, {rate:g}/s, {wall:.0f} s: {last - first} frames "
-        f"({(last - first) / wall:.2f}/s), lost {counters['frames_lost']:.0f}, incomplete "
-        f"{counters['frames_incomplete']:.0f}, CPU {100 * busy / wall:.1f} % of a core, "
-        f"memory {memory:+.2f} MB, last sample to delivery p50 {np.quantile(latencies, 0.5):.2f} "
-        f"p99 {np.quantile(latencies, 0.99):.2f} max {latencies.max():.2f} ms",
-        flush=True,
-    )
 
 
-def replug(times: int) -> None:
-    """Pull and put back the plug, and print how long the frames took to come back."""
-    with tempfile.TemporaryDirectory() as folder:
-        link = os.path.join(folder, "port")
-        sensor = emulator.Emulator(
-            emulator.EmulatedDevice(emulator.idle_source(64), 64, rate=50.0),
-            lambda: emulator.PtyPort(link),
+class Subscriber:
+    """Counts the frames that arrive in this process."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        from tomotactile_ros.msg import VoltageFrame
+
+        rclpy.init(args=[])
+        self._node = rclpy.create_node("serial_load")
+        self._node.create_subscription(VoltageFrame, "voltage_frame", self._take, 100)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self.sequences: list[int] = []
+
+    def spin_until(self, time_is_up: float) -> None:
+        """Take frames until that time, s, monotonic."""
+        while (left := time_is_up - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def missed(self) -> int:
+        """Frames that are not there, between the first and the last one."""
+        return self.sequences[-1] - self.sequences[0] + 1 - len(set(self.sequences))
+
+    def close(self) -> None:
+        """Leave ROS."""
+        import rclpy
+
+        self._node.destroy_node()
+        rclpy.shutdown()
+
+    def _take(self, message) -> None:
+        self.sequences.append(message.sequence)
+
+
+def make_layout(folder: str, side: int) -> str:
+    """File of a side x side layout."""
+    path = Path(folder, "layout.yaml")
+    equal_grid(side, side, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.005).save(path)
+    return str(path)
+
+
+def notebook(folder: str, name: str) -> np.ndarray:
+    """A file of numbers that another process fills in; it is in nobody's own memory."""
+    return np.memmap(Path(folder, name), np.float64, "w+", shape=1 << 20)
+
+
+def measure(side: int, rate: float, minutes: float) -> dict[str, str]:
+    """Run one sensor and tell how it goes; return a column of the table."""
+    me = [sys.executable, __file__]
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        latencies, lateness = notebook(folder, "latencies"), notebook(folder, "lateness")
+        layout, port = make_layout(folder, side), f"{folder}/port"
+        emulator = [*me, "--emulator", "--layout", layout, "--port", f"pty:{port}"]
+        sensor = stack.enter_context(running(emulator, stdout=subprocess.PIPE))
+        sensor.stdout.readline()
+        priority = os.sched_getscheduler(sensor.pid)
+        subscriber = Subscriber()
+        stack.callback(subscriber.close)
+        named = {"layout": layout, "device": "serial", "port": port, "rate": rate}
+        parameters = [word for item in named.items() for word in ("-p", "{}:={}".format(*item))]
+        stack.enter_context(running([*me, "--sleeper", lateness.filename, str(rate)]))
+        driver = running([*me, "--driver", latencies.filename, "--ros-args", *parameters])
+        with driver as process:
+            chart = watch(process.pid, subscriber, latencies, f"{side}x{side}@{rate:g}", minutes)
+        counters = json.loads(Path(latencies.filename).with_suffix(".json").read_text())
+        table = figures(chart, subscriber, latencies, lateness, counters)
+        table["emulator's priority"] = "real-time" if priority == os.SCHED_FIFO else "ordinary"
+        return table
+
+
+def watch(
+    pid: int, subscriber: Subscriber, latencies: np.ndarray, name: str, minutes: float
+) -> Chart:
+    """Take samples of the driver and print each."""
+    while not subscriber.sequences:
+        subscriber.spin_until(time.monotonic() + 0.1)
+    chart = Chart(pid)
+    chart.sample()
+    begin, seen = time.monotonic(), np.count_nonzero(latencies)
+    for k in range(1, round(60 * minutes / SAMPLE) + 1):
+        subscriber.spin_until(begin + SAMPLE * k)
+        chart.sample()
+        published = np.count_nonzero(latencies)
+        p99 = 1e3 * np.quantile(latencies[seen:published], 0.99)
+        left = 60 * minutes - SAMPLE * k
+        print(
+            f"{name}: {left // 60:2.0f} min {left % 60:2.0f} s left, {published} frames, "
+            f"missed {subscriber.missed()}, memory {chart.memory[-1]:.2f} MB, p99 {p99:.2f} ms",
+            flush=True,
         )
-        sensor.plug()
-        arrived = threading.Event()
-        device = SerialDevice(link, 64)
-        device.open(lambda frame: arrived.set())
-        arrived.wait(10.0)
-        waits = []
-        for _ in range(times):
-            sensor.unplug()
-            arrived.clear()
-            begin = time.monotonic()
-            sensor.plug()
-            if not arrived.wait(10.0):
-                print("no frame within 10 s after the port returned")
-                break
-            waits.append(time.monotonic() - begin)
-        device.close()
-        sensor.unplug()
-    print(
-        f"{len(waits)} of {times} replugs recovered; from the port's return to the next frame: "
-        f"mean {np.mean(waits):.3f} s, longest {np.max(waits):.3f} s"
-    )
+        seen = published
+    print(f"{name}: memory by the minute, MB:", *(f"{m:.2f}" for m in chart.minutes()), flush=True)
+    return chart
 
 
-def main() -> None:
-    arguments = argparse.ArgumentParser(
+def figures(
+    chart: Chart,
+    subscriber: Subscriber,
+    latencies: np.ndarray,
+    lateness: np.ndarray,
+    counters: dict,
+) -> dict[str, str]:
+    """What a run has shown."""
+    slope, error = chart.growth()
+    late, asleep = (1e3 * x[: np.count_nonzero(x)] for x in (latencies, lateness))
+
+    def spread(x: np.ndarray) -> str:
+        return " / ".join(f"{v:.2f}" for v in np.quantile(x, (0.5, 0.99, 0.999, 1.0)))
+
+    return {
+        "frames published": f"{counters['frames']:.0f}",
+        "frames incomplete, lost": f"{counters['frames_incomplete']:.0f}, "
+        f"{counters['frames_lost']:.0f}",
+        "frames missed here": f"{subscriber.missed()}",
+        "damaged packets": f"{counters['crc_errors'] + counters['framing_errors']:.0f}",
+        "CPU, % of a core": f"{chart.load():.1f}",
+        "memory, MB": f"{chart.memory[-1]:.1f}",
+        "growth, MB/min": f"{slope:+.4f} +- {error:.4f}",
+        "latency p50/p99/p99.9/max, ms": spread(late),
+        "sleeper p50/p99/p99.9/max, ms": spread(asleep),
+    }
+
+
+def main() -> int:
+    if sys.argv[1:2] and sys.argv[1] in ROLES:
+        return ROLES[sys.argv[1]](*sys.argv[2:])
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("--duration", type=float, default=60.0, help="s per sensor")
-    arguments.add_argument("--replug", type=int, metavar="TIMES")
-    options = arguments.parse_args()
-    if options.replug:
-        replug(options.replug)
-        return
-    load(8, 250.0, options.duration)
-    load(16, 15.0, options.duration)
+    parser.add_argument("--minutes", type=float, default=10.0, help="of each sensor")
+    parser.add_argument("--sensor", nargs="+", default=SENSORS, help="ROWSxCOLUMNS@RATE, square")
+    options = parser.parse_args()
+    os.environ["ROS_DOMAIN_ID"] = DOMAIN
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    table = {}
+    for sensor in options.sensor:
+        size, _, rate = sensor.partition("@")
+        table[sensor] = measure(int(size.partition("x")[0]), float(rate), options.minutes)
+    print(f"{f'{options.minutes:g} min each':<32}", *(f"{name:>28}" for name in table))
+    for row in next(iter(table.values())):
+        print(f"{row:<32}", *(f"{column[row]:>28}" for column in table.values()))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,11 +1,13 @@
 """Frames from rows, host time from device time, dead channels: no line needed."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tomotactile_ros.devices import protocol
+from tomotactile_ros.devices import base, protocol
 from tomotactile_ros.devices.assembly import FrameAssembler
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.health import DeadChannels
@@ -175,6 +177,20 @@ def test_a_device_clock_that_stood_still_is_noticed_after_two_seconds():
         clock.update(host if k < 100 else host - 0.3, host)
     assert clock.jumps == 1
     assert clock.to_host(5.69) == pytest.approx(5.99, abs=1e-3)
+
+
+@pytest.mark.parametrize("held_up_at", range(6))
+def test_unix_time_is_right_wherever_the_process_is_held_up(monkeypatch, held_up_at):
+    reads = itertools.count()
+    passed = [0.0]
+
+    def read(offset: float) -> float:
+        passed[0] += 0.1 if next(reads) == held_up_at else 1e-6
+        return passed[0] + offset
+
+    monkeypatch.setattr(base.time, "monotonic", lambda: read(50.0))
+    monkeypatch.setattr(base.time, "time", lambda: read(1e9))
+    assert base.unix_time(7.0) == pytest.approx(1e9 - 43.0, rel=0, abs=2e-5)
 
 
 def test_dead_channels_are_told_from_idle_ones():

@@ -7,6 +7,7 @@ becomes of them.  The thread never raises: whatever goes wrong ends in the devic
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -38,6 +39,18 @@ class Frame:
     sequence: int
     stamp: float
     drive_voltage: float
+
+
+def unix_time(monotonic: float) -> float:
+    """Unix time of a `monotonic` time, s, to some µs, so that stamps keep their order.
+
+    The two clocks are read one after the other; where the process was held up in between, again.
+    """
+    for _ in range(10):
+        before, now, after = time.monotonic(), time.time(), time.monotonic()
+        if after - before < 2e-5:
+            break
+    return monotonic + now - before
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class DeviceClock:
 
     MAX_DRIFT = 2e-3
     LATE_PERIOD = 2.0
+    LEAST_STEP = 1e-4
 
     def __init__(self, window: int = 30, tolerance: float = 0.05) -> None:
         self.jumps = 0
@@ -68,8 +69,8 @@ class DeviceClock:
         return self._host0 + elapsed * (1.0 + self._slope) + self._intercept
 
     def stamp(self, device: float) -> float:
-        """Host time of `device`, later than every stamp before."""
-        self._last_mapped = max(self.to_host(device), self._last_mapped + 1e-6)
+        """Host time of `device`, later than every stamp before by `LEAST_STEP` or more."""
+        self._last_mapped = max(self.to_host(device), self._last_mapped + self.LEAST_STEP)
         return self._last_mapped
 
     def successor(self) -> DeviceClock:

@@ -229,7 +229,7 @@ class Emulator:
         pending = bytearray()
         try:
             while not self._stop.is_set():
-                if port.wait(self._idle_time()):
+                if port.wait(self._idle_time(), sending=bool(pending)):
                     answer = self.device.receive(port.receive(), time.monotonic())
                     pending += self._mangle(answer)
                 rows = self.device.rows_due(time.monotonic())

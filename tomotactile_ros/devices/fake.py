@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice
+from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 
@@ -55,7 +55,7 @@ class FakeDevice(ThreadedDevice):
             if self._stop.wait(max(0.0, end - time.monotonic())):
                 return
             self._set_state("streaming", f"simulated, {self._rate:g} frames/s")
-            stamp = start + time.time() - time.monotonic()
+            stamp = unix_time(start)
             drive = self._simulator.scene.drive_voltage
             self._deliver(Frame(voltages, self._grounded, sequence, stamp, drive), end)
             behind = int((time.monotonic() - end) / period)

@@ -76,7 +76,9 @@ class Line:
 
     After the first byte a read waits `GATHER` seconds more, so that a fast device costs some
     wake-ups a second and not one per packet.  It does not after a read of `MUCH` bytes: then the
-    host is behind, and a tty hands over 4095 bytes at a time however many are waiting.
+    host is behind, and a tty hands over 4095 bytes at a time however many are waiting.  Reads go to
+    one buffer: `os.read` would take `CHUNK` bytes each time and give most of them back, and
+    the holes grow into several MB within minutes.
     """
 
     GATHER = 0.0002
@@ -86,6 +88,7 @@ class Line:
     def __init__(self, port: serial.SerialBase) -> None:
         self._port = port
         self._behind = False
+        self._buffer = memoryview(bytearray(self.CHUNK))
         try:
             self._fd: int | None = port.fileno()
         except OSError:
@@ -118,11 +121,11 @@ class Line:
             return b""
         if not self._behind:
             time.sleep(self.GATHER)
-        data = os.read(self._fd, self.CHUNK)
-        self._behind = len(data) >= self.MUCH
-        if not data:
+        length = os.readv(self._fd, [self._buffer])
+        if not length:
             raise OSError(errno.EIO, "end of the stream")
-        return data
+        self._behind = length >= self.MUCH
+        return self._buffer[:length].tobytes()
 
     def _read_port(self, timeout: float) -> bytes:
         deadline = time.monotonic() + timeout

@@ -26,9 +26,10 @@ class PtyPort:
             _replace_link(self.path, link)
             self.path = link
 
-    def wait(self, timeout: float) -> bool:
-        """Wait until the host has sent something."""
-        return bool(select.select([self._master], [], [], timeout)[0])
+    def wait(self, timeout: float, sending: bool = False) -> bool:
+        """Wait until the host has sent something (then True) or, when `sending`, there is room."""
+        out = [self._master] if sending else []
+        return bool(select.select([self._master], out, [], timeout)[0])
 
     def receive(self) -> bytes:
         """What the host has sent."""
@@ -60,10 +61,10 @@ class TcpPort:
         self._peer: socket.socket | None = None
         self.path = "socket://{}:{}".format(*self._server.getsockname()[:2])
 
-    def wait(self, timeout: float) -> bool:
-        """Wait until a host connects, sends or goes."""
-        watched = [self._server] + ([self._peer] if self._peer else [])
-        readable = select.select(watched, [], [], timeout)[0]
+    def wait(self, timeout: float, sending: bool = False) -> bool:
+        """Wait until a host connects, sends or goes or, when `sending`, there is room."""
+        peer = [self._peer] if self._peer else []
+        readable = select.select([self._server, *peer], peer if sending else [], [], timeout)[0]
         if self._server in readable:
             self._drop_peer()
             self._peer = self._server.accept()[0]

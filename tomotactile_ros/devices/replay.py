@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice
+from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.errors import InputError
 
@@ -89,14 +89,8 @@ class ReplayDevice(ThreadedDevice):
             if self._stop.is_set():
                 return due
             self._set_state("streaming", f"playing {self._path}")
-            self._deliver(
-                replace(
-                    frame,
-                    sequence=next(sequences),
-                    stamp=due + time.time() - time.monotonic(),
-                ),
-                due,
-            )
+            played = replace(frame, sequence=next(sequences), stamp=unix_time(due))
+            self._deliver(played, due)
         return due + (1.0 / self._rate if self._rate > 0 else distance)
 
     def _wait_until(self, due: float) -> float:

@@ -11,7 +11,7 @@ from dataclasses import asdict
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, RowsOfFrame
-from tomotactile_ros.devices.base import Frame, Status, ThreadedDevice
+from tomotactile_ros.devices.base import Frame, Status, ThreadedDevice, unix_time
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 
@@ -279,7 +279,7 @@ class SerialDevice(ThreadedDevice):
         line_rate = self.identity.line_rate
         on_the_line = 10.0 * (row_bytes + 40) / line_rate if line_rate else 0.0
         self._clock.update(1e-6 * rows.last_sample, arrival - on_the_line)
-        stamp = self._clock.stamp(1e-6 * rows.frame_time) + time.time() - time.monotonic()
+        stamp = unix_time(self._clock.stamp(1e-6 * rows.frame_time))
         self._framed = arrival
         if self._state[0] != "streaming" and self._streaming:
             self._set_state("streaming", self._describe())
