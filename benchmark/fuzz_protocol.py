@@ -25,7 +25,9 @@ GUIDED = "--corpus" in sys.argv
 if GUIDED:
     import atheris
 
-with atheris.instrument_imports() if GUIDED else contextlib.nullcontext():
+UNDER_TEST = [f"tomotactile_ros.devices.{name}" for name in ("assembly", "cobs", "protocol")]
+
+with atheris.instrument_imports(UNDER_TEST) if GUIDED else contextlib.nullcontext():
     from tomotactile_ros.devices import cobs, protocol
     from tomotactile_ros.devices.assembly import FrameAssembler
 

@@ -7,7 +7,9 @@ import contextlib
 import errno
 import itertools
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from serial import rfc2217
 
 from tomotactile_ros.devices import emulator, line, protocol
 from tomotactile_ros.devices.serial import FIRST_RETRY, LAST_RETRY, SerialDevice, retry_delays
@@ -138,6 +141,78 @@ def test_frames_arrive_through_a_port_without_file_descriptor():
 
     with connected(opener=opener) as (_, watch):
         watch.wait_for_frames(10)
+
+
+class Unmodem(serial.Serial):
+    """A pseudo-terminal has no modem lines; a server of ports asks for them."""
+
+    cts = dsr = ri = cd = False
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    _update_rts_state = _update_dtr_state
+
+
+class PortServer:
+    """A serial port on the network by RFC 2217, as a terminal server or `ser2net` offers it."""
+
+    def __init__(self, path: str) -> None:
+        self._serial = Unmodem(path, timeout=0)
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = "rfc2217://{}:{}".format(*self._server.getsockname())
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        """What the telnet side of the port wants to tell its client."""
+        self._peer.sendall(data)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._stop.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        self._peer = self._server.accept()[0]
+        telnet = rfc2217.PortManager(self._serial, self)
+        while not self._stop.is_set():
+            ready = select.select([self._peer, self._serial], [], [], 0.05)[0]
+            if self._peer in ready:
+                self._serial.write(b"".join(telnet.filter(self._peer.recv(4096))))
+            if self._serial in ready and self._serial.in_waiting:
+                self._peer.sendall(b"".join(telnet.escape(self._serial.read(4096))))
+        for end in (self._peer, self._server, self._serial):
+            end.close()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pyserial, about its own thread
+def test_frames_arrive_from_a_port_on_the_network():
+    with plugged(sensor()) as port:
+        server = PortServer(port.path)
+        with watched(SerialDevice(server.url, E, baud=115200)) as watch:
+            watch.wait_for_frames(20)
+            server.close()
+            watch.wait_for(lambda s: s.state == "disconnected")
+            message = watch.device.status().message
+        assert "\n" not in message
+
+
+def test_a_port_is_found_by_its_usb_id_and_again_under_another_name(monkeypatch):
+    adapters = []
+    monkeypatch.setattr(line.list_ports, "comports", lambda: adapters)
+    with (
+        plugged(sensor()) as first,
+        plugged(sensor()) as second,
+        watched(SerialDevice("usb:2341:0010", E)) as watch,
+    ):
+        watch.wait_for(lambda s: s.state == "disconnected" and "plugged in" in s.message)
+        for port in (first, second):
+            adapters[:] = [Found(port.path, 0x2341, 0x10, "X1")]
+            watch.wait_for(lambda s, port=port: s.state == "streaming" and port.path in s.message)
+            watch.wait_for_frames(1)
+            first.unplug()
 
 
 def test_rate_stop_and_start_at_run_time():

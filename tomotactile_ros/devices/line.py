@@ -87,6 +87,7 @@ class Line:
 
     def __init__(self, port: serial.SerialBase) -> None:
         self._port = port
+        self.name: str = port.port
         self._behind = False
         self._buffer = memoryview(bytearray(self.CHUNK))
         try:
@@ -140,11 +141,9 @@ class Line:
 def open_line(port: str, baud: int) -> Line:
     """Open `port` (see `find_port`) at `baud` bit/s; `LineFault` says why it could not be."""
     name = find_port(port)
-    options = {"exclusive": True} if "://" not in name else {}
+    of_a_tty = {} if "://" in name else {"exclusive": True, "write_timeout": 0.5}
     try:
-        return Line(
-            serial.serial_for_url(name, baudrate=baud, timeout=0.02, write_timeout=0.5, **options)
-        )
+        return Line(serial.serial_for_url(name, baudrate=baud, timeout=0.02, **of_a_tty))
     except Exception as error:  # noqa: BLE001 - pyserial lets termios.error and others through
         raise _why_not(name, error) from None
 

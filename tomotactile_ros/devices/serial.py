@@ -75,6 +75,7 @@ class SerialDevice(ThreadedDevice):
         self._connections = 0
         self._clock_jumps = 0
         self._low_latency = False
+        self._found = ""
         self._device_rate = 0.0
         self._tag = 0
         self._note = ""
@@ -129,7 +130,7 @@ class SerialDevice(ThreadedDevice):
     def _one_connection(self) -> None:
         line = self._opener(self._port, self._baud)
         try:
-            self._low_latency = line.low_latency
+            self._low_latency, self._found = line.low_latency, line.name
             if self._state[0] in ("closed", "disconnected"):
                 self._set_state("identifying", f"asking {self._port} for its identity")
             while not self._stop.is_set():
@@ -264,7 +265,7 @@ class SerialDevice(ThreadedDevice):
 
     def _describe(self) -> str:
         i = self.identity
-        return f"{i.name} {i.serial} (firmware {i.firmware}) on {self._port}"
+        return f"{i.name} {i.serial} (firmware {i.firmware}) on {self._found}"
 
     def _take(self, packet: protocol.Packet, arrival: float) -> None:
         if isinstance(packet, protocol.Row):
