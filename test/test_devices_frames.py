@@ -109,6 +109,15 @@ def test_a_restarted_device_goes_on_and_its_jump_is_no_loss():
     assert assembler.counters.packets_lost == 0
 
 
+def test_a_frame_given_up_at_a_stop_is_no_loss():
+    assembler = FrameAssembler(E, E)
+    feed(assembler, [row(0, 3), row(1, 3)])
+    assembler.abandon()
+    assert [f.sequence for f in feed(assembler, [row(i, 4) for i in range(E)])] == [4]
+    counters = assembler.counters
+    assert (counters.packets_lost, counters.frames_incomplete, counters.frames_lost) == (0, 0, 0)
+
+
 def test_the_sequence_wraps_without_a_loss():
     last = 0xFFFFFFFF
     rows = [row(i, last, time=1000) for i in range(E)] + [row(i, 0, time=2000) for i in range(E)]

@@ -22,7 +22,13 @@ import serial
 from serial import rfc2217
 
 from tomotactile_ros.devices import emulator, line, protocol
-from tomotactile_ros.devices.serial import FIRST_RETRY, LAST_RETRY, SerialDevice, retry_delays
+from tomotactile_ros.devices.serial import (
+    ATTEMPTS,
+    FIRST_RETRY,
+    LAST_RETRY,
+    SerialDevice,
+    retry_delays,
+)
 
 PATIENCE = 30.0
 E = 6
@@ -226,6 +232,8 @@ def test_rate_stop_and_start_at_run_time():
         watch.device.set_streaming(True)
         watch.wait_for(lambda s: s.state == "streaming")
         watch.wait_for_frames(5)
+        counters = watch.device.status().counters
+        assert counters["packets_lost"] == counters["frames_incomplete"] == 0
 
 
 def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():
@@ -355,6 +363,26 @@ def test_a_device_that_never_answers_is_silent():
     with connected(mangle=lambda data: b"") as (port, watch):
         watch.wait_for(lambda s: s.state == "silent" and "nothing answers" in s.message)
         port._mangle = bytes
+        watch.wait_for_frames(3)
+
+
+def test_a_board_that_restarts_when_its_port_is_opened_has_time_to_boot(monkeypatch):
+    class Board(emulator.EmulatedDevice):
+        deaf = 0
+
+        def receive(self, data, now):
+            self.deaf -= 1
+            return b"" if self.deaf >= 0 else super().receive(data, now)
+
+    board = Board(counted, E, rate=100.0)
+
+    def opener(path, baud):
+        board.deaf = ATTEMPTS + 3
+        return line.open_line(path, baud)
+
+    monkeypatch.setattr("tomotactile_ros.devices.serial.ANSWER_TIME", 0.05)
+    with connected(board, opener=opener) as (_, watch):
+        watch.wait_for(lambda s: s.state == "silent")
         watch.wait_for_frames(3)
 
 

@@ -297,6 +297,31 @@ def test_the_emulator_leaves_frames_out_after_a_standstill_and_never_drifts():
     assert len(rows) < 45 * E
 
 
+def test_scene_time_begins_with_start_and_a_new_rate_with_the_next_frame():
+    asked = []
+
+    def source(time, sequence):
+        asked.append((round(time, 3), sequence))
+        return np.zeros((E, E))
+
+    device = emulator.EmulatedDevice(source, E, rate=10.0)
+    parser = emulator.protocol.Parser()
+
+    def tell(command, now):
+        device.receive(emulator.protocol.encode(command), now)
+
+    tell(emulator.protocol.Command(emulator.protocol.START, 1), 100.0)
+    rows = parser.feed(device.rows_due(100.25))
+    tell(emulator.protocol.SetRate(2, 100.0), 100.25)
+    rows += parser.feed(device.rows_due(100.3251))
+    assert asked == [(0.0, 0), (0.1, 1), (0.2, 2), (0.3, 3), (0.31, 4), (0.32, 5)]
+    assert [row.sequence for row in rows].count(2) == E
+    tell(emulator.protocol.Command(emulator.protocol.STOP, 3), 100.33)
+    tell(emulator.protocol.Command(emulator.protocol.START, 4), 200.0)
+    parser.feed(device.rows_due(200.005))
+    assert asked[6:] == [(0.0, 6)]
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

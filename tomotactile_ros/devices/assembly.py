@@ -78,6 +78,11 @@ class FrameAssembler:
             self._finish()
         return done
 
+    def abandon(self) -> None:
+        """Forget the frame under way: the device has stopped, which is no loss."""
+        if self._key is not None:
+            self._finish()
+
     def _is_old(self, key: tuple[int, int]) -> bool:
         last = self._key or self._finished
         if last is None or key == self._key:

@@ -25,7 +25,7 @@ from tomotactile_ros.simulation import Simulator
 MAX_RATE = 1000.0
 
 Source = Callable[[float, int], np.ndarray]
-"""(time since start in s, sequence) -> voltages (L, E) in V, NaN where there is no reading."""
+"""(time since START in s, sequence) -> voltages (L, E) in V, NaN where there is no reading."""
 
 
 class EmulatedDevice:
@@ -67,7 +67,7 @@ class EmulatedDevice:
         self.electrodes, self.rows = electrodes, rows or electrodes
         self.rate, self.max_rate = rate, max_rate
         self.streaming = False
-        self.sequence = 0
+        self.sequence, self._row = 0, 0
         self._source, self._clock = source, clock
         self._name, self._serial = name, serial
         self._bits, self._range, self._drive = adc_bits, range, drive_voltage
@@ -75,7 +75,7 @@ class EmulatedDevice:
         self._parser = protocol.Parser()
         self._voltages: np.ndarray | None = None
         self._readings: list[bytes] = []
-        self._restart_scan(0.0)
+        self._rate_changed = False
 
     def receive(self, data: bytes, now: float) -> bytes:
         """Carry out the commands in `data`; return the answers. `now` as for `rows_due`."""
@@ -97,11 +97,15 @@ class EmulatedDevice:
             self._next_frame(now)
         return b"".join(packets)
 
-    def _restart_scan(self, now: float) -> None:
+    def _start_scan(self, now: float) -> None:
+        self.sequence += self._row > 0
+        self._started = self._start = now
+        self._row = 0
+        self._begin_rate()
+
+    def _begin_rate(self) -> None:
         self._period = 1.0 / (self.rate * self._haste)
-        self._first, self._number = now, 0
-        self._start, self._row = now, 0
-        self._power_up = getattr(self, "_power_up", now)
+        self._first, self._number = self._start, 0
 
     def _next_frame(self, now: float) -> None:
         behind = int((now - self._start) / self._period) - 1
@@ -109,6 +113,9 @@ class EmulatedDevice:
         self._number += 1 + skipped
         self.sequence += 1 + skipped
         self._start, self._row = self._first + self._number * self._period, 0
+        if self._rate_changed:
+            self._rate_changed = False
+            self._begin_rate()
 
     def _row_packet(self, row: int, now: float) -> bytes:
         if row == 0:
@@ -130,7 +137,7 @@ class EmulatedDevice:
 
     def _sample(self, now: float) -> None:
         self._frame_time = max(0, round(1e6 * (self._clock() - (now - self._start))))
-        voltages = self._source(self._start - self._power_up, self.sequence)
+        voltages = self._source(self._start - self._started, self.sequence)
         if voltages is self._voltages:
             return
         largest = min(2**self._bits - 1, protocol.NO_READING - 1)
@@ -141,14 +148,14 @@ class EmulatedDevice:
 
     def _answer(self, packet: protocol.Packet, now: float) -> bytes:
         if isinstance(packet, protocol.SetRate):
-            return self._set_rate(packet, now)
+            return self._set_rate(packet)
         if not isinstance(packet, protocol.Command):
             return b""
         if packet.type == protocol.IDENTIFY:
             return protocol.encode(self._identity(packet.tag))
         if packet.type == protocol.START and not self.streaming:
             self.streaming = True
-            self._restart_scan(now)
+            self._start_scan(now)
             return b"\0" + self._ack(packet.tag, packet.type)
         if packet.type == protocol.STOP:
             self.streaming = False
@@ -160,16 +167,14 @@ class EmulatedDevice:
             self._name, "1.0.0", self._serial,
         )  # fmt: skip
 
-    def _set_rate(self, packet: protocol.SetRate, now: float) -> bytes:
+    def _set_rate(self, packet: protocol.SetRate) -> bytes:
         if not 0.0 < packet.rate <= self.max_rate:
             text = f"{packet.rate:g} frames/s asked for, at most {self.max_rate:g} possible"
             return protocol.encode(
                 protocol.Error(packet.tag, protocol.SET_RATE, protocol.BAD_VALUE, text)
             )
-        if packet.rate != self.rate:
-            self.rate = packet.rate
-            self.sequence += self._row > 0
-            self._restart_scan(now)
+        self._rate_changed = self._rate_changed or packet.rate != self.rate
+        self.rate = packet.rate
         return self._ack(packet.tag, protocol.SET_RATE)
 
     def _ack(self, tag: int, command: int) -> bytes:

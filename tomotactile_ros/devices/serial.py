@@ -16,7 +16,7 @@ from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 
 FIRST_RETRY, LAST_RETRY = 0.05, 0.5
-ANSWER_TIME, ATTEMPTS = 0.3, 5
+ANSWER_TIME, ATTEMPTS, LAST_ATTEMPT = 0.3, 5, 15
 SILENCE, SILENT_FRAMES = 1.0, 3.0
 RATE_TOLERANCE = 1.5
 
@@ -143,13 +143,16 @@ class SerialDevice(ThreadedDevice):
         self._parser.reset()
         before = asdict(self._parser.counters)
         line.write(b"\0")
-        for _ in range(ATTEMPTS):
+        for attempt in range(1, LAST_ATTEMPT + 1):
             identity = self._ask(line, protocol.IDENTIFY, protocol.Identity)
             if identity is not None:
                 self._accept(identity)
             if identity is not None or self._stop.is_set():
                 return
-        raise self._why_no_identity(before)
+            if attempt >= ATTEMPTS:
+                fault = self._why_no_identity(before)
+                self._set_state(fault.state, str(fault))
+        raise fault
 
     def _accept(self, identity: protocol.Identity) -> None:
         if identity.rows > identity.electrodes:
@@ -273,6 +276,8 @@ class SerialDevice(ThreadedDevice):
                 self._publish(rows, arrival, len(packet.readings))
         elif isinstance(packet, protocol.Ack):
             self._device_rate = packet.rate
+            if not packet.streaming:
+                self._assembler.abandon()
         elif isinstance(packet, protocol.Error):
             self._note = f"device: {packet.message or f'error {packet.code}'}"
 
