@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import equal_grid
-from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, symmetric_scaling
 from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.local import LocalImage
@@ -120,14 +121,39 @@ def test_single_lost_readings_are_no_set_of_rows(setting):
 
 
 def test_linear_image_is_the_tikhonov_solution(setting):
-    _, _, _, local = setting
-    smoothed, forward = local._smoothed, local.forward
-    count = len(local.meter.sheet.used)
-    assert np.allclose(local._normal, local._normal.T, rtol=1e-6, atol=1e-9 * local._normal.max())
-    error = np.full(len(forward), np.sqrt(local.regularization(0)))
-    error[:count] = 0.02
-    dense = smoothed.T @ np.linalg.inv(forward @ smoothed.T + np.diag(error**2))
-    assert np.allclose(local._inverse(0), dense, atol=1e-4 * np.abs(dense).max())
+    transfer, _, meter, local = setting
+    grid, forward = local.grid, local.forward
+    sigma = 0.45 * local.spacing / grid.cell_size[0]
+    images = forward.reshape(-1, *grid.shape)
+    smoothed = gaussian_filter(images, (0, sigma, sigma), mode="constant", truncate=8)
+    area = grid.cell_area / local.spacing**2
+    smoothed = 2 * np.pi * sigma**2 * (0.22 * area) ** 2 * smoothed.reshape(forward.shape)
+    measured = meter.read(contacts(transfer, [1e-4, 2e-4, 5e-5]), DRIVE)
+    error = np.full(len(forward), np.sqrt(local.regularization(local.level(measured))))
+    error[: len(measured.currents)] = 0.02
+    first, second = measured.currents[meter.first], measured.currents[meter.second]
+    couplings = np.clip(measured.couplings, 0, first * second / (first + second))
+    data = np.append(measured.currents, couplings)
+    expected = smoothed.T @ np.linalg.solve(forward @ smoothed.T + np.diag(error**2), data)
+    assert np.abs(local.image(measured) - expected).max() < 1e-4 * expected.max()
+
+
+@pytest.mark.parametrize("strength", [1e-3, 1e-4, 1e-5])
+def test_single_precision_is_enough_for_the_linear_image(setting, strength):
+    transfer, _, meter, local = setting
+    voltages = contacts(transfer, strength * np.array([1.0, 0.5, 2.0]))
+    single, double = meter.read(voltages.astype(np.float32), DRIVE), meter.read(voltages, DRIVE)
+    one, other = local.image(single), local.image(double)
+    assert np.abs(one - other).max() < 1e-4 * other.max()
+
+
+def test_factors_are_found_however_slow_the_power_iteration(setting):
+    transfer = setting[0]
+    everywhere = np.arange(len(transfer.points))
+    voltages = frame(transfer.at(everywhere), np.full(len(everywhere), 1e5), DRIVE)
+    scaled = symmetric_scaling(voltages, DRIVE, 1e-9)
+    assert np.abs(scaled - scaled.T).max() < 1e-10 * scaled.max()
+    assert scaled.diagonal().mean() == pytest.approx(0.5)
 
 
 def test_image_of_each_pixel_peaks_near_it(setting):

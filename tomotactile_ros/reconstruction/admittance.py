@@ -1,8 +1,9 @@
 """What a frame says about the sheet with all electrodes grounded: currents and couplings (see `grounded`).
 
 The rows of rho = 1 - v / V0 are those of Z up to factors f. Symmetry asks for f_l rho_ln = f_n rho_nl; its sum over
-n makes f a fixed point of f -> (rho^T f) / (rho 1), which a power iteration finds. Y is the inverse. Its factor is
-known from electrodes between which nothing touches: most pairs of neighbours couple as on the untouched sheet.
+n makes f a fixed point of f -> (rho^T f) / (rho 1), which a few steps of a power iteration find; under wide or strong
+contacts they would be many, and the linear system is solved. Y is the inverse. Its factor is known from electrodes
+between which nothing touches: most pairs of neighbours couple as on the untouched sheet.
 
 Contacts so weak that noise spoils the inverse do not bend the potential, and all is linear:
 
@@ -14,17 +15,20 @@ with t the sum of all conductances, b the potential of the contacts' share of cu
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
-_STEPS = 6  # of the power iteration; each gains about a digit
+_STEPS = 4  # of the power iteration; each gains about a digit where contacts are small
+_CLOSE = 3e-4  # relative change of f in the last step up to which they suffice
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
-_SINGLE = lapack.spotrf, lapack.spotri
-_DOUBLE = lapack.dpotrf, lapack.dpotri
+_SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv
+_DOUBLE = lapack.dpotrf, blas.dtrsm, blas.dsyrk, blas.dsymv
 _NOISY = 0.1  # largest noise of an admittance, in parts of an electrode's own
 
 
@@ -43,7 +47,7 @@ class Grounded:
     noise: float
     asymmetry: float = 0.0
 
-    @property
+    @cached_property
     def total(self) -> float:
         """Conductance of all contacts to the grounded electrodes, S."""
         return float(self.currents.sum())
@@ -77,24 +81,25 @@ class AdmittanceMeter:
 
         Single precision is twice as fast and loses nothing to noise unless contacts are weak.
         """
-        scaled = symmetric_scaling(voltages, drive_voltage, self.noise / drive_voltage)
-        impedance = scaled + scaled.T
-        contradiction = asymmetry(scaled, self.noise / drive_voltage)
+        least = self.noise / drive_voltage
+        impedance, contradiction = symmetric_part(
+            symmetric_scaling(voltages, drive_voltage, least), least
+        )
         inverse = _inverse(impedance)
         if inverse is None:
             return self._read_weak_after(voltages, drive_voltage, contradiction)
-        # LAPACK counts columns first: its lower triangle is the upper one here
-        couplings = inverse.T.ravel()[self._place]
+        # BLAS counts columns first: its lower triangle is the upper one here
+        couplings = inverse.T.ravel().take(self._place)
         ratios = couplings / self.untouched
         middle = len(ratios) // 2
-        factor = float(np.partition(ratios, middle)[middle])
-        factor = 1 / factor if factor > 0 else np.inf
-        spread = self.noise / drive_voltage * float(impedance.diagonal().mean())
-        noise = spread / factor * self.amplification
+        ratios.partition(middle)
+        ratio = float(ratios[middle])
+        factor = 1 / ratio if ratio > 0 else np.inf
+        noise = least / factor * self.amplification  # the mean own impedance is 1
         if not 0 < noise < self.largest_noise:
             return self._read_weak_after(voltages, drive_voltage, contradiction)
         couplings = factor * couplings - self.untouched
-        currents = factor * (inverse.sum(axis=0) + inverse.sum(axis=1) - inverse.diagonal())
+        currents = _routines(inverse)[3](factor, inverse, np.ones(len(inverse)), lower=1)
         return Grounded(currents, couplings, noise, contradiction)
 
     def _read_weak_after(self, voltages, drive_voltage, contradiction):
@@ -116,7 +121,11 @@ class AdmittanceMeter:
         rest = np.where(valid, ratio - total * self._step, 0.0)
         bent = _balance(rest, valid)
         currents = self._weak_admittance @ bent + total * self._weak_share
-        noise = self.largest_noise if total <= 0 else max(self.largest_noise, self.noise / drive_voltage)
+        noise = (
+            self.largest_noise
+            if total <= 0
+            else max(self.largest_noise, self.noise / drive_voltage)
+        )
         return Grounded(currents, None, noise)
 
     def _prepare_weak(self):
@@ -129,9 +138,7 @@ class AdmittanceMeter:
         self._weak_share = sheet.rest_share
 
 
-def symmetric_scaling(
-    voltages: np.ndarray, drive_voltage: float, least: float, steps: int = _STEPS
-) -> np.ndarray:
+def symmetric_scaling(voltages: np.ndarray, drive_voltage: float, least: float) -> np.ndarray:
     """(n, n) f_l rho_ln, symmetric but for noise, with f of mean 1/2 on its diagonal.
 
     Parameters
@@ -139,35 +146,69 @@ def symmetric_scaling(
     voltages : (n, n) V; the diagonal does not matter
     least : the smallest rho that counts: the noise in parts of the drive voltage
     """
-    ratio = np.multiply(voltages, -1.0 / drive_voltage)
-    ratio += 1.0
-    ratio.ravel()[:: len(ratio) + 1] = 1.0
-    np.minimum(ratio, 1.0 + least, out=ratio)
-    np.maximum(ratio, least, out=ratio)
-    weight = 1.0 / ratio.sum(axis=1)
+    drop = drive_voltage - voltages
+    drop.ravel()[:: len(drop) + 1] = drive_voltage
+    np.minimum(drop, drive_voltage * (1.0 + least), out=drop)
+    np.maximum(drop, drive_voltage * least, out=drop)
+    ones = np.ones(len(drop), drop.dtype)
+    sums = drop.dot(ones)
+    weight = ones / sums
     factor = weight
-    for _ in range(steps):
-        factor = weight * (factor @ ratio)
-    ratio *= (factor * (len(factor) / (2 * factor.sum())))[:, None]
-    return ratio
+    for _ in range(_STEPS):
+        before = factor
+        factor = factor.dot(drop)
+        factor *= weight
+    before = factor - before
+    if before.dot(before) > _CLOSE**2 * factor.dot(factor):
+        factor = _fixed_point(drop, sums, factor)
+    factor *= len(factor) / (2 * drive_voltage * factor.dot(ones))
+    drop *= factor[:, None]
+    return drop
 
 
-def asymmetry(scaled: np.ndarray, noise: float) -> float:
-    """Root mean square contradiction to reciprocity of `symmetric_scaling`, in parts of `noise` / drive voltage."""
-    difference = (scaled - scaled.T).ravel()
-    # f_l rho_ln and f_n rho_nl: each with the noise times its factor, which is about 1/2
-    error = noise * np.sqrt(0.5 * difference.size)
-    return float(np.sqrt(difference @ difference) / error)
+def _fixed_point(drop, sums, near):
+    """(n,) f > 0 with rho^T f = (rho 1) f, or `near` where there is none."""
+    system = drop - drop[0, 0]  # rho - diag(rho 1) loses rank; this fixes the sum of f
+    system.ravel()[:: len(drop) + 1] -= sums
+    try:
+        found = np.linalg.solve(system.T, np.full(len(sums), -1.0, system.dtype))
+    except np.linalg.LinAlgError:
+        return near
+    return found if 0 < found.min() and found.max() < np.inf else near
+
+
+def symmetric_part(scaled: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
+    """Z (n, n) of `symmetric_scaling`, and how far that contradicts reciprocity.
+
+    The contradiction is the root mean square of its asymmetry in parts of `noise`, in parts of the drive voltage.
+    """
+    impedance = scaled + scaled.T
+    difference = 2 * scaled
+    difference -= impedance
+    difference = difference.ravel()
+    factor = scaled.diagonal()
+    # f_l rho_ln and f_n rho_nl: each has the noise times its factor
+    error = noise * math.sqrt(2 * len(scaled) * factor.dot(factor))
+    return impedance, math.sqrt(difference.dot(difference)) / error
 
 
 def _inverse(matrix):
-    """Lower triangle of the inverse; None where the matrix is not positive definite."""
-    single = matrix.dtype == np.float32
-    factorise, invert = _SINGLE if single else _DOUBLE
-    factor, failed = factorise(matrix, lower=1)
-    if not failed:
-        inverse, failed = invert(factor, lower=1, overwrite_c=1)
-    return None if failed else inverse
+    """Lower triangle of the inverse L^-T L^-1; None where the matrix is not positive definite."""
+    factorise, divide, multiply, _ = _routines(matrix)
+    factor, failed = factorise(matrix.T, lower=1)
+    if failed:
+        return None
+    root = divide(1.0, factor, _identity(len(matrix), matrix.dtype), lower=1, side=1)
+    return multiply(1.0, root, trans=1, lower=1)
+
+
+def _routines(matrix):
+    return _SINGLE if matrix.itemsize == 4 else _DOUBLE
+
+
+@lru_cache(maxsize=8)
+def _identity(count, dtype):
+    return np.eye(count, dtype=dtype, order="F")
 
 
 def _balance(rest, valid):

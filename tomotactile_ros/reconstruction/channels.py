@@ -14,7 +14,9 @@ from tomotactile_ros.reconstruction.admittance import Grounded, symmetric_scalin
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
 _DOUBT = 1.15  # asymmetry of a frame, in parts of the noise, from which on channels are compared
 _LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
-_CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
+_CONTRADICTION = (
+    6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
+)
 
 
 def dead_channels(valid: np.ndarray) -> np.ndarray:
@@ -29,6 +31,9 @@ def is_doubtful(frame: np.ndarray, measured: Grounded, noise: float) -> bool:
     if measured.asymmetry > _DOUBT:
         return True
     readings = frame.ravel()[1:].reshape(len(frame) - 1, -1)[:, :-1]  # without the diagonal
+    some = readings[0] - readings[0].mean()
+    if some.dot(some) > readings.size * (_STUCK * noise) ** 2:  # the variance of all is no less
+        return False
     return float(readings.std()) < _STUCK * noise
 
 

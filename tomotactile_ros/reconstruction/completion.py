@@ -43,7 +43,7 @@ class _Completion:
         mutual = valid[own] & valid[own].T
         frame = np.where(np.isfinite(voltages), voltages, 0.0)
         part = np.where(mutual, frame[own], drive_voltage)
-        factor = 2 * symmetric_scaling(part, drive_voltage, least, steps=40).diagonal()
+        factor = 2 * symmetric_scaling(part, drive_voltage, least).diagonal()
         ratio = np.clip(1 - frame[rows] / drive_voltage, least, 1.0)
         scaled = factor[:, None] * ratio
         known = valid[rows]

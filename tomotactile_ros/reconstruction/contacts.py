@@ -7,6 +7,7 @@ higher neighbour (its prominence) is small is a part of that neighbour.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -48,18 +49,22 @@ def find_blobs(
     places = np.flatnonzero(flat > floor * top)
     places = places[np.argsort(-flat[places], kind="stable")]  # number 0 is the highest pixel
     values = flat[places]
-    number = np.full(flat.size, -1)
+    number = np.full(flat.size, len(places))
     number[places] = np.arange(len(places))
-    around = number[places + _neighbours(width)[:, None]]  # (8, n), -1 where below the floor
-    owner = _join(values, around, _climb(around), prominence)
-    row, column = np.divmod(places, width)
-    cells = (row - 1) * grid.width + column - 1
-    blobs = [_blob(values, cells, np.flatnonzero(owner == peak), grid) for peak in np.unique(owner)]
-    return sorted(blobs, key=lambda blob: -blob.peak)
+    around = number[places + _neighbours(width)]  # (8, n), n where below the floor
+    basin = _climb(around)
+    cells = places - width - 1 - 2 * (places // width - 1)
+    if not basin.any():
+        return [_blob(values, cells, grid)]
+    owner = _join(values, around, basin, prominence)
+    members = [owner == peak for peak in np.unique(owner)]
+    return [_blob(values[own], cells[own], grid) for own in members]
 
 
+@lru_cache(maxsize=8)
 def _neighbours(width):
-    return np.array([-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1])
+    around = [-width - 1, -width, -width + 1, -1, 1, width - 1, width, width + 1]
+    return np.array(around)[:, None]
 
 
 def _climb(around):
@@ -68,21 +73,21 @@ def _climb(around):
     Pixels are numbered from the highest, equal ones in the order of the image: the neighbour with the lowest
     number is the way up, and a plateau has one peak.
     """
-    count = around.shape[1]
-    target = np.minimum(np.where(around < 0, count, around).min(axis=0), np.arange(count))
+    own = np.arange(around.shape[1])
+    target = np.minimum(around.min(axis=0), own)
+    if np.count_nonzero(target == own) == 1:
+        return np.zeros_like(own)
     while True:
         further = target[target]
-        if np.array_equal(further, target):
+        if (further == target).all():
             return target
         target = further
 
 
 def _join(values, around, basin, prominence):
     """(n,) `basin` with peaks of little prominence made part of what they lean on."""
-    if not basin.any():
-        return basin
     here = np.broadcast_to(np.arange(len(values)), around.shape)
-    border = (around > here) & (basin[around] != basin)
+    border = (around > here) & (np.append(basin, -1)[around] != basin) & (around < len(values))
     saddle = around[border]  # the lower pixel of each pair across a border
     order = np.argsort(saddle, kind="stable")
     owner = {int(peak): int(peak) for peak in np.unique(basin)}
@@ -105,20 +110,20 @@ def _join(values, around, basin, prominence):
     return np.array([roots[int(peak)] for peak in basin])
 
 
-def _blob(values, cells, members, grid):
-    """Blob of the pixels `members`, highest first, of the image's `cells`."""
-    values, cells = values[members], cells[members]
+def _blob(values, cells, grid):
+    """Blob of the image's `cells`, highest first."""
     height = float(values[0])
-    core = values >= height / 2
-    places = grid.centres[cells[core]]
-    weights = values[core] - (0.5 - 1e-9) * height
+    core = int(np.searchsorted(-values, -height / 2, side="right"))
+    places = grid.centres[cells[:core]]
+    weights = values[:core] - (0.5 - 1e-9) * height
     position = weights @ places / weights.sum()
-    centre = cells[core][((places - position) ** 2).sum(axis=1).argmin()]
+    x, y = (places - position).T
     number = _numbers(grid)
-    area = np.count_nonzero(core) * grid.cell_area
-    return Blob(number[cells], position, int(number[centre]), height, area)
+    centre = cells[(x * x + y * y).argmin()]
+    return Blob(number[cells], position, int(number[centre]), height, core * grid.cell_area)
 
 
+@lru_cache(maxsize=8)
 def _numbers(grid):
     """(H W,) number of each cell among those inside."""
     if grid.inside.all():

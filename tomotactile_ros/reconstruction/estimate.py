@@ -42,7 +42,7 @@ def strengths(
     values: np.ndarray,
     currents: np.ndarray,
     local: LocalImage,
-    disc_impedance: np.ndarray,
+    disc_change: np.ndarray,
     point_area: float,
     radius: float,
     exact: np.ndarray | None = None,
@@ -52,34 +52,37 @@ def strengths(
     Parameters
     ----------
     currents : (n,) into each grounded electrode, S
-    disc_impedance : (K,) D of a disc of `radius` centred on each pixel, ohm
+    disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     """
     cores = [core_of(blob, values) for blob in blobs]
     share = local.meter.sheet.share
-    shares = np.column_stack([share[:, b.pixels] @ core for b, core in zip(blobs, cores)])
+    shares = np.array([share[:, pixels] @ weights for pixels, weights in cores]).T
     effective = effective_conductances(shares, currents)
     found = []
-    for blob, core, value in zip(blobs, cores, effective):
+    for blob, (pixels, _), value in zip(blobs, cores, effective):
         size = radius if exact is None else seen_radius(blob.pixels, exact, local, radius)
         area = np.pi * size**2
         change = local.resistance / (2 * np.pi) * np.log(size / radius)
-        impedance = max(disc_impedance[blob.centre] - change, 0.0)
+        own = local.meter.sheet.impedance[blob.centre] + disc_change[blob.centre]
+        impedance = max(max(own, 0.0) - change, 0.0)
         if size > DISC * local.spacing or (exact is None and blob.area > WIDE * point_area):
             area = max(area, blob.area - point_area)
-            impedance = _mean_impedance(blob.pixels[core > 0], local, area)
+            impedance = _mean_impedance(pixels, local, area)
         conductance = value / (1 - min(value * impedance, _BARE))
         conductance = min(conductance, LARGEST / local.resistance)
         found.append(Strength(blob.position, float(conductance), float(area)))
     return found
 
 
-def core_of(blob: Blob, values: np.ndarray) -> np.ndarray:
-    """(n,) weights of the blob's pixels, 0 in its lower half; their sum is 1."""
-    core = np.maximum(values[blob.pixels] - (0.5 - 1e-9) * blob.peak, 0.0)
-    return core / core.sum()
+def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n,) of the blob's upper half and their weights (n,), whose sum is 1."""
+    weights = values[blob.pixels] - (0.5 - 1e-9) * blob.peak
+    above = weights > 0
+    weights = weights[above]
+    return blob.pixels[above], weights / weights.sum()
 
 
 def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:

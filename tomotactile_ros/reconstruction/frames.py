@@ -41,7 +41,7 @@ def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
     frame[grounded] = voltages
     if np.bincount(grounded, minlength=1).max() > 1:
         raise InputError(f"grounded: electrode {np.bincount(grounded).argmax()} is named twice")
-    frame[~(np.abs(frame) <= LARGEST_VOLTAGE)] = np.nan
+    np.copyto(frame, np.nan, where=np.abs(frame) > LARGEST_VOLTAGE)
     frame.ravel()[:: electrodes + 1] = np.nan
     return frame
 
@@ -54,16 +54,16 @@ def check_drive_voltage(value) -> float:
     return value
 
 
-def is_idle(frame: np.ndarray, bad: np.ndarray, limit: float) -> bool:
+def is_idle(frame: np.ndarray, missing: np.ndarray, bad: np.ndarray, limit: float) -> bool:
     """Whether nothing touches: the median over electrodes of the mean reading is below `limit`, V.
 
     Contacts raise all readings but the grounded electrode's, a broken channel only its own.
 
     Parameters
     ----------
-    frame : (E, E) V, NaN where there is no reading; bad : (E,) bool, channels that are left out
+    frame : (E, E) V; missing : (E, E) bool, where there is no reading
+    bad : (E,) bool, channels that are left out
     """
-    missing = np.isnan(frame)
     counts = len(frame) - np.count_nonzero(missing, axis=0)
     counts[bad] = 0
     if counts.sum() < _LEAST_READINGS:

@@ -56,7 +56,9 @@ class ImageMaker:
         if self.profile == "balanced":
             return self.described(local, measured, sharp, point_area, sparse)
         values = conductance_image(local, measured, sharp)
-        return self._refined(local, measured, spread(values, grid, width), values, point_area, width)
+        return self._refined(
+            local, measured, spread(values, grid, width), values, point_area, width
+        )
 
     def _is_wide(self, local, measured, linear) -> bool:
         """Whether a blob of the linear image is wider than the image of a point."""
@@ -77,7 +79,7 @@ class ImageMaker:
             values,
             measured.currents,
             local,
-            np.maximum(local.meter.sheet.impedance + self._change, 0.0),
+            self._change,
             point_area,
             self.radius,
             exact,
@@ -93,7 +95,9 @@ class ImageMaker:
         radius = [seen_radius(blob.pixels, exact, local, self.radius) for blob in blobs]
         sums = np.array([values[blob.pixels].sum() for blob in blobs])
         sums *= values.sum() / max(float(sums.sum()), 1e-300)
-        small = [i for i, r in enumerate(radius) if r < max(DISC * local.spacing, 1.01 * self.radius)]
+        small = [
+            i for i, r in enumerate(radius) if r < max(DISC * local.spacing, 1.01 * self.radius)
+        ]
         wide = [i for i in range(len(blobs)) if i not in small]
         for i in wide:
             position = image.strengths[i].position

@@ -2,16 +2,22 @@
 
     f = (J^T J + lambda^2 I)^-1 J^T v = S^T (S S^T + lambda^2 I)^-1 W v,    J = W^T S
 
-Without some of the readings (mask m) W^T loses rows and stays exact:
+The matrix in brackets is never formed: with the QR decomposition of S^T above lambda I, whose condition is the
+square root of that of the matrix,
 
-    f = S^T (M S S^T + lambda^2 I)^-1 W m v,    M = W m W^T
+    [S^T; lambda I] = Q R,        f = (S^T R^-1) (R^-T W) v.
+
+Without some of the readings W^T loses rows; the QR decomposition of what is left, W'^T R', gives J = W'^T (R' S).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from tomotactile_ros.reconstruction.basis import FrameBasis
+from tomotactile_ros.reconstruction.basis import LARGEST_CONDITION, FrameBasis
+
+_SINGLE = 1e4  # condition of J^T J + lambda^2 I up to which single precision is enough
 
 
 class LinearImage:
@@ -19,25 +25,29 @@ class LinearImage:
 
     Parameters
     ----------
-    basis : FrameBasis
+    basis : FrameBasis for this lambda_J^2 or a smaller one
     regularization : lambda_J^2
     missing : (n,) places of left-out readings in the flattened frame; they must be 0 in `image`.
     """
 
     def __init__(self, basis: FrameBasis, regularization: float, missing=()):
-        self.basis = basis
-        self.regularization = regularization
-        sensitivity = basis.sensitivity
-        gram = sensitivity @ sensitivity.T
-        missing = np.asarray(missing, int)
+        level = max(regularization, basis.square / LARGEST_CONDITION)
+        count = basis.needed(level)
+        analysis, sensitivity = basis.analysis[:count], basis.sensitivity[:count]
         if len(missing):
-            lost = basis.analysis[:, missing].astype(float)
-            gram = gram - lost @ (lost.T @ gram)
-        floor = 1e-12 * np.trace(gram) / len(gram)
-        system = gram + max(regularization, floor) * np.eye(len(gram))
-        inverse = np.linalg.solve(system, np.eye(len(gram)))
-        self._synthesis = np.ascontiguousarray(sensitivity.T @ inverse, np.float32)
+            analysis = analysis.copy()
+            analysis[:, missing] = 0.0
+            directions, factor = np.linalg.qr(analysis.T)
+            analysis, sensitivity = directions.T, factor @ sensitivity
+        stacked = np.vstack([sensitivity.T, np.sqrt(level) * np.eye(count)])
+        factor = np.linalg.qr(stacked, mode="r")
+        self._type = np.float32 if basis.square <= _SINGLE * level else np.float64
+        self._analysis = self._divided(factor, analysis)
+        self._synthesis = np.ascontiguousarray(self._divided(factor, sensitivity).T)
+
+    def _divided(self, factor, rows):
+        return solve_triangular(factor, rows, trans="T").astype(self._type, order="C")
 
     def image(self, voltages: np.ndarray) -> np.ndarray:
-        """(K,) potential input distribution, V, of a flattened frame (L * E,) float32, V."""
-        return self._synthesis @ (self.basis.analysis @ voltages)
+        """(K,) potential input distribution, V, of a flattened frame (L * E,), V."""
+        return self._synthesis @ (self._analysis @ voltages.astype(self._type))

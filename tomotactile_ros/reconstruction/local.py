@@ -12,7 +12,9 @@ The image is the mean of a Gaussian field given the data, in Tikhonov's form
 
     c = P A^T (A P A^T + diag(lambda^2))^-1 d
 
-with P a Gaussian smoothing about half as wide as electrodes are apart. lambda of a coupling is its noise, or the
+with P a Gaussian smoothing about half as wide as electrodes are apart. P acts on rows and columns of the image one
+after the other and passes few frequencies, P = (U S U^T) x (V T V^T): what depends on the frame is computed in the
+leading modes and the image follows from U, V. lambda of a coupling is its noise, or the
 error of Y0 if that is larger, in parts of the field's standard deviation, which follows the strength of the frame.
 """
 
@@ -22,8 +24,6 @@ import math
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
-from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.grid import Grid
@@ -33,10 +33,12 @@ _WIDTH = 0.45  # of the smoothing, in spacings of the electrodes
 _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts of all contacts
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
-_MODEL_ERROR = 0.003  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+_MODEL_ERROR = (
+    0.003  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
+)
 _READY = 3  # levels that are prepared, those of usual contacts; others when a frame needs them
-_LARGE = 2_000_000  # entries of a reconstruction matrix from which on it is made sparse
-_NEGLIGIBLE = 5e-4  # of its largest entry
+_LARGE = 2_000_000  # entries of A from which on only the first of them is
+_NEGLIGIBLE = 1e-4  # of the largest gain of P: modes below are left out
 _TINY = 1e-30  # S
 _LEVELS = 16  # of lambda of the couplings, each twice the last
 
@@ -59,15 +61,14 @@ class LocalImage:
         share = sheet.share
         self.forward = np.vstack([share, share[meter.first] * share[meter.second]])
         self.spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
-        self._smoothed = self._smooth()
-        self._normal = self.forward @ self._smoothed.T
+        self._smooth()
         self._model_error = _MODEL_ERROR / resistance
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
         self._areas: dict[int, float] = {}
         self.readers: dict[bytes, object] = {}
         for level in range(_READY if self.forward.size < _LARGE else 1):
-            self._levels[level] = self._inverse(level)
+            self._inverse_of(level)
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -75,12 +76,25 @@ class LocalImage:
         return np.ascontiguousarray(self.forward.T, np.float32)
 
     def _smooth(self):
-        """(D, K) A P."""
+        """P A^T in the modes of P, (modes, D), and A P A^T, (D, D)."""
         sigma = _WIDTH * self.spacing / np.array(self.grid.cell_size[::-1])
         scale = 2 * np.pi * sigma.prod() * (_FIELD * self.grid.cell_area / self.spacing**2) ** 2
-        rows = [self.grid.fill(row, outside=0.0) for row in self.forward]
-        rows = [gaussian_filter(row, sigma, mode="constant") for row in rows]
-        return scale * np.array([row[self.grid.inside] for row in rows])
+        shape = self.grid.shape
+        (down, gain_down), (across, gain_across) = map(_modes, shape, sigma)
+        images = np.zeros((len(self.forward), shape[0] * shape[1]))
+        images[:, self.grid.inside.ravel()] = self.forward
+        modes = down.T @ images.reshape(-1, *shape) @ across
+        gain = scale * np.outer(gain_down, gain_across)
+        self._smoothed = (modes * gain).reshape(len(modes), -1).T
+        self._normal = modes.reshape(len(modes), -1) @ self._smoothed
+        self._down = np.ascontiguousarray(down, np.float32)
+        self._across = np.ascontiguousarray(across.T, np.float32)
+        self._inside = None if self.grid.inside.all() else self.grid.inside.ravel()
+
+    def expand(self, modes: np.ndarray) -> np.ndarray:
+        """(K,) image from its modes."""
+        image = self._down.dot(modes.reshape(self._down.shape[1], -1)).dot(self._across).ravel()
+        return image if self._inside is None else image[self._inside]
 
     def level(self, measured: Grounded) -> int:
         """Which of the precomputed lambda fits the noise of this frame."""
@@ -96,44 +110,48 @@ class LocalImage:
 
     def image(self, measured: Grounded) -> np.ndarray:
         """(K,) float32 effective conductance of each pixel, S; may be slightly negative."""
-        level = self.level(measured)
-        inverse = self._levels.get(level)
-        if inverse is None:
-            inverse = self._levels[level] = self._inverse(level)
+        inverse = self._inverse_of(self.level(measured))
         currents = measured.currents
+        count = len(currents)
         data = np.empty(inverse.shape[1], np.float32)
-        data[: len(currents)] = currents
-        if inverse.shape[1] > len(currents):
-            first, second = currents[self.meter.first], currents[self.meter.second]
-            first, second = np.maximum(first, 0.0), np.maximum(second, 0.0)
-            most = first * second / np.maximum(first + second, _TINY)
-            data[len(currents) :] = np.minimum(np.maximum(measured.couplings, 0.0), most)
-        return inverse @ data
+        data[:count] = currents
+        if len(data) > count:
+            positive = np.maximum(data[:count], _TINY)
+            first, second = positive[self.meter.first], positive[self.meter.second]
+            most = first * second
+            first += second
+            most /= first
+            np.minimum(np.maximum(measured.couplings, 0.0), most, out=data[count:])
+        return self.expand(inverse.dot(data))
 
     def point_area(self, measured: Grounded) -> float:
         """Area of the upper half of a point's image, m^2: the median over a few places."""
         level = self.level(measured)
         if level not in self._areas:
-            self.image(measured)
-            inverse = self._levels[level]
+            inverse = self._inverse_of(level)
             places = np.linspace(0, self.forward.shape[1] - 1, 64).astype(int)
-            images = inverse @ self.forward[: inverse.shape[1], places]
-            count = np.median(np.count_nonzero(images > images.max(axis=0) / 2, axis=0))
+            modes = (inverse @ self.forward[: inverse.shape[1], places]).T
+            images = map(self.expand, modes)
+            count = np.median([np.count_nonzero(image > image.max() / 2) for image in images])
             self._areas[level] = float(count * self.grid.cell_area)
         return self._areas[level]
 
-    def _inverse(self, level):
-        """(K, D) float32 reconstruction matrix; without couplings where lambda is largest.
+    def _inverse_of(self, level):
+        """(modes, D) float32 reconstruction matrix; without couplings where lambda is largest."""
+        if level not in self._levels:
+            count = len(self.meter.sheet.used)
+            kept = count if level == _LEVELS - 1 else len(self.forward)
+            error = np.full(kept, np.sqrt(self.regularization(level)))
+            error[:count] = _CURRENT_ERROR
+            system = self._normal[:kept, :kept] + np.diag(error**2)
+            inverse = np.linalg.solve(system, self._smoothed[:, :kept].T).T
+            self._levels[level] = inverse.astype(np.float32, order="C")
+        return self._levels[level]
 
-        Pixels depend on near electrodes: large matrices are kept sparse.
-        """
-        count = len(self.meter.sheet.used)
-        kept = count if level == _LEVELS - 1 else len(self.forward)
-        error = np.full(kept, np.sqrt(self.regularization(level)))
-        error[:count] = _CURRENT_ERROR
-        system = self._normal[:kept, :kept] + np.diag(error**2)
-        inverse = np.linalg.solve(system, self._smoothed[:kept]).T.astype(np.float32, order="C")
-        if inverse.size > _LARGE:
-            inverse[np.abs(inverse) < _NEGLIGIBLE * np.abs(inverse).max()] = 0.0
-            return csr_matrix(inverse)
-        return inverse
+
+def _modes(count, sigma):
+    """(count, m) leading modes of a Gaussian smoothing of `count` cells, sigma in cells, and their gains (m,)."""
+    apart = np.subtract.outer(np.arange(count), np.arange(count)) / sigma
+    gains, modes = np.linalg.eigh(np.exp(-(apart**2) / 2) / (math.sqrt(2 * math.pi) * sigma))
+    kept = gains > _NEGLIGIBLE * gains[-1]
+    return modes[:, kept], gains[kept]

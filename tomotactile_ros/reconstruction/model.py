@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from tomotactile_ros.grid import Grid
@@ -31,11 +29,13 @@ class Model:
         self.sheet = make_sheet(layout, model)
         self.transfer = self.sheet.transfer(grid.pixels, PATCH * np.sqrt(grid.cell_area))
         self._electrodes: dict[bytes, LocalImage] = {}
+        self._basis: FrameBasis | None = None
 
-    @cached_property
-    def basis(self) -> FrameBasis:
-        """For images by eq. 1."""
-        return FrameBasis(self.transfer)
+    def basis(self, regularization: float) -> FrameBasis:
+        """For images by eq. 1 with a lambda_J^2 of at least `regularization`."""
+        if self._basis is None or regularization < self._basis.regularization:
+            self._basis = FrameBasis(self.transfer, regularization)
+        return self._basis
 
     def local(self, used: np.ndarray) -> LocalImage:
         """Linear images from the electrodes `used` (n,)."""

@@ -133,18 +133,16 @@ class Pipeline:
         if self._baseline is not None:
             frame -= self._baseline
         bad = self._excluded.copy()
-        complete = np.count_nonzero(np.isnan(frame)) == len(frame)
-        if not complete:
-            bad |= dead_channels(np.isfinite(frame))
-        if is_idle(frame, bad, self.settings.threshold * self.settings.noise):
+        missing = np.isnan(frame)
+        if np.count_nonzero(missing) > len(frame):
+            bad |= dead_channels(~missing)
+        if is_idle(frame, missing, bad, self.settings.threshold * self.settings.noise):
             return frame, bad, None, None
         return frame, bad, *self._measure(frame, bad, drive_voltage)
 
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""
-        trial = trial_frame(
-            self._model.transfer, self.layout.sheet_resistance, self.settings.noise
-        )
+        trial = trial_frame(self._model.transfer, self.layout.sheet_resistance, self.settings.noise)
         grounded, times = np.arange(self.layout.electrodes), {}
         for profile in MEASURED:
             settings = replace(self.settings, profile=profile)
@@ -199,7 +197,7 @@ class Pipeline:
         missing = ~valid
         np.fill_diagonal(missing, False)
         linear = self._linear_for(np.flatnonzero(missing))
-        return linear.image(np.where(valid, frame, 0.0).ravel().astype(np.float32)).astype(float)
+        return linear.image(np.where(valid, frame, 0.0).ravel()).astype(float)
 
     def _linear_for(self, missing) -> LinearImage:
         key = missing.tobytes()
@@ -207,7 +205,7 @@ class Pipeline:
             if len(self._linear) >= _KEPT:
                 self._linear.pop(next(iter(self._linear)))
             level = self.settings.regularization
-            self._linear[key] = LinearImage(self._model.basis, level, missing)
+            self._linear[key] = LinearImage(self._model.basis(level), level, missing)
         return self._linear[key]
 
 

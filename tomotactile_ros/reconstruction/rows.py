@@ -16,7 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.reconstruction.admittance import Grounded, asymmetry, symmetric_scaling
+from tomotactile_ros.reconstruction.admittance import (
+    Grounded,
+    symmetric_part,
+    symmetric_scaling,
+)
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import (
     nonnegative_image,
@@ -49,7 +53,9 @@ class RowReader:
         self._sheet = local.meter.sheet.admittance[np.ix_(self.order, self.order)]
         self._back = place = np.argsort(self.order)
         meter = local.meter
-        self._pairs = np.ravel_multi_index((place[meter.first], place[meter.second]), self._sheet.shape)
+        self._pairs = np.ravel_multi_index(
+            (place[meter.first], place[meter.second]), self._sheet.shape
+        )
         own, mutual, other = self._blocks(self._sheet)
         reduced = own - mutual @ np.linalg.solve(other, mutual.T)
         scale = np.sqrt(reduced.diagonal())
@@ -67,14 +73,14 @@ class RowReader:
         least = meter.noise / drive_voltage
         part = voltages[np.ix_(self.rows, self.order)].astype(float)
         own = np.ascontiguousarray(part[:, :count])
-        scaled = symmetric_scaling(own, drive_voltage, least)
-        impedance = scaled + scaled.T
+        impedance, contradiction = symmetric_part(
+            symmetric_scaling(own, drive_voltage, least), least
+        )
         factor = impedance.diagonal()
         mutual = factor[:, None] * np.clip(1 - part[:, count:] / drive_voltage, least, 1.0)
         inverse = np.linalg.inv(impedance)
         transfer = inverse @ mutual
         spread = least * float(factor.mean()) * meter.amplification
-        contradiction = asymmetry(scaled, least)
         contacts, measured = 0.0, None
         for number in range(_ROUNDS if sharp else _SHORT_ROUNDS):
             exact = number > _SHORT_ROUNDS - 2
