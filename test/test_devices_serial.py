@@ -26,6 +26,7 @@ from tomotactile_ros.devices.serial import (
     ATTEMPTS,
     FIRST_RETRY,
     LAST_RETRY,
+    SILENCE,
     SerialDevice,
     retry_delays,
 )
@@ -234,6 +235,18 @@ def test_rate_stop_and_start_at_run_time():
         watch.wait_for_frames(5)
         counters = watch.device.status().counters
         assert counters["packets_lost"] == counters["frames_incomplete"] == 0
+
+
+def test_a_long_pause_is_no_silence():
+    with connected() as (_, watch):
+        watch.wait_for_frames(1)
+        watch.device.set_streaming(False)
+        watch.wait_for(lambda s: s.state == "stopped")
+        heard = time.monotonic() - 10 * SILENCE
+        watch.device._heard = watch.device._framed = heard
+        watch.device.set_streaming(True)
+        watch.wait_for_frames(10)
+        assert watch.device.status().counters["reconnects"] == 0
 
 
 def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():

@@ -52,7 +52,7 @@ class DeadChannels:
 class Health:
     """Counts delivered frames, measures their rate and latency, and watches the channels."""
 
-    RATE_WINDOW = 5.0
+    RATE_WINDOW, LEAST_SPAN = 5.0, 0.5
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -80,6 +80,11 @@ class Health:
                 self._latencies.append(now - last_sample)
         self.dead_channels.update(voltages, drive_voltage)
 
+    def forget_rate(self) -> None:
+        """Measure the rate anew, because another one is due from now on."""
+        with self._lock:
+            self._times.clear()
+
     def callback_failed(self, message: str) -> None:
         """Note that the receiver of a frame raised an exception."""
         with self._lock:
@@ -97,7 +102,7 @@ class Health:
                 "callback_errors": float(self._callback_errors),
             }
         span = recent[-1] - recent[0] if len(recent) > 1 else 0.0
-        counters["rate_seen"] = (len(recent) - 1) / span if span > 0 else 0.0
+        counters["rate_seen"] = (len(recent) - 1) / span if span >= self.LEAST_SPAN else 0.0
         counters["latency_mean"] = float(latencies.mean()) if latencies.size else 0.0
         counters["latency_p99"] = float(np.quantile(latencies, 0.99)) if latencies.size else 0.0
         counters["latency_max"] = float(latencies.max()) if latencies.size else 0.0

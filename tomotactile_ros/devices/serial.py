@@ -93,7 +93,7 @@ class SerialDevice(ThreadedDevice):
             return status
         seen, due = status.counters["rate_seen"], self._device_rate
         remarks = [status.message, self._note]
-        if due > 0 and status.counters["frames"] >= 20 and seen > RATE_TOLERANCE * due:
+        if 0 < RATE_TOLERANCE * due < seen:
             remarks.append(f"sends {seen:.4g} frames/s instead of {due:.4g}")
         return Status(
             status.state, "; ".join(r for r in remarks if r), status.counters, status.dead
@@ -171,7 +171,7 @@ class SerialDevice(ThreadedDevice):
             for name, value in asdict(self._assembler.counters).items():
                 self._lost[name] += value
         self.identity = identity
-        self._device_rate = identity.rate
+        self._agree_on_rate(identity.rate)
         self._assembler = FrameAssembler(identity.electrodes, identity.rows, self._partial)
         self._clock_jumps += self._clock.jumps
         self._clock = self._clock.successor()
@@ -220,7 +220,6 @@ class SerialDevice(ThreadedDevice):
         if self._stop.is_set():
             return
         self._apply_settings(line)
-        self._heard = self._framed = time.monotonic()
         last_bytes = self._parser.counters.bytes
         while not self._stop.is_set():
             if self._changed.is_set():
@@ -233,7 +232,7 @@ class SerialDevice(ThreadedDevice):
             if packets:
                 self._heard, last_bytes = arrival, self._parser.counters.bytes
                 self._report_rows_without_frames(arrival)
-            elif self._streaming and arrival - self._heard > self._patience():
+            elif self._started and arrival - self._heard > self._patience():
                 self._report_silence(self._parser.counters.bytes - last_bytes)
                 return
         line.write(protocol.encode(protocol.Command(protocol.STOP, self._tag)))
@@ -248,7 +247,7 @@ class SerialDevice(ThreadedDevice):
             self._set_state("silent", f"port: {self._port} stopped sending")
 
     def _report_rows_without_frames(self, now: float) -> None:
-        if not self._streaming or now - self._framed <= self._patience():
+        if not self._started or now - self._framed <= self._patience():
             return
         lost = self._assembler.counters
         self._set_state(
@@ -260,11 +259,18 @@ class SerialDevice(ThreadedDevice):
     def _apply_settings(self, line: Line) -> None:
         self._changed.clear()
         self._note = ""
+        self._heard = self._framed = time.monotonic()
         if self._rate > 0:
             self._send(line, protocol.SET_RATE)
-        self._send(line, protocol.START if self._streaming else protocol.STOP)
-        if not self._streaming:
+        self._started = self._streaming
+        self._send(line, protocol.START if self._started else protocol.STOP)
+        if not self._started:
             self._set_state("stopped", f"{self._describe()}; stopped on request")
+
+    def _agree_on_rate(self, rate: float) -> None:
+        if rate != self._device_rate:
+            self._device_rate = rate
+            self.health.forget_rate()
 
     def _describe(self) -> str:
         i = self.identity
@@ -275,7 +281,7 @@ class SerialDevice(ThreadedDevice):
             for rows in self._assembler.feed(packet):
                 self._publish(rows, arrival, len(packet.readings))
         elif isinstance(packet, protocol.Ack):
-            self._device_rate = packet.rate
+            self._agree_on_rate(packet.rate)
             if not packet.streaming:
                 self._assembler.abandon()
         elif isinstance(packet, protocol.Error):
@@ -287,7 +293,7 @@ class SerialDevice(ThreadedDevice):
         self._clock.update(1e-6 * rows.last_sample, arrival - on_the_line)
         stamp = unix_time(self._clock.stamp(1e-6 * rows.frame_time))
         self._framed = arrival
-        if self._state[0] != "streaming" and self._streaming:
+        if self._state[0] != "streaming" and self._started:
             self._set_state("streaming", self._describe())
         self._deliver(
             Frame(rows.voltages, rows.grounded, rows.sequence, stamp, rows.drive_voltage),

@@ -1,0 +1,92 @@
+"""The driver node with hardware that comes, goes and misbehaves: the emulator as a process."""
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import numpy as np
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros_support import Process, ends_cleanly, program
+from std_srvs.srv import Trigger
+
+from tomotactile_ros.msg import VoltageFrame
+
+PROMISED = {
+    "state", "frames", "rate_wanted", "rate_device", "rate_seen", "packets_lost", "crc_errors",
+    "resynchronisations", "reconnects", "latency_mean", "latency_p99", "latency_max",
+    "dead_channels", "clock_jumps", "low_latency",
+}  # fmt: skip
+
+
+@pytest.fixture
+def plug(domain, tmp_path, scene):
+    """Plugs a sensor in, the emulator in a process of its own, always at the same port."""
+    port = tmp_path / "port"
+    plugged = []
+
+    def plug_in(*arguments):
+        port.unlink(missing_ok=True)
+        words = ["--port", f"pty:{port}", "--scene", scene, *arguments]
+        plugged.append(Process([program("emulator"), *words], domain))
+        return plugged[-1]
+
+    plug_in.port = str(port)
+    yield plug_in
+    for process in plugged:
+        process.kill()
+
+
+def values(probe, suits) -> dict[str, str]:
+    """The driver's figures, once they suit."""
+
+    def mine(message):
+        return [s for s in message.status if s.name == "driver: device"]
+
+    def fit(message):
+        return any(suits({v.key: v.value for v in s.values}) for s in mine(message))
+
+    message = probe.wait_for(DiagnosticArray, "/diagnostics", fit)
+    return {v.key: v.value for v in mine(message)[0].values}
+
+
+def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start, plug):
+    driver = start("driver", {"device": "serial", "port": plug.port, "rate": 40})
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.ERROR, "does not exist; plug the sensor in"
+    )
+    sensor = plug()
+    frame = probe.wait_for(VoltageFrame, "/voltage_frame")
+    assert (frame.layout_id, frame.electrodes) == ("equal-8x8", 64)
+    voltages = np.reshape(frame.voltages, (64, 64))
+    assert np.array_equal(np.isnan(voltages), np.eye(64, dtype=bool))
+    assert np.nanmax(voltages) > 0.1
+    assert PROMISED <= set(values(probe, lambda v: v["rate_device"] == "40"))
+
+    assert probe.set_parameter("/driver", "rate", 80.0).successful
+    values(probe, lambda v: v["rate_device"] == "80")
+    assert probe.set_parameter("/driver", "streaming", False).successful
+    values(probe, lambda v: v["state"] == "stopped")
+    assert probe.set_parameter("/driver", "streaming", True).successful
+    values(probe, lambda v: v["state"] == "streaming")
+
+    sensor.kill()
+    values(probe, lambda v: v["state"] == "disconnected")
+    assert probe.set_parameter("/driver", "rate", 20.0).successful
+    plug()
+    found = values(probe, lambda v: v["rate_device"] == "20" and v["state"] == "streaming")
+    assert found["reconnects"] == "1"
+    probe.wait_for(VoltageFrame, "/voltage_frame")
+
+    assert probe.call(Trigger, "/driver/restart").success
+    values(probe, lambda v: v["state"] == "streaming" and v["reconnects"] == "0")
+    ends_cleanly(driver)
+
+
+def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, plug):
+    plug("--layout", "equal-4x4")
+    driver = start("driver", {"device": "serial", "port": plug.port})
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.ERROR, "16 electrodes, the layout 64"
+    )
+    ends_cleanly(driver)
