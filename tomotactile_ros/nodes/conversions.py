@@ -82,10 +82,11 @@ def check_frame(frame: Frame, layout: Layout) -> None:
         )
     if not (np.isfinite(frame.drive_voltage) and frame.drive_voltage > 0):
         raise InputError(f"the drive voltage is {frame.drive_voltage:g} V, it must be positive")
-    if np.isinf(frame.voltages).any():
-        raise InputError("a voltage is infinite; NaN is what marks an invalid reading")
-    if np.isnan(frame.voltages).all():
+    largest = np.fmax.reduce(np.abs(frame.voltages), axis=None)
+    if np.isnan(largest):
         raise InputError("no voltage is valid")
+    if np.isinf(largest):
+        raise InputError("a voltage is infinite; NaN is what marks an invalid reading")
 
 
 def image_to_message(image: np.ndarray, header: Header) -> Image:

@@ -1,12 +1,14 @@
 """Driver and reconstruction in one process: frames go from one to the other without DDS.
 
-The device's thread leaves each frame in a slot for one, a thread of the reconstruction takes it
-from there: a slow image costs frames, never the device's time, and the newest frame is always next.
-Topics, services and parameters are those of the two nodes.
+The device's thread leaves each frame in a queue, a thread of the reconstruction takes the newest
+from there: a slow image costs frames, never the device's time. Topics, services and parameters are
+those of the two nodes.
 """
 
+import sys
 import threading
 from collections.abc import Iterator
+from queue import SimpleQueue
 
 from rclpy.node import Node
 
@@ -15,21 +17,20 @@ from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.reconstruction import Reconstruction
 
+PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
+
 
 class DirectReconstruction(Reconstruction):
     """A reconstruction whose frames are handed over within the process."""
 
     def __init__(self, node: Node):
         super().__init__(node, subscribe=False)
-        self._slot: tuple[Frame, str, str] | None = None
-        self._filled = threading.Condition()
+        self._queue: SimpleQueue[tuple[Frame, str, str] | None] = SimpleQueue()
         self._worker: threading.Thread | None = None
-        self._stopping = False
 
     def activate(self) -> None:
         """Begin to process frames."""
         super().activate()
-        self._stopping = False
         self._worker = threading.Thread(target=self._work, name="reconstruction", daemon=True)
         self._worker.start()
 
@@ -37,25 +38,21 @@ class DirectReconstruction(Reconstruction):
         """Stop processing frames; the thread has ended afterwards."""
         super().deactivate()
         if self._worker is not None:
-            with self._filled:
-                self._stopping = True
-                self._filled.notify()
+            self._queue.put(None)
             self._worker.join()
             self._worker = None
 
     def hand_over(self, frame: Frame, layout_id: str, frame_id: str) -> None:
-        """Leave a frame to be processed next; one that still waits is dropped."""
-        with self._filled:
-            self._slot = frame, layout_id, frame_id
-            self._filled.notify()
+        """Leave a frame to be processed next; those that still wait are dropped."""
+        self._queue.put((frame, layout_id, frame_id))
 
     def _work(self) -> None:
         while True:
-            with self._filled:
-                self._filled.wait_for(lambda: self._slot is not None or self._stopping)
-                if self._stopping:
-                    return
-                item, self._slot = self._slot, None
+            item = self._queue.get()
+            while item is not None and not self._queue.empty():
+                item = self._queue.get()
+            if item is None:
+                return
             try:
                 self.accept(*item)
             except Exception as error:  # noqa: BLE001 - publishing fails while ROS shuts down
@@ -73,4 +70,5 @@ def make_nodes() -> Iterator[Node]:
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes."""
+    sys.setswitchinterval(PATIENCE)
     return run(make_nodes, args)
