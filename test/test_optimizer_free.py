@@ -183,16 +183,41 @@ def test_extremes_stay_valid(count, radius, spacing):
     assert constraints.violation(found[-1].layout.positions) <= constraints.tolerance
 
 
-def test_circle_through_finite_elements():
-    angle = 2 * np.pi * (np.arange(8) + 0.5) / 8
-    positions = 0.094 * np.column_stack([np.cos(angle), np.sin(angle)])
-    layout = Layout("ring", Outline.circle(0.1), 1e4, 0.004, positions)
+ANGLE = 2 * np.pi * (np.arange(8) + 0.5) / 8
+BRACKET = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.0], [0.02, 0.02], [0.0, 0.1], [-0.1, 0.1]]
+HOLE = [[-0.06, -0.06], [-0.03, -0.06], [-0.03, -0.03], [-0.06, -0.03]]
+
+
+@pytest.mark.parametrize(
+    "outline, positions",
+    [
+        (Outline.circle(0.1), 0.094 * np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])),
+        (
+            Outline.polygon(BRACKET, holes=[HOLE]),
+            0.09 * np.array([[-1, -1], [0, -1], [1, -1], [1, -0.1], [0, 0.3], [-1, 0], [-1, 1]]),
+        ),
+    ],
+    ids=["circle", "polygon with a hole"],
+)
+def test_outlines_through_finite_elements(outline, positions):
+    layout = Layout("start", outline, 1e4, 0.004, positions)
+    constraints = Constraints(outline, 0.01, 0.005)
     effort = Effort(starts=1, rounds=1, descents=1, generations=1)
-    found = list(free(layout, effort=effort, resolution=10))
+    found = list(free(layout, constraints=constraints, effort=effort, resolution=10))
     assert len(found) == 2
     assert found[-1].score < found[0].score
+    assert constraints.violation(found[-1].layout.positions) <= constraints.tolerance
     quality = evaluate_layout(found[-1].layout, resolution=10)
     assert np.isfinite(quality.quality.hwhm).all()
+
+
+def test_flat_objective_keeps_the_start():
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.004, 1e4)
+    aims = Aims((1e200,) * 3, (1e200,) * 3, 1e200)
+    found = list(free(layout, aims=aims, effort=SHORT, resolution=8))
+    assert len(found) == SHORT.total(layout) + 1
+    assert {step.score for step in found} == {found[0].score}
+    assert np.array_equal(found[-1].layout.positions, layout.positions)
 
 
 def test_descent_stops_where_the_objective_is_flat():
