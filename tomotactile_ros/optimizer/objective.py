@@ -10,7 +10,7 @@ true position: together they are the blur about the true position. If asked for,
 the mean blur of scenes with two and with wide contacts (`scenes`). The score is a soft maximum of
 all figures, each divided by its aim, so that none can be bought with another:
 
-    log(mean(exp(s r))) / s,    s = 25
+    log(mean(exp(s r))) / s,    s = 50
 
 Figures and gradient are those of `figures`.
 """
@@ -28,7 +28,7 @@ from tomotactile_ros.optimizer.figures import Figures
 from tomotactile_ros.optimizer.scenes import Scenes
 from tomotactile_ros.sheet import make_sheet
 
-SHARPNESS = 25.0
+SHARPNESS = 50.0
 
 
 @dataclass(frozen=True)
