@@ -37,7 +37,7 @@ from tomotactile_ros.layout import equal_grid
 SENSORS = ("8x8@250", "16x16@15")
 SAMPLE = 10.0
 WARM_UP = 60.0
-DOMAIN = "77"  # of ROS: nobody else's traffic
+NAMESPACE = f"/serial_load_{os.getpid()}"  # nobody else's frames
 
 
 def be_driver(latencies: str, *ros_arguments: str) -> int:
@@ -156,7 +156,7 @@ class Subscriber:
 
         rclpy.init(args=[])
         self._node = rclpy.create_node("serial_load")
-        self._node.create_subscription(VoltageFrame, "voltage_frame", self._take, 100)
+        self._node.create_subscription(VoltageFrame, f"{NAMESPACE}/voltage_frame", self._take, 100)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self.sequences: list[int] = []
@@ -208,7 +208,17 @@ def measure(side: int, rate: float, minutes: float) -> dict[str, str]:
         named = {"layout": layout, "device": "serial", "port": port, "rate": rate}
         parameters = [word for item in named.items() for word in ("-p", "{}:={}".format(*item))]
         stack.enter_context(running([*me, "--sleeper", lateness.filename, str(rate)]))
-        driver = running([*me, "--driver", latencies.filename, "--ros-args", *parameters])
+        driver = running(
+            [
+                *me,
+                "--driver",
+                latencies.filename,
+                "--ros-args",
+                "-r",
+                f"__ns:={NAMESPACE}",
+                *parameters,
+            ]
+        )
         with driver as process:
             chart = watch(process.pid, subscriber, latencies, f"{side}x{side}@{rate:g}", minutes)
         counters = json.loads(Path(latencies.filename).with_suffix(".json").read_text())
@@ -279,7 +289,6 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0, help="of each sensor")
     parser.add_argument("--sensor", nargs="+", default=SENSORS, help="ROWSxCOLUMNS@RATE, square")
     options = parser.parse_args()
-    os.environ["ROS_DOMAIN_ID"] = DOMAIN
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     table = {}
     for sensor in options.sensor:

@@ -10,7 +10,8 @@ import time
 
 import numpy as np
 
-from tomotactile_ros.devices.emulator import EmulatedDevice, Emulator, idle_source
+from tomotactile_ros.devices.emulator import Emulator
+from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort
 from tomotactile_ros.devices.serial import SerialDevice
 

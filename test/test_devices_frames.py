@@ -179,6 +179,14 @@ def test_a_jump_of_the_device_clock_is_noticed_at_once(jump):
     assert clock.to_host(1.0 + jump) == pytest.approx(6.0)
 
 
+def test_a_mapping_begun_with_a_late_packet_is_put_right_and_that_is_no_jump():
+    clock = DeviceClock()
+    clock.update(0.0, 5.3)
+    clock.update(0.01, 5.01)
+    assert clock.jumps == 0
+    assert clock.to_host(0.01) == pytest.approx(5.01)
+
+
 def test_a_device_clock_that_stood_still_is_noticed_after_two_seconds():
     clock = DeviceClock()
     for k in range(600):

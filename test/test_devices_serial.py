@@ -21,9 +21,8 @@ import pytest
 import serial
 from serial import rfc2217
 
-from tomotactile_ros.devices import emulator, line, protocol
+from tomotactile_ros.devices import conversation, emulator, line, protocol
 from tomotactile_ros.devices.serial import (
-    ATTEMPTS,
     FIRST_RETRY,
     LAST_RETRY,
     SILENCE,
@@ -390,10 +389,10 @@ def test_a_board_that_restarts_when_its_port_is_opened_has_time_to_boot(monkeypa
     board = Board(counted, E, rate=100.0)
 
     def opener(path, baud):
-        board.deaf = ATTEMPTS + 3
+        board.deaf = conversation.ATTEMPTS + 3
         return line.open_line(path, baud)
 
-    monkeypatch.setattr("tomotactile_ros.devices.serial.ANSWER_TIME", 0.05)
+    monkeypatch.setattr(conversation, "ANSWER_TIME", 0.05)
     with connected(board, opener=opener) as (_, watch):
         watch.wait_for(lambda s: s.state == "silent")
         watch.wait_for_frames(3)

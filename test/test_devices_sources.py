@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device
+from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device, protocol
 from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.devices.recording import MESSAGE, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
@@ -286,8 +286,8 @@ def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
 
 def test_the_emulator_leaves_frames_out_after_a_standstill_and_never_drifts():
     device = emulator.EmulatedDevice(emulator.idle_source(E), E, rate=10.0)
-    device.receive(emulator.protocol.encode(emulator.protocol.Command(2, 1)), 100.0)
-    parser = emulator.protocol.Parser()
+    device.receive(protocol.encode(protocol.Command(2, 1)), 100.0)
+    parser = protocol.Parser()
     ends = np.concatenate([np.arange(100.0, 103.0, 0.013), np.arange(200.0, 201.0, 0.013)])
     rows = [row for now in ends for row in parser.feed(device.rows_due(now))]
     sequence = np.array([row.sequence for row in rows])
@@ -305,19 +305,19 @@ def test_scene_time_begins_with_start_and_a_new_rate_with_the_next_frame():
         return np.zeros((E, E))
 
     device = emulator.EmulatedDevice(source, E, rate=10.0)
-    parser = emulator.protocol.Parser()
+    parser = protocol.Parser()
 
     def tell(command, now):
-        device.receive(emulator.protocol.encode(command), now)
+        device.receive(protocol.encode(command), now)
 
-    tell(emulator.protocol.Command(emulator.protocol.START, 1), 100.0)
+    tell(protocol.Command(protocol.START, 1), 100.0)
     rows = parser.feed(device.rows_due(100.25))
-    tell(emulator.protocol.SetRate(2, 100.0), 100.25)
+    tell(protocol.SetRate(2, 100.0), 100.25)
     rows += parser.feed(device.rows_due(100.3251))
     assert asked == [(0.0, 0), (0.1, 1), (0.2, 2), (0.3, 3), (0.31, 4), (0.32, 5)]
     assert [row.sequence for row in rows].count(2) == E
-    tell(emulator.protocol.Command(emulator.protocol.STOP, 3), 100.33)
-    tell(emulator.protocol.Command(emulator.protocol.START, 4), 200.0)
+    tell(protocol.Command(protocol.STOP, 3), 100.33)
+    tell(protocol.Command(protocol.START, 4), 200.0)
     parser.feed(device.rows_due(200.005))
     assert asked[6:] == [(0.0, 6)]
 

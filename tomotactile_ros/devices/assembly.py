@@ -48,10 +48,18 @@ class FrameAssembler:
         Shape of the frames; rows of another shape are ignored.
     partial : bool
         Whether incomplete frames are returned too, with NaN in the missing rows.
+    counters : AssemblyCounters
+        Where to count on, for a device that was connected before.
     """
 
-    def __init__(self, electrodes: int, rows: int, partial: bool = False) -> None:
-        self.counters = AssemblyCounters()
+    def __init__(
+        self,
+        electrodes: int,
+        rows: int,
+        partial: bool = False,
+        counters: AssemblyCounters | None = None,
+    ) -> None:
+        self.counters = counters or AssemblyCounters()
         self._shape = (electrodes, rows)
         self._partial = partial
         self._grounded: list[int | None] = [None] * rows

@@ -22,7 +22,8 @@ class DeviceClock:
         Number of one-second minima the line goes through.
     tolerance : float
         An arrival this much before its predicted time, or all arrivals of two seconds this much
-        after, mean that the device clock has jumped.
+        after, mean that the device clock has jumped.  In the first second an early arrival only
+        says that the ones before were late, unless it is early by more than a second.
     """
 
     MAX_DRIFT = 2e-3
@@ -76,7 +77,7 @@ class DeviceClock:
     def successor(self) -> DeviceClock:
         """A fresh mapping, for a device that may have restarted, whose stamps go on from here."""
         clock = DeviceClock(self._minima.maxlen, self._tolerance)
-        clock._last_mapped = self._last_mapped
+        clock._last_mapped, clock.jumps = self._last_mapped, self.jumps
         return clock
 
     def _has_jumped(self, device: float, host: float, late: float) -> bool:
@@ -84,9 +85,10 @@ class DeviceClock:
             self._late_since = None
         elif self._late_since is None:
             self._late_since = host
+        settled = device - self._device0 >= 1.0 or late < -1.0
         return (
             device < self._last_device
-            or late < -self._tolerance
+            or (settled and late < -self._tolerance)
             or (self._late_since is not None and host - self._late_since > self.LATE_PERIOD)
         )
 

@@ -87,7 +87,7 @@ class Line:
 
     def __init__(self, port: serial.SerialBase) -> None:
         self._port = port
-        self.name: str = port.port
+        self.name, self.baud = port.port, port.baudrate
         self._behind = False
         self._buffer = memoryview(bytearray(self.CHUNK))
         try:

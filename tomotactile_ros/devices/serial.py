@@ -10,13 +10,13 @@ from collections.abc import Callable
 from dataclasses import asdict
 
 from tomotactile_ros.devices import protocol
-from tomotactile_ros.devices.assembly import FrameAssembler, RowsOfFrame
+from tomotactile_ros.devices.assembly import AssemblyCounters, FrameAssembler, RowsOfFrame
 from tomotactile_ros.devices.base import Frame, Status, ThreadedDevice, unix_time
 from tomotactile_ros.devices.clock import DeviceClock
+from tomotactile_ros.devices.conversation import Conversation, check_identity
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 
 FIRST_RETRY, LAST_RETRY = 0.05, 0.5
-ANSWER_TIME, ATTEMPTS, LAST_ATTEMPT = 0.3, 5, 15
 SILENCE, SILENT_FRAMES = 1.0, 3.0
 RATE_TOLERANCE = 1.5
 
@@ -67,17 +67,12 @@ class SerialDevice(ThreadedDevice):
 
     def _reset(self) -> None:
         self._parser = protocol.Parser()
-        self._assembler: FrameAssembler | None = None
+        self._lost = AssemblyCounters()
         self._clock = DeviceClock()
-        self._lost = dict.fromkeys(
-            ("packets_lost", "frames_incomplete", "frames_lost", "rows_ignored"), 0
-        )
         self._connections = 0
-        self._clock_jumps = 0
         self._low_latency = False
         self._found = ""
         self._device_rate = 0.0
-        self._tag = 0
         self._note = ""
 
     def open(self, on_frame: Callable[[Frame], None]) -> None:
@@ -100,16 +95,12 @@ class SerialDevice(ThreadedDevice):
         )
 
     def _counters(self) -> dict[str, float]:
-        lost = dict(self._lost)
-        if self._assembler is not None:
-            for name, value in asdict(self._assembler.counters).items():
-                lost[name] += value
+        counted = {**asdict(self._parser.counters), **asdict(self._lost)}
         return {
-            **{k: float(v) for k, v in asdict(self._parser.counters).items()},
-            **{k: float(v) for k, v in lost.items()},
+            **{name: float(number) for name, number in counted.items()},
             "rate_device": self._device_rate,
             "reconnects": float(max(0, self._connections - 1)),
-            "clock_jumps": float(self._clock_jumps + self._clock.jumps),
+            "clock_jumps": float(self._clock.jumps),
             "clock_drift_ppm": 1e6 * self._clock.drift,
             "low_latency": float(self._low_latency),
         }
@@ -121,7 +112,7 @@ class SerialDevice(ThreadedDevice):
             try:
                 self._one_connection()
             except LineFault as fault:
-                self._set_state(fault.state, str(fault))
+                self._report(fault)
             if self._connections > connections:
                 delays = retry_delays()
             if not self._stop.is_set():
@@ -133,109 +124,46 @@ class SerialDevice(ThreadedDevice):
             self._low_latency, self._found = line.low_latency, line.name
             if self._state[0] in ("closed", "disconnected"):
                 self._set_state("identifying", f"asking {self._port} for its identity")
+            talk = Conversation(line, self._parser, self._stop)
             while not self._stop.is_set():
-                self._identify(line)
-                self._stream(line)
+                identity = talk.identify(self._report)
+                if identity is not None:
+                    self._accept(identity)
+                    self._stream(talk)
         finally:
             line.close()
 
-    def _identify(self, line: Line) -> None:
-        self._parser.reset()
-        before = asdict(self._parser.counters)
-        line.write(b"\0")
-        for attempt in range(1, LAST_ATTEMPT + 1):
-            identity = self._ask(line, protocol.IDENTIFY, protocol.Identity)
-            if identity is not None:
-                self._accept(identity)
-            if identity is not None or self._stop.is_set():
-                return
-            if attempt >= ATTEMPTS:
-                fault = self._why_no_identity(before)
-                self._set_state(fault.state, str(fault))
-        raise fault
+    def _report(self, fault: LineFault) -> None:
+        self._set_state(fault.state, str(fault))
 
     def _accept(self, identity: protocol.Identity) -> None:
-        if identity.rows > identity.electrodes:
-            raise LineFault(
-                "refused",
-                f"port: {identity.name} on {self._port} announces {identity.rows} ground "
-                f"conditions for {identity.electrodes} electrodes; at most one each is possible",
-            )
-        if identity.electrodes != self._electrodes:
-            raise LineFault(
-                "refused",
-                f"port: {identity.name} on {self._port} has {identity.electrodes} electrodes, "
-                f"the layout {self._electrodes}; choose the layout that fits the sensor",
-            )
-        if self._assembler is not None:
-            for name, value in asdict(self._assembler.counters).items():
-                self._lost[name] += value
+        check_identity(identity, self._electrodes, self._found)
         self.identity = identity
         self._agree_on_rate(identity.rate)
-        self._assembler = FrameAssembler(identity.electrodes, identity.rows, self._partial)
-        self._clock_jumps += self._clock.jumps
+        self._assembler = FrameAssembler(
+            identity.electrodes, identity.rows, self._partial, self._lost
+        )
         self._clock = self._clock.successor()
         self._connections += 1
 
-    def _why_no_identity(self, before: dict[str, int]) -> LineFault:
-        now = asdict(self._parser.counters)
-        if now["packets"] > before["packets"]:
-            return LineFault(
-                "refused", f"port: {self._port} sends packets but does not answer IDENTIFY"
-            )
-        if now["malformed"] > before["malformed"]:
-            return LineFault("refused", f"port: {self._port}: {self._parser.last_complaint}")
-        received = now["bytes"] - before["bytes"]
-        if received:
-            return LineFault(
-                "garbled",
-                f"port: {received} bytes from {self._port} at {self._baud} bit/s and no valid "
-                "packet; wrong baud rate or another kind of device",
-            )
-        return LineFault(
-            "silent",
-            f"port: {self._port} is open but nothing answers; is the sensor powered?",
-        )
-
-    def _ask(self, line: Line, command: int, answer: type) -> protocol.Packet | None:
-        """Send a command and wait for its `answer` (or Error); rows that come are not used."""
-        tag = self._send(line, command)
-        deadline = time.monotonic() + ANSWER_TIME
-        while not self._stop.is_set() and (left := deadline - time.monotonic()) > 0:
-            for packet in self._parser.feed(line.read(min(left, 0.1))):
-                if isinstance(packet, (answer, protocol.Error)) and packet.tag == tag:
-                    return packet if isinstance(packet, answer) else None
-        return None
-
-    def _send(self, line: Line, command: int) -> int:
-        self._tag = self._tag % 0xFFFF + 1
-        if command == protocol.SET_RATE:
-            line.write(protocol.encode(protocol.SetRate(self._tag, self._rate)))
-        else:
-            line.write(protocol.encode(protocol.Command(command, self._tag)))
-        return self._tag
-
-    def _stream(self, line: Line) -> None:
+    def _stream(self, talk: Conversation) -> None:
         """Take in packets until the line falls silent (returns) or is lost (raises)."""
-        if self._stop.is_set():
-            return
-        self._apply_settings(line)
-        last_bytes = self._parser.counters.bytes
+        self._apply_settings(talk)
+        counters = self._parser.counters
+        bytes_then = counters.bytes
         while not self._stop.is_set():
             if self._changed.is_set():
-                self._apply_settings(line)
-            data = line.read(0.1)
-            arrival = time.monotonic()
-            packets = self._parser.feed(data)
+                self._apply_settings(talk)
+            packets, arrival = talk.listen(0.1), talk.arrival
             for packet in packets:
                 self._take(packet, arrival)
             if packets:
-                self._heard, last_bytes = arrival, self._parser.counters.bytes
+                self._heard, bytes_then = arrival, counters.bytes
                 self._report_rows_without_frames(arrival)
             elif self._started and arrival - self._heard > self._patience():
-                self._report_silence(self._parser.counters.bytes - last_bytes)
+                self._report_silence(counters.bytes - bytes_then)
                 return
-        line.write(protocol.encode(protocol.Command(protocol.STOP, self._tag)))
+        talk.command(protocol.STOP)
 
     def _patience(self) -> float:
         return max(SILENCE, SILENT_FRAMES / self._device_rate if self._device_rate > 0 else 0.0)
@@ -256,14 +184,14 @@ class SerialDevice(ThreadedDevice):
             f"lost, {lost.rows_ignored} that fit no frame); check the line or set partial_frames",
         )
 
-    def _apply_settings(self, line: Line) -> None:
+    def _apply_settings(self, talk: Conversation) -> None:
         self._changed.clear()
         self._note = ""
         self._heard = self._framed = time.monotonic()
         if self._rate > 0:
-            self._send(line, protocol.SET_RATE)
+            talk.set_rate(self._rate)
         self._started = self._streaming
-        self._send(line, protocol.START if self._started else protocol.STOP)
+        talk.command(protocol.START if self._started else protocol.STOP)
         if not self._started:
             self._set_state("stopped", f"{self._describe()}; stopped on request")
 
