@@ -7,7 +7,9 @@ import contextlib
 import errno
 import itertools
 import os
+import re
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -30,6 +32,7 @@ from tomotactile_ros.devices.serial import (
     retry_delays,
 )
 
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 PATIENCE = 30.0
 E = 6
 
@@ -219,6 +222,50 @@ def test_a_port_is_found_by_its_usb_id_and_again_under_another_name(monkeypatch)
             watch.wait_for(lambda s, port=port: s.state == "streaming" and port.path in s.message)
             watch.wait_for_frames(1)
             first.unplug()
+
+
+@pytest.fixture
+def firmware(tmp_path):
+    """The device of docs/firmware.c as a program on a pseudo-terminal; gives the port."""
+    document = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    (tmp_path / "wire.c").write_text(re.findall(r"```c\n(.*?)```", document, re.DOTALL)[0])
+    command = ["cc", "-std=gnu99", "-Wall", "-Wextra", "-Werror", "-DON_A_COMPUTER"]
+    command += ["-I", str(tmp_path), "-o", str(tmp_path / "device"), str(DOCS / "firmware.c")]
+    subprocess.run(command, check=True)
+    port = emulator.PtyPort()
+    os.set_blocking(port._master, True)
+    device = subprocess.Popen([tmp_path / "device"], stdin=port._master, stdout=port._master)
+    yield port.path
+    device.kill()
+    device.wait()
+    port.close()
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
+def test_the_firmware_written_from_the_document_speaks_with_the_driver(firmware):
+    device = SerialDevice(firmware, E, rate=150.0)
+    watch = Watch(device)
+    device.open(watch)
+    watch.wait_for_frames(20)
+    watch.wait_for(lambda s: s.counters["rate_device"] == 150.0)
+    device.set_rate(1000.0)
+    watch.wait_for(lambda s: "device: error 2" in s.message)
+    device.set_rate(50.0)
+    watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
+    device.set_streaming(False)
+    watch.wait_for(lambda s: s.state == "stopped")
+    device.set_streaming(True)
+    watch.wait_for_frames(5)
+    counters = device.status().counters
+    device.close()
+    for fault in ("crc_errors", "framing_errors", "malformed", "packets_lost", "rows_ignored"):
+        assert counters[fault] == 0
+    assert device.identity.name == "example"
+    expected = (100 * np.arange(E)[:, None] + np.arange(E)) * (3.3 / 4096)
+    np.fill_diagonal(expected, np.nan)
+    for frame in watch.frames:
+        assert np.allclose(frame.voltages, expected, atol=1e-6, equal_nan=True)
+    assert [f.sequence for f in watch.frames[:20]] == list(range(20))
 
 
 def test_rate_stop_and_start_at_run_time():
