@@ -17,8 +17,9 @@ from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.simulation import patches_across
 
-SIDE, DRIVE, PATCHES = 0.2, 3.3, 60  # patches along a side, as the simulator takes them
+SIDE, DRIVE = 0.2, 3.3
 CASES = (  # radius m, conductance S/m^2, words
     (0.005, 2.0, "disc 5 mm, 20 kPa"),
     (0.005, 20.0, "disc 5 mm, 200 kPa"),
@@ -58,7 +59,7 @@ def main():
             if conductance == np.inf and gap < 1e-3:
                 continue  # on an electrode's rim a bare contact is a switch, not a sample
             contact = Contact("disc", center=centre, radius=radius)
-            across = max(4, int(np.ceil(2 * radius / SIDE * PATCHES)))
+            across = patches_across(contact, SIDE)
             exact = {
                 id(model): reading(model, contact, conductance, 2 * across)
                 for model in (fine_fem, fine_closed)

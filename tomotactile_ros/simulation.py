@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tomotactile_ros.contact import Contact
 from tomotactile_ros.defects import SheetVariation
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
@@ -23,6 +24,7 @@ ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
 _PATCHES = 60  # along the longer side, for the patches of wide contacts
 _ACROSS = 4, 24  # of them to the width of the smallest and of the widest contact
+_TINY = 1e-6  # keeps counts of patches from rounding either way
 _HORIZON = 60.0  # s of motion that are solved ahead
 _WAVES = 256  # of a random field
 
@@ -53,8 +55,7 @@ class Simulator:
             resistance = random_sheet(variation, layout.sheet_resistance)
         self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
-        widths = [np.ptp(contact.vertices, axis=0).max() for contact in scene.contacts]
-        self._across = [int(np.clip(np.ceil(each / self._step), *_ACROSS)) for each in widths]
+        self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.sheet.prepare(self._paths())
         self._last: tuple[list, np.ndarray] | None = None
 
@@ -128,6 +129,12 @@ class Simulator:
         if self.scene.contact_law is None or contact.pressure is None:
             return np.inf
         return float(self.scene.contact_law.conductance(contact.pressure))
+
+
+def patches_across(contact: Contact, longest: float) -> int:
+    """Patches to the width of a contact on a sheet whose longer side is `longest` (m)."""
+    width = np.ptp(contact.vertices, axis=0).max()
+    return int(np.clip(np.ceil(width / longest * _PATCHES - _TINY), *_ACROSS))
 
 
 def _same(first, second) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
-from tomotactile_ros.sheet.transfer import Transfer, make_transfer
+from tomotactile_ros.sheet.transfer import Transfer, electrode_of, make_transfer
 
 _CLOSE = (
     4.0  # radii between centres, below which an electrode sees more than its neighbour's dipole
@@ -88,8 +88,8 @@ class ClosedFormSheet:
                 block -= charges[:, i].T @ (self._induced @ charges[:, j])
             return block
 
-        between = self.electrode_electrode
-        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, green)
+        owner, between = electrode_of(points, self.layout), self.electrode_electrode
+        return make_transfer(self.model, points, owner, between, to_points, self_terms, green)
 
     def prepare(self, points) -> None:
         """Nothing is worth being solved ahead here."""

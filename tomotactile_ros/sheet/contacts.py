@@ -40,12 +40,16 @@ def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, 
 def _together(points, radii, owner):
     """Indices of the points that stand for all, and for every point the one that stands for it."""
     first = np.arange(len(points))
-    if len(points):
-        close = cKDTree(points).query_pairs(_SAME * radii.max(), output_type="ndarray")
+    on, off = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)
+    leader = np.full(owner.max(initial=-1) + 1, len(points))
+    np.minimum.at(leader, owner[on], on)
+    first[on] = leader[owner[on]]
+    if len(off) > 1:
+        reach = _SAME * radii[off].max()
+        close = off[cKDTree(points[off]).query_pairs(reach, output_type="ndarray")]
         apart = np.linalg.norm(points[close[:, 0]] - points[close[:, 1]], axis=1)
         close = close[apart < _SAME * radii[close].min(axis=1)]
         for one, other in close[np.lexsort(close.T[::-1])]:
             first[other] = first[one]
-    for electrode in np.unique(owner[owner >= 0]):
-        first[owner == electrode] = np.argmax(owner == electrode)
-    return np.unique(first, return_inverse=True)
+    kept = np.flatnonzero(first == np.arange(len(points)))
+    return kept, np.searchsorted(kept, first)

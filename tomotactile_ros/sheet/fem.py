@@ -104,18 +104,18 @@ class FemSheet:
         electrodes = self.layout.electrodes
         feed = np.zeros((len(self.where), electrodes))
         correction = np.zeros(electrodes)
-        for electrode, (nodes, rim) in enumerate(zip(self.mesh.electrodes, self.mesh.rims)):
-            if self.shunting:
-                feed[electrode, electrode] = 1.0
-            else:
+        if self.shunting:
+            np.fill_diagonal(feed, 1.0)
+        else:
+            for electrode, (nodes, rim) in enumerate(zip(self.mesh.electrodes, self.mesh.rims)):
                 ring = self.unknown[nodes[:rim]]
                 share = 1 / self._local[ring]
                 share /= share.sum()
                 feed[ring, electrode] = share
                 excess = np.log(self._radius[ring] * self.mesh.ring / self.layout.radius)
                 correction[electrode] = (share**2 * self._local[ring] * excess).sum() / (2 * np.pi)
-        self._to_electrodes = self._solve(feed).T  # (E, M)
-        self.electrode_electrode = self._to_electrodes @ feed + np.diag(correction)
+        self._to_electrodes = self._solve(feed)  # (M, E)
+        self.electrode_electrode = feed.T @ self._to_electrodes + np.diag(correction)
         self._sharpen()
 
     def _sharpen(self):
@@ -126,7 +126,7 @@ class FemSheet:
         self.electrode_electrode[own, own] += rate * np.log(last / radius)
         distance, nearest = self.layout.nearest(self.where)
         lack = rate[nearest] * np.log(last[nearest] / np.maximum(distance, radius))
-        self._to_electrodes[nearest, np.arange(len(lack))] += np.maximum(lack, 0)
+        self._to_electrodes[np.arange(len(lack)), nearest] += np.maximum(lack, 0)
 
     def _solve(self, feed):
         out = np.zeros_like(feed)
@@ -173,9 +173,9 @@ class FemSheet:
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
         local = (weights * self._local[corners]).sum(axis=1)
-        to_points = sum(self._to_electrodes[:, corners[:, c]] * weights[:, c] for c in range(3))
-        nearest = self.layout.nearest(points)[1]
-        excess = self._electrode_log(points, radius, corners, weights, nearest)
+        to_points = np.einsum("kce,kc->ek", self._to_electrodes[corners], weights)
+        apart, nearest = self.layout.nearest(points)
+        excess = self._electrode_log(radius, corners, weights, apart, nearest)
         to_points[nearest, np.arange(len(points))] += excess * local / (2 * np.pi)
 
         def green(i, j):
@@ -202,7 +202,8 @@ class FemSheet:
             self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
             found = green
         between = self.electrode_electrode
-        return make_transfer(self.model, self.layout, points, between, to_points, self_terms, found)
+        owner = np.where(apart < self.layout.radius, nearest, -1)
+        return make_transfer(self.model, points, owner, between, to_points, self_terms, found)
 
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
@@ -212,12 +213,11 @@ class FemSheet:
         np.fill_diagonal(squared, self._radius[nodes] ** 2)
         return 0.5 * np.log(squared)
 
-    def _electrode_log(self, points, radius, corners, weights, nearest):
+    def _electrode_log(self, radius, corners, weights, apart, nearest):
         """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
         centre, least = self.layout.positions[nearest], self.layout.radius
         at_corners = np.linalg.norm(self.where[corners] - centre[:, None], axis=2)
         rounded = (weights * np.log(np.maximum(at_corners, least))).sum(axis=1)
-        apart = np.linalg.norm(points - centre, axis=1)
         excess = rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
         return np.where(apart < _NEAR * self.h, excess, 0.0)
 

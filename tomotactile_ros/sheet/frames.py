@@ -48,7 +48,9 @@ def frame(
     if len(touching) < len(resistance):
         contacts, resistance = transfer.at(touching), resistance[touching]
     green = contacts.among(np.arange(len(touching)))
-    covered = np.isin(grounded, contacts.electrode_of)
+    under_contact = np.zeros(electrodes + 1, bool)  # the last for contacts on no electrode
+    under_contact[contacts.electrode_of] = True
+    covered = under_contact[grounded]
     if len(touching) and not covered.all():
         out[~covered] = _rows(
             green + np.diag(resistance),

@@ -67,8 +67,9 @@ def _soften(measure, radius_squared, squared_distance):
     out = np.array(measure)
     ratio = squared_distance(near) / reach[near]
     apart = ratio > 1e-12
-    clouds = measure[near] * np.exp(exp1(np.where(apart, ratio, 1.0)))
-    out[near] = np.where(apart, clouds, reach[near] / _CLOUD)
+    clouds = reach[near] / _CLOUD
+    clouds[apart] = measure[near][apart] * np.exp(exp1(ratio[apart]))
+    out[near] = clouds
     return out
 
 

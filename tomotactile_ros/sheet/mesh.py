@@ -31,8 +31,8 @@ class Mesh:
     rims        for each electrode how many of these lie on its rim
     ring        nodes on the rim of an electrode that lies wholly inside the outline
     last        (E,) radius of the outermost ring of nodes around each electrode, m
-    locate      locate(points (Q, 2)) -> triangle (Q,) and barycentric weights (Q, 3); those of the
-                nearest node where a point is outside
+    locate      locate(points (Q, 2)) -> triangle (Q,) and barycentric weights (Q, 3); those of a corner
+                of the nearest triangle where a point is outside
     """
 
     points: np.ndarray
@@ -80,8 +80,9 @@ def make_mesh(layout: Layout, h: float, ring: int = 16, *, inner: int = 0) -> Me
             f"outline; narrow parts need elements of {h * 5e2:.3g} mm or less"
         )
     locate = Locator(points, triangles, neighbours, kept)
-    used, corners = np.unique(triangles[kept], return_inverse=True)
-    points, corners = points[used], corners.reshape(-1, 3)
+    used = np.zeros(len(points), bool)
+    used[triangles[kept]] = True
+    points, corners = points[used], (np.cumsum(used) - 1)[triangles[kept]]
     return Mesh(points, corners, *_electrode_nodes(layout, points), size.ring, last, locate)
 
 

@@ -74,12 +74,12 @@ class Transfer:
         return ep - ee[:, grounded, None] - ep[grounded] + ee[grounded, grounded]
 
 
-def make_transfer(model, layout, points, between, to_points, self_terms, green) -> Transfer:
+def make_transfer(model, points, owner, between, to_points, self_terms, green) -> Transfer:
     """`Transfer` to `points`, of which those on an electrode are the electrode.
 
-    between (E, E), to_points (E, K) and self_terms (K,) in ohm; green(i, j) as in `Transfer`.
+    owner (K,) as of `electrode_of`; between (E, E), to_points (E, K) and self_terms (K,) in ohm;
+    green(i, j) as in `Transfer`.
     """
-    owner = electrode_of(points, layout)
     covered = np.flatnonzero(owner >= 0)
     if not len(covered):
         return Transfer(model, points, between, to_points, self_terms, owner, green)
