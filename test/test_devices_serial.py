@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -635,6 +636,20 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
         with pytest.raises(line.LineFault, match=words) as raised:
             line.find_port(port)
         assert raised.value.state == state
+
+
+def test_a_read_takes_no_more_memory_than_it_returns():
+    """Or else the heap gets holes, and grows for hours."""
+    with contextlib.closing(emulator.PtyPort()) as port:
+        opened = line.open_line(port.path, 115200)
+        port.send(b"12345")
+        tracemalloc.start()
+        try:
+            assert opened.read(PATIENCE) == b"12345"
+            assert tracemalloc.get_traced_memory()[1] < opened.CHUNK // 10
+        finally:
+            tracemalloc.stop()
+            opened.close()
 
 
 def test_low_latency_mode_is_asked_for_and_may_be_refused():
