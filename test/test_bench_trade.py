@@ -32,7 +32,7 @@ from tomotactile_ros.yamlio import plain
 
 CASE = cases.Case("equal-4x4", resolution=20)
 SIZE = trials.Size(side=3, pairs=2)
-EFFORT = trade.Effort(SIZE, SIZE, block=2, rounds=2, seconds=0.0)
+EFFORT = trade.Effort(SIZE, SIZE, frames=1, rounds=2, seconds=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_accuracy_is_the_same_every_time(made, row):
 
 def test_a_row_says_everything_in_plain_numbers(row):
     assert row["setup"]["median"] > 0 and row["frame"]["p99"] >= row["frame"]["median"] > 0
-    assert row["frame"]["relative"]["median"] > 0 and row["contacts"] == [9, 18]
+    assert row["frame"]["relative"]["ratio"] > 0 and row["contacts"] == [9, 18]
     assert row["memory"]["peak"] >= row["memory"]["held"] > 0
     assert 0 < row["contact_error"]["mean"] < 0.02
     assert len(tables.trade_row(row)) == len(tables.TRADE)
@@ -166,7 +166,7 @@ def _result(row):
         "libraries": {"numpy": "2"},
         "date": "2026-01-01",
     }
-    peers = {"ratios": {"dense / fast": {"median": 9.0}}}
+    peers = {"ratios": {"dense / fast": {"ratio": 9.0}}}
     rows = [default, plain(row)]
     return {"format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers}
 
@@ -203,7 +203,7 @@ def test_a_missing_peer_is_a_line(made, monkeypatch):
     found = peers.compare(made)
     assert "not installed" in found["problem"]["pyeit"]["skipped"]
     assert "not installed" in found["forward"]["scikit-fem"]["skipped"]
-    assert found["ratios"]["dense / fast"]["median"] > 0
+    assert found["ratios"]["dense / fast"]["ratio"] > 0
     shown = "\n".join(report._peers(found))
     assert shown.count("is not installed: python3 -m pip install") == 2
 
@@ -218,16 +218,22 @@ def test_the_lattice_has_two_triangles_in_every_pixel(made):
 
 def test_calls_are_measured_in_turn_until_there_are_enough():
     order = []
-    calls = {name: lambda name=name: order.append(name) for name in "ab"}
-    times = timing.in_turn(calls, block=2, least=3, seconds=0.0)
-    assert "".join(order) == 3 * "aaabbb"  # the first of each block only warms up
-    assert {name: each.shape for name, each in times.items()} == {"a": (3, 2), "b": (3, 2)}
+    calls = {key: [lambda name=name: order.append(name) for name in key] for key in ("ab", "c")}
+    times = timing.in_turn(calls, least=3, seconds=0.0)
+    assert "".join(order) == 3 * "aabcc"  # the first of each once more, to warm up
+    assert {key: np.shape(each) for key, each in times.items()} == {"ab": (3, 1, 2), "c": (3, 1, 1)}
 
 
 def test_ratios_do_not_see_a_machine_that_slows_down():
-    slower = np.linspace(1, 3, 7)[:, None] * np.ones((7, 4))
-    found = timing.ratio(8 * slower, slower)
-    assert found == {"median": 8.0, "low": 8.0, "high": 8.0, "rounds": 7}
+    slower = [speed * np.ones((1, 4)) for speed in (1.0, 1.5, 2.0)]
+    found = timing.ratio([8 * each for each in slower], slower)
+    assert found == {"ratio": 8.0, "low": 8.0, "high": 8.0, "rounds": 3}
+
+
+def test_ratios_do_not_see_what_disturbs_single_calls():
+    quiet = 9 * [np.array([[1.0, 2.0, 4.0]])]
+    disturbed = [each * (3.0 if i % 2 else 1.0) for i, each in enumerate(quiet)]
+    assert timing.ratio(disturbed, quiet)["ratio"] == 1.0
 
 
 def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):
@@ -258,7 +264,7 @@ def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
     twin = _result(row)
     for each in twin["trade"]:
         each["frame"]["median"] *= 3  # a slower machine
-        each["frame"]["relative"]["median"] *= 1.09
+        each["frame"]["relative"]["ratio"] *= 1.09
     other.write_text(json.dumps(twin))
     assert run_command("--compare", one, other) == 0
     shown = capsys.readouterr().out
@@ -269,7 +275,7 @@ def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
 def test_results_that_differ_are_told(tmp_path, row, key, capsys):
     one, other = _result(row), _result(row)
     if key == "ratio":
-        other["peers"]["ratios"]["dense / fast"]["median"] *= 0.8
+        other["peers"]["ratios"]["dense / fast"]["ratio"] *= 0.8
     else:
         other["trade"][0]["noise_gain"] *= 1 + 1e-9
     assert not compare.agree(one, other)

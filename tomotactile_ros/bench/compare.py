@@ -48,9 +48,9 @@ def ratios(result: dict) -> dict[str, float]:
     """All ratios of times in a result, by name."""
     out = {}
     for row in result["trade"]:
-        out[f"frame, {_name(row)}"] = row["frame"]["relative"]["median"]
-        out[f"set-up, {row['layout']}, {row['resolution']}²"] = row["setup"]["relative"]["median"]
-    return out | {name: found["median"] for name, found in result["peers"]["ratios"].items()}
+        out[f"frame, {_name(row)}"] = row["frame"]["relative"]["ratio"]
+        out[f"set-up, {row['layout']}, {row['resolution']}²"] = row["setup"]["relative"]["ratio"]
+    return out | {name: found["ratio"] for name, found in result["peers"]["ratios"].items()}
 
 
 def different_accuracy(one: dict, other: dict) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""How cost grows with electrodes and pixels: exponents fitted to medians in doubly logarithmic scales."""
+"""How cost grows with electrodes and pixels: exponents fitted to undisturbed times in doubly logarithmic scales."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RESOLUTIONS = (20, 40, 80, 160)
 QUANTITIES = ("setup", "frame", "memory")
 _DEFAULT = 8, 40
 _PLACE = 0.13, 0.07  # of the contact, in parts of the sides
-_SECONDS = 4.0  # for all set-ups, and for all frames
+_SECONDS = 1.5  # for all set-ups, and for all frames
 
 
 def measure(
@@ -34,14 +34,22 @@ def measure(
         memories[size] = timing.memory(makers[size])["held"]
         frames[size] = _frame(makers[size]())
         tick(_work(size))
-    setups = timing.in_turn(makers, block=1, least=3, seconds=_SECONDS, warm=False)
-    frames = timing.in_turn(frames, least=20, seconds=_SECONDS)
+    setups = timing.in_turn(
+        {size: [make] for size, make in makers.items()},
+        least=3,
+        seconds=_SECONDS,
+        turn=0.1,
+        warm=False,
+    )
+    frames = timing.in_turn(
+        {size: [call] for size, call in frames.items()}, least=20, seconds=_SECONDS, turn=0.01
+    )
     points = {
         size: {
             "electrodes": size[0] ** 2,
             "pixels": size[1] ** 2,
-            "setup": float(np.median(setups[size])),
-            "frame": float(np.median(frames[size])),
+            "setup": timing.undisturbed(setups[size]),
+            "frame": timing.undisturbed(frames[size]),
             "memory": memories[size],
         }
         for size in sizes

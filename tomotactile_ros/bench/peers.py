@@ -47,9 +47,11 @@ def compare(trials: Trials) -> dict:
     else:
         calls["pyeit"] = peer.solver(frame)
         found["pyeit"] = {"setup": peer.setup} | _best(peer, trials, pipeline.grid)
-    setup = float(np.median([*setups, *_setups(layout, settings)]))
+    setup = min(*setups, *_setups(layout, settings))
     found["fast"] = {"setup": setup} | _merit(images, trials, pipeline.grid)
-    times = timing.in_turn(calls, least=40, seconds=_SECONDS)
+    times = timing.in_turn(
+        {name: [call] for name, call in calls.items()}, least=20, seconds=_SECONDS, turn=0.01
+    )
     for name, each in times.items():
         found[name]["frame"] = timing.summary(each)
     ratios = {
@@ -59,7 +61,7 @@ def compare(trials: Trials) -> dict:
         if one in times
     }
     if peer is not None:
-        ratios["pyeit / fast, set-up"] = {"median": peer.setup / setup}
+        ratios["pyeit / fast, set-up"] = {"ratio": peer.setup / setup}
     return {"problem": found, "ratios": ratios, "forward": _forward(layout)}
 
 
@@ -111,6 +113,8 @@ def _forward(layout):
     solve = libraries.scikit_fem_solver(layout, _CELLS)
     if solve is not None:
         calls["scikit-fem"] = solve
-    times = timing.in_turn(calls, block=2, least=5, seconds=_SECONDS)
+    times = timing.in_turn(
+        {name: [call] for name, call in calls.items()}, least=5, seconds=_SECONDS / 3, turn=0.02
+    )
     out = {name: timing.summary(each) for name, each in times.items()}
     return out if solve is not None else out | {"scikit-fem": _skip("scikit-fem")}

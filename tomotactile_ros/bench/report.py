@@ -19,7 +19,8 @@ def lines(result: dict) -> Iterator[str]:
     libraries = (f"{name} {version or '-'}" for name, version in machine["libraries"].items())
     yield f"Python {machine['python']}, {', '.join(libraries)}, {machine['blas']}"
     threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
-    yield f"threads: {', '.join(threads)}; {result['seconds']:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
+    seconds = sum(result["seconds"].values())
+    yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
     yield _MODES[result["mode"]]
     yield ""
     yield "Speed and accuracy"
@@ -60,11 +61,9 @@ def _peers(peers):
     yield from tables.text(header, (_peer(*each) for each in measured))
     yield from (found["skipped"] for found in problem.values() if "skipped" in found)
     for name, found in peers["ratios"].items():
-        text = f"{name}: {found['median']:.3g}"
+        text = f"{name}: {found['ratio']:.3g}"
         if "rounds" in found:
-            text += (
-                f" (quartiles {found['low']:.3g} to {found['high']:.3g}, {found['rounds']} rounds)"
-            )
+            text += f" (quartiles of rounds {found['low']:.3g} to {found['high']:.3g}, of {found['rounds']})"
         yield text
     forward = (
         f"{name}: {found.get('skipped') or tables.milliseconds(found['median']) + ' ms'}"

@@ -61,7 +61,7 @@ def measure(mode: str, store: Store) -> dict:
         "format": FORMAT,
         "mode": mode,
         "machine": machine.describe(),
-        "seconds": sum(part["seconds"] for part in kept.values()),
+        "seconds": {name: part["seconds"] for name, part in kept.items()},
         "peak_memory": max(part["peak_memory"] for part in kept.values()),
         "trade": rows,
         "left_out": left_out(full_cases()) if mode == "full" else [],

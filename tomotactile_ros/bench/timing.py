@@ -6,60 +6,60 @@ from __future__ import annotations
 import gc
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 import numpy as np
 
 Call = Callable[[], Any]
+Times = list[np.ndarray]  # of each round (passes, n), s, of n calls
 
 
 def in_turn(
-    calls: dict[str, Call],
+    calls: dict[Any, Sequence[Call]],
     *,
-    block: int = 5,
     least: int = 8,
     seconds: float = 1.0,
-    uncertainty: float = 0.01,
+    turn: float = 0.0,
+    uncertainty: float = 0.02,
     warm: bool = True,
-) -> dict[str, np.ndarray]:
-    """Seconds (rounds, block) of every call, `block` in a row of each in every round.
+) -> dict[Any, Times]:
+    """How long the calls of each key take; in every round each key has its turn.
 
     Parameters
     ----------
-    least : rounds at least; then until every median is known to `uncertainty` of itself, relative to that
-        of the first of `calls`, or until `seconds` are over
-    warm : a call before each block does not count: it finds the caches full of what others left
+    least : rounds at least; then until each call came thrice within `uncertainty` of its shortest time, or
+        until `seconds` are over
+    turn : s; all calls of a key are made once in its turn, and again until this is over
+    warm : the first call of a key is made once more before, and does not count: it finds the caches full of
+        what others left
     """
-    out: dict[str, list[list[float]]] = {name: [] for name in calls}
+    out: dict[Any, Times] = {key: [] for key in calls}
     with _no_collection():
         begin = time.perf_counter()
-        while True:
-            for name, call in calls.items():
+        for done in count(1):
+            for key, each in calls.items():
                 if warm:
-                    call()
-                out[name].append([_seconds(call) for _ in range(block)])
-            elapsed = time.perf_counter() - begin
-            if len(out[name]) >= least and (elapsed >= seconds or _known(out, uncertainty)):
-                return {name: np.array(times) for name, times in out.items()}
+                    each[0]()
+                out[key].append(_one_turn(each, turn))
+            over = time.perf_counter() - begin >= seconds
+            if done >= least and (over or _settled(out, uncertainty)):
+                return out
 
 
-def _seconds(call):
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start
+def _one_turn(calls, seconds):
+    end = time.perf_counter() + seconds
+    passes = [[timed(call)[1] for call in calls]]
+    while time.perf_counter() < end:
+        passes.append([timed(call)[1] for call in calls])
+    return np.array(passes)
 
 
-def _known(times, uncertainty):
-    first, *others = map(np.array, times.values())
-    ratios = [ratio(other, first) for other in others]
-    return all(_median_error(each) < uncertainty * each["median"] for each in ratios)
-
-
-def _median_error(found):
-    """Standard error of the median of normally distributed values with these quartiles."""
-    return 0.93 * (found["high"] - found["low"]) / np.sqrt(found["rounds"])
+def _settled(out, uncertainty):
+    shortest = [np.sort(np.concatenate(times), axis=0)[:3] for times in out.values()]
+    return all((each[-1] <= (1 + uncertainty) * each[0]).all() for each in shortest)
 
 
 @contextmanager
@@ -75,17 +75,24 @@ def _no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def summary(times: np.ndarray) -> dict[str, float]:
-    """Median, 99th percentile and interquartile range of durations, s."""
-    low, median, high, p99 = np.percentile(times, [25, 50, 75, 99])
-    return {"median": median, "p99": p99, "spread": high - low, "samples": times.size}
+def summary(times: Times) -> dict[str, float]:
+    """Median, 99th percentile and interquartile range, s."""
+    every = np.concatenate(times)
+    low, median, high, p99 = np.percentile(every, [25, 50, 75, 99])
+    return {"median": median, "p99": p99, "spread": high - low, "samples": every.size}
 
 
-def ratio(numerator: np.ndarray, denominator: np.ndarray) -> dict[str, float]:
-    """Ratio of durations (rounds, block) that were measured in turn: median and quartiles over the rounds."""
-    each = np.median(numerator, axis=1) / np.median(denominator, axis=1)
-    low, median, high = np.percentile(each, [25, 50, 75])
-    return {"median": median, "low": low, "high": high, "rounds": len(each)}
+def undisturbed(times: Times) -> float:
+    """s of a typical call without what else the machine does: the median over the calls of their shortest."""
+    return float(np.median(np.min(np.concatenate(times), axis=0)))
+
+
+def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
+    """Ratio of times that were measured in turn, undisturbed; quartiles of the ratio in single rounds."""
+    each = np.divide(*([np.median(turn) for turn in times] for times in (numerator, denominator)))
+    low, high = np.percentile(each, [25, 75])
+    of_shortest = undisturbed(numerator) / undisturbed(denominator)
+    return {"ratio": of_shortest, "low": low, "high": high, "rounds": len(each)}
 
 
 def timed(make: Call) -> tuple[Any, float]:

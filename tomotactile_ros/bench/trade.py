@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import cycle
 
 import numpy as np
 
@@ -23,18 +22,18 @@ _OTHER = 0.5  # s for the rest of a case, roughly
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured: contacts of a row, and of a slow one; frames in a row, rounds at least, and s for
-    the times that are taken in turn."""
+    """How much is measured: contacts of a row, and of a slow one; frames of either kind that are timed, rounds
+    at least, and s for these."""
 
     size: Size
     few: Size
-    block: int
+    frames: int
     rounds: int
     seconds: float
 
 
-QUICK = Effort(Size(5, 6), Size(5, 6), block=5, rounds=20, seconds=8.0)
-FULL = Effort(Size(6, 8), Size(5, 5), block=3, rounds=7, seconds=3.0)
+QUICK = Effort(Size(5, 6), Size(5, 6), frames=4, rounds=15, seconds=4.5)
+FULL = Effort(Size(6, 8), Size(5, 5), frames=2, rounds=5, seconds=3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +45,15 @@ class Subject:
     grounded: np.ndarray
     trials: Trials
 
-    def work(self) -> Callable[[], object]:
-        """A function that reconstructs one recorded frame after the other."""
-        frames = np.concatenate([self.trials.singles.frames, self.trials.pairs.frames])
-        frames = cycle(frames[:, self.grounded])
-        return lambda: self.pipeline.process(next(frames), self.grounded, DRIVE)
+    def frames(self, number: int) -> list[Callable[[], object]]:
+        """Functions that reconstruct a recorded frame each, `number` of single contacts and of pairs in turn."""
+        recorded = self.trials.singles, self.trials.pairs
+        places = [np.linspace(0, len(each) - 1, number + 1).astype(int)[1:] for each in recorded]
+        chosen = np.concatenate([each.frames[at] for each, at in zip(recorded, places)])
+        return [
+            partial(self.pipeline.process, frame[self.grounded], self.grounded, DRIVE)
+            for frame in chosen
+        ]
 
 
 class Trade:
@@ -137,20 +140,20 @@ class Trade:
         """By layout and resolution."""
         kinds = dict.fromkeys((case.layout, case.resolution) for case in [REFERENCE, *cases])
         calls = {
-            (layout, cells): partial(
-                Pipeline, find_layout(layout), Case(layout, resolution=cells).settings
-            )
+            (layout, cells): [
+                partial(Pipeline, find_layout(layout), Case(layout, resolution=cells).settings)
+            ]
             for layout, cells in kinds
         }
-        seconds = self.effort.seconds / 2
-        return _compared(timing.in_turn(calls, block=1, least=3, seconds=seconds, warm=False))
+        seconds = self.effort.seconds
+        return _compared(timing.in_turn(calls, least=4, seconds=seconds, turn=0.1, warm=False))
 
     def _frames(self, subjects):
         """For each of `subjects`."""
-        calls = {None: self._reference.work()}
-        calls |= {i: subject.work() for i, subject in enumerate(subjects)}
-        block, least, seconds = self.effort.block, self.effort.rounds, self.effort.seconds
-        found = _compared(timing.in_turn(calls, block=block, least=least, seconds=seconds))
+        effort = self.effort
+        calls = {None: self._reference.frames(effort.frames)}
+        calls |= {i: subject.frames(effort.frames) for i, subject in enumerate(subjects)}
+        found = _compared(timing.in_turn(calls, least=effort.rounds, seconds=effort.seconds))
         return [found[i] for i in range(len(subjects))]
 
     def _memory(self, case):
