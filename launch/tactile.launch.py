@@ -24,6 +24,7 @@ ARGUMENTS = {
     "scene": "what touches a simulated sheet: a scene file or an installed name",
     "device": "fake, serial or replay",
     "port": "of the serial device",
+    "recording": "to replay: a frames.npz or a rosbag2",
     "profile": "fast, balanced, accurate or auto",
     "namespace": "of both nodes, one for each sensor",
     "params_file": "parameters of driver and reconstruction, beside config/*.yaml",
@@ -33,7 +34,7 @@ SWITCHES = {
     "lifecycle": "managed nodes, brought up to active",
 }
 OF_NODE = {
-    "driver": ("layout", "scene", "device", "port"),
+    "driver": ("layout", "scene", "device", "port", "recording"),
     "reconstruction": ("layout", "profile"),
 }
 SHOWN = ("pressure_view", "contact_markers", "layout_markers", "surface")

@@ -5,8 +5,11 @@ Used by the plain tests (processes of their own) and by the tests of the launch 
 
 from __future__ import annotations
 
+import subprocess
+from dataclasses import replace
+
 import numpy as np
-from ros_support import Probe
+from ros_support import LIMIT, Probe, Process, program
 
 PRESSED = (0.05, 0.04)  # m: where the scene of these tests has its only contact
 SCENE = """
@@ -18,6 +21,7 @@ contact_law: {{coefficient: 1.0e-4, exponent: 1.0}}
 noise: {{rms: 0.001}}
 """.format(*PRESSED)
 NEAR = 0.01  # m
+BEND = 0.05  # m, radius of the curved sheet
 
 
 def write_scene(folder) -> str:
@@ -25,6 +29,32 @@ def write_scene(folder) -> str:
     path = folder / "pressed.yaml"
     path.write_text(SCENE, encoding="utf-8")
     return str(path)
+
+
+def write_curved_layout(folder) -> str:
+    """File of the 8 x 8 layout of these tests, wrapped around a cylinder."""
+    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.surface import Surface
+
+    path = folder / "curved-8x8.yaml"
+    replace(load_layout("equal-8x8"), name="curved-8x8", surface=Surface(BEND)).save(path)
+    return str(path)
+
+
+def arguments_of(device: str, folder, layout: str, scene: str) -> dict[str, str]:
+    """What lets a driver have its frames from an emulator or from a recording of the scene."""
+    if device == "serial":
+        return {"device": device, "port": str(folder / "port")}
+    recording = str(folder / "frames.npz")
+    words = ["--layout", layout, "--scene", scene, "--frames", "60", "--out", recording]
+    subprocess.run([program("tomotactile"), "simulate", *words], check=True, timeout=LIMIT)
+    return {"device": device, "recording": recording}
+
+
+def plug_in(folder, layout: str, scene: str, domain: int) -> Process:
+    """The emulator, at the other end of the line of `arguments_of`."""
+    words = ["--layout", layout, "--scene", scene, "--port", f"pty:{folder / 'port'}"]
+    return Process([program("emulator"), *words], domain)
 
 
 def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link") -> None:
@@ -88,6 +118,42 @@ def peak_of(message) -> tuple[int, int] | None:
         return None
     row, column = np.unravel_index(np.nanargmax(pressure), pressure.shape)
     return int(row), int(column)
+
+
+def check_surface(probe: Probe, prefix: str = "") -> None:
+    """The cloud lies on the cylinder, its highest pressure where the scene presses, and so the markers."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import PointCloud2
+    from visualization_msgs.msg import MarkerArray
+
+    angle = PRESSED[0] / BEND
+    pressed = (BEND * np.sin(angle), PRESSED[1], BEND * (np.cos(angle) - 1))
+    cloud = probe.wait_for(PointCloud2, f"{prefix}/surface", lambda m: table_of(m)[:, 3].max() > 0)
+    table = table_of(cloud)
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "pressure"]
+    assert np.isfinite(table).all() and len(table) == 40 * 40
+    np.testing.assert_allclose(np.hypot(table[:, 0], table[:, 2] + BEND), BEND, rtol=1e-5)
+    assert np.linalg.norm(table[table[:, 3].argmax(), :3] - pressed) < 2 * NEAR
+
+    shown = probe.wait_for(MarkerArray, f"{prefix}/contact_markers", lambda m: len(m.markers) > 1)
+    (disc,) = (m for m in shown.markers if (m.ns, m.id) == ("contact", 0))
+    assert distance_of(disc, pressed) < NEAR
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    layout = probe.wait_for(MarkerArray, f"{prefix}/layout_markers", qos=latched)
+    axis = [np.hypot(m.pose.position.x, m.pose.position.z + BEND)
+            for m in layout.markers if m.ns == "electrode"]  # fmt: skip
+    np.testing.assert_allclose(axis, np.full(64, BEND))
+
+
+def table_of(cloud) -> np.ndarray:
+    """(P, 4) x, y, z (m) and pressure (Pa) of a point cloud."""
+    return np.frombuffer(cloud.data, np.float32).reshape(cloud.width, 4)
+
+
+def distance_of(marker, place) -> float:
+    """Distance of a marker from a place in space, m."""
+    at = marker.pose.position
+    return float(np.linalg.norm(np.subtract((at.x, at.y, at.z), place)))
 
 
 def check_tare(probe: Probe, prefix: str = "") -> None:

@@ -7,6 +7,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 
 from tomotactile_ros.nodes import driver, optimizer, reconstruction
 
@@ -42,6 +43,20 @@ def test_every_parameter_is_documented(name):
     for spec in SPECS[name]:
         (row,) = (line for line in section.splitlines() if line.startswith(f"| `{spec.name}` |"))
         assert row.split("|")[3].strip() == _range(spec)
+
+
+def test_the_aggregator_finds_each_status_in_one_group(probe, start):
+    content = yaml.safe_load((CONFIG / "diagnostics.yaml").read_text("utf-8"))
+    groups = [g for g in content["/**/analyzers"]["ros__parameters"].values() if g != "Tactile"]
+    start("tactile", {"scene": "idle"}, namespace="/skin")
+    reports = probe.listen(DiagnosticArray, "/diagnostics")
+
+    def names():
+        return {status.name for report in reports for status in report.status}
+
+    probe.until(lambda: len(names()) >= len(groups), "report of each node")
+    for name in names():
+        assert sum(any(part in name for part in group["contains"]) for group in groups) == 1
 
 
 def _range(spec) -> str:
