@@ -68,7 +68,8 @@ def test_nonlinear_inverse_finds_its_own_contacts(setting):
     places, true = np.array([330, 331, 362, 361]), np.array([1e-4, 2e-5, 8e-5, 4e-5])
     reading = measured(setting, places, true)
     around = np.add.outer(np.arange(-2, 4) * 30, np.arange(-2, 4)).ravel() + 330
-    values, costs = solve_conductance(problem(setting, reading, around), np.full(36, 1e-5), 1e3)
+    task, start = problem(setting, reading, around), np.full(36, 1e-5)
+    values, costs, _ = solve_conductance(task, start, 1e3, start)
     assert (np.diff(costs) < 0).all()
     assert costs[-1] < 1e-3 * costs[0]
     assert values.min() >= 0
@@ -81,7 +82,8 @@ def test_contacts_close_together_do_not_bias_each_other(setting):
     true = np.array([3e-4, 3e-4])
     reading = measured(setting, [330, 332], true)
     active = np.array([330, 332])
-    values, _ = solve_conductance(problem(setting, reading, active), np.full(2, 1e-4), 1e3)
+    start = np.full(2, 1e-4)
+    values, _, _ = solve_conductance(problem(setting, reading, active), start, 1e3, start)
     linear = setting[2].sheet.share[:, active]
     effective = np.linalg.lstsq(linear, reading.currents, rcond=None)[0]
     assert values == pytest.approx(true, rel=0.01)

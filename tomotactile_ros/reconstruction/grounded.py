@@ -74,3 +74,27 @@ class GroundedSheet:
         block = (block + block.T) / 2
         np.fill_diagonal(block, self.impedance[chosen])
         return block
+
+
+class RecentBlock:
+    """D between pixels, kept from call to call: of contacts that move slowly only a few pixels are new."""
+
+    def __init__(self):
+        self._sheet, self._chosen, self._block = None, np.empty(0, int), np.empty((0, 0))
+
+    def among(self, sheet: GroundedSheet, chosen: np.ndarray) -> np.ndarray:
+        """(n, n) as `GroundedSheet.among`; `chosen` (n,) in ascending order."""
+        if sheet is not self._sheet:
+            self.__init__()
+        known = np.isin(chosen, self._chosen)
+        if not known.any():
+            block = sheet.among(chosen)
+        else:
+            places = np.searchsorted(self._chosen, chosen[known])
+            block = np.empty((len(chosen), len(chosen)))
+            block[np.ix_(known, known)] = self._block[np.ix_(places, places)]
+            block[~known] = sheet.between(chosen[~known], chosen)
+            block[:, ~known] = block[~known].T
+            np.fill_diagonal(block, sheet.impedance[chosen])
+        self._sheet, self._chosen, self._block = sheet, chosen, block
+        return block

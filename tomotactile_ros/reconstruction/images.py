@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.reconstruction.active_set import Memory
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.conductance import conductance_image
 from tomotactile_ros.reconstruction.contacts import FLOOR, SHARP_FLOOR, Blob, find_blobs
@@ -17,6 +18,7 @@ from tomotactile_ros.reconstruction.estimate import (
     seen_radius,
     strengths,
 )
+from tomotactile_ros.reconstruction.grounded import RecentBlock
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 from tomotactile_ros.reconstruction.parametric import refine_discs
@@ -36,12 +38,20 @@ class Image:
 
 
 class ImageMaker:
-    """Images of one profile; `model` of the layout, `radius` of a small contact, m."""
+    """Images of one profile; `model` of the layout, `radius` of a small contact, m.
+
+    `memories`: where the searches of `nonnegative` and `conductance` start, from frame to frame.
+    """
 
     def __init__(self, profile: str, model, radius: float):
         self.profile, self.sheet, self.radius = profile, model.sheet, radius
         own = model.sheet.transfer(model.grid.pixels, EVEN_DISC * radius).point_self
+        self.memories, self._recent = (Memory(), Memory()), RecentBlock()
         self._change = own - model.transfer.point_self  # of D from a pixel to a disc, ohm
+
+    def forget(self) -> None:
+        """Start the next frame from scratch."""
+        self.memories = Memory(), Memory()
 
     def __call__(self, local: LocalImage, measured: Grounded) -> Image:
         linear = local.image(measured).astype(float)
@@ -49,13 +59,13 @@ class ImageMaker:
             return self.described(local, measured, linear, local.point_area(measured))
         grid = local.grid
         width = SHARP * local.spacing
-        even = self.profile == "balanced" and self._is_wide(local, measured, linear)
-        sparse = nonnegative_image(local, measured, linear, even)
+        even = self._is_wide(local, measured, linear)
+        sparse = nonnegative_image(local, measured, linear, even, self.memories[0])
         sharp = spread(sparse, grid, width)
         point_area = 2 * np.pi * np.log(2) * max(width, 0.6 * grid.cell_size[0]) ** 2
         if self.profile == "balanced":
             return self.described(local, measured, sharp, point_area, sparse)
-        values = conductance_image(local, measured, sharp)
+        values = conductance_image(local, measured, sharp, self.memories[1], self._recent)
         return self._refined(
             local, measured, spread(values, grid, width), values, point_area, width
         )

@@ -7,9 +7,8 @@ nearly free of errors of the sheet, couplings carry a part of Y0 that stands for
 alone leave open how far a contact reaches: they give its centre. Couplings are largest for a current fed in midway
 between electrodes and least for one spread out to them, and a constant added to their data makes contacts as
 compact as the currents allow where couplings are too uncertain to tell. Solutions are
-sparse, a few pixels to a contact; the active-set method of Lawson and Hanson finds them in as many steps. Only
-pixels where the linear image is above a fraction of its maximum take part: the image of the same frame is a better
-start than that of the previous one, and contacts that jump are not followed late.
+sparse, a few pixels to a contact; active sets find them from those of the last frame. Only pixels where the linear
+image of the same frame is above a fraction of its maximum take part: contacts that jump are not followed late.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import nnls
 
 from tomotactile_ros.grid import Grid
+from tomotactile_ros.reconstruction.active_set import Memory, minimise
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.local import LocalImage
 
@@ -54,7 +54,7 @@ def weighted_data(
 
 
 def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x >= 0 that minimises |matrix x - right|; the best so far where the steps run out."""
+    """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run out."""
     try:
         return nnls(matrix, right)[0]
     except RuntimeError:
@@ -62,22 +62,38 @@ def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def nonnegative_image(
-    local: LocalImage, measured: Grounded, linear: np.ndarray, even: bool = False
+    local: LocalImage,
+    measured: Grounded,
+    linear: np.ndarray,
+    even: bool = False,
+    memory: Memory | None = None,
 ) -> np.ndarray:
     """(K,) effective conductance c of each pixel, S, from the linear image of the same frame.
 
-    `even` adds a small weight on c^2, for contacts that are wide: they would break into spots.
+    Parameters
+    ----------
+    even : add a small weight on c^2, for contacts that are wide: they would break into spots
+    memory : of the last frame; updated
     """
     out = np.zeros(len(linear))
     active = support(linear)
-    if len(active):
-        data, weight = weighted_data(local, measured)
-        matrix = local.forward[: len(data), active] * weight[:, None]
-        right = data * weight
+    if not len(active):
+        return out
+    data, weight = weighted_data(local, measured)
+    matrix = local.forward[: len(data), active] * weight[:, None]
+    right = data * weight
+    memory = memory or Memory()
+    start = memory.recall(active)
+    if start is None and not even:
+        out[active], memory.steps = solve_nonnegative(matrix, right), 0
+    else:
+        gram = matrix.T @ matrix
         if even:
-            matrix = np.vstack([matrix, np.eye(len(active)) / typical_pixel(local)])
-            right = np.append(right, np.zeros(len(active)))
-        out[active] = solve_nonnegative(matrix, right)
+            gram.ravel()[:: len(gram) + 1] += typical_pixel(local) ** -2
+        if start is None:
+            start = np.maximum(linear[active] - linear.max() / 2, 0.0)
+        out[active], memory.steps = minimise(gram, matrix.T @ right, start, blocks=even)
+    memory.values = out
     return out
 
 

@@ -52,6 +52,7 @@ class Pipeline:
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
         self._excluded = np.zeros(layout.electrodes, bool)
         self._excluded[list(settings.excluded)] = True
+        self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.regularization is not None:
@@ -78,10 +79,12 @@ class Pipeline:
         valid = np.isfinite(stack)
         total = np.where(valid, stack, 0.0).sum(axis=0)
         self._baseline = total / np.maximum(np.count_nonzero(valid, axis=0), 1)
+        self._make_image.forget()
 
     def untare(self) -> None:
         """Forget the tare."""
         self._baseline = None
+        self._make_image.forget()
 
     def process(self, voltages, grounded, drive_voltage: float) -> Result:
         """Reconstruct one frame.
@@ -97,7 +100,11 @@ class Pipeline:
         drive_voltage = check_drive_voltage(drive_voltage)
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
         if measured is None:
+            self._make_image.forget()
             return self._idle(bad)
+        if not np.array_equal(bad, self._left_out):
+            self._make_image.forget()
+            self._left_out = bad
         if self.settings.regularization is None:
             image = self._make_image(local, measured)
             level = local.regularization(local.level(measured))
@@ -147,8 +154,12 @@ class Pipeline:
         for profile in MEASURED:
             settings = replace(self.settings, profile=profile)
             other = Pipeline(self.layout, settings, model=self._model)
-            times[profile] = median_time(partial(other.process, trial, grounded, 3.3))
+            times[profile] = median_time(partial(other._process_anew, trial, grounded, 3.3))
         return choose(times, self.settings.deadline)
+
+    def _process_anew(self, *frame):
+        self._make_image.forget()
+        return self.process(*frame)
 
     def _measure(self, frame, bad, drive_voltage):
         """`LocalImage` and `Grounded` of the good channels; broken ones are added to `bad` (E,)."""
