@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 
 import numpy as np
 
@@ -65,8 +64,8 @@ class Health:
             self.callback_error = ""
             self._frames = 0
             self._callback_errors = 0
-            self._times: deque[float] = deque(maxlen=1024)
-            self._latencies: deque[float] = deque(maxlen=4096)
+            self._times = np.full(1024, -np.inf)
+            self._latencies = np.full(4096, np.nan)
 
     def frame_delivered(
         self, voltages: np.ndarray, drive_voltage: float, last_sample: float | None
@@ -74,16 +73,16 @@ class Health:
         """Note a frame that has just been handed over; `last_sample` in s, monotonic clock."""
         now = time.monotonic()
         with self._lock:
+            self._times[self._frames % self._times.size] = now
+            late = np.nan if last_sample is None else now - last_sample
+            self._latencies[self._frames % self._latencies.size] = late
             self._frames += 1
-            self._times.append(now)
-            if last_sample is not None:
-                self._latencies.append(now - last_sample)
         self.dead_channels.update(voltages, drive_voltage)
 
     def forget_rate(self) -> None:
         """Measure the rate anew, because another one is due from now on."""
         with self._lock:
-            self._times.clear()
+            self._times.fill(-np.inf)
 
     def callback_failed(self, message: str) -> None:
         """Note that the receiver of a frame raised an exception."""
@@ -95,14 +94,14 @@ class Health:
         """Figures so far; latencies over the last 4096 frames, the rate over the last 5 s."""
         now = time.monotonic()
         with self._lock:
-            recent = [t for t in self._times if t > now - self.RATE_WINDOW]
-            latencies = np.array(self._latencies)
+            recent = self._times[self._times > now - self.RATE_WINDOW]
+            latencies = self._latencies[~np.isnan(self._latencies)]
             counters = {
                 "frames": float(self._frames),
                 "callback_errors": float(self._callback_errors),
             }
-        span = recent[-1] - recent[0] if len(recent) > 1 else 0.0
-        counters["rate_seen"] = (len(recent) - 1) / span if span >= self.LEAST_SPAN else 0.0
+        span = float(np.ptp(recent)) if recent.size else 0.0
+        counters["rate_seen"] = (recent.size - 1) / span if span >= self.LEAST_SPAN else 0.0
         counters["latency_mean"] = float(latencies.mean()) if latencies.size else 0.0
         counters["latency_p99"] = float(np.quantile(latencies, 0.99)) if latencies.size else 0.0
         counters["latency_max"] = float(latencies.max()) if latencies.size else 0.0
