@@ -46,7 +46,7 @@ class LevelFactor:
 
     def solve(self, right) -> np.ndarray:
         """(N, n) solutions for right-hand sides (N, n)."""
-        found = right[self._order].astype(float)
+        found = right[self._order].astype(float, copy=False)
         parts = [found[part] for part in self._parts]
         steps = list(zip(parts, parts[1:], self._coupling, self._inverse))
         for own, after, coupling, inverse in steps:

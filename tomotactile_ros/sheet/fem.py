@@ -115,7 +115,8 @@ class FemSheet:
                 excess = np.log(self._radius[ring] * self.mesh.ring / self.layout.radius)
                 correction[electrode] = (share**2 * self._local[ring] * excess).sum() / (2 * np.pi)
         self._to_electrodes = self._solve(feed)  # (M, E)
-        self.electrode_electrode = feed.T @ self._to_electrodes + np.diag(correction)
+        fed = np.flatnonzero(feed.any(axis=1))
+        self.electrode_electrode = feed[fed].T @ self._to_electrodes[fed] + np.diag(correction)
         self._sharpen()
 
     def _sharpen(self):

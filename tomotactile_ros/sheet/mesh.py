@@ -19,6 +19,7 @@ from tomotactile_ros.sheet.placement import LocalSize, place_nodes
 # Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which spares
 # Qhull more than half of its time; the triangles then join the nodes where they are.
 _JOGGLE = "QJ1e-9"
+_FLAT = 1e-7  # area of a triangle, in parts of its longest edge squared, that only joggled nodes on a line have
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,8 @@ def make_mesh(layout: Layout, h: float, ring: int = 16, *, inner: int = 0) -> Me
     for each in triangles, neighbours:
         each[turned] = each[turned, ::-1]
     area = np.abs(area)
-    kept = area > 1e-9 * scale**2 / len(points) ** 2
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    kept = area > _FLAT * longest
     kept &= layout.outline.contains((a + b + c) / 3)
     covered, wanted = area[kept].sum(), layout.outline.area
     if abs(covered - wanted) > 0.01 * wanted:

@@ -1,0 +1,77 @@
+"""Meshes: triangles that fill the outline, the same each time, and points found in them."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.sheet.factor import LevelFactor
+from tomotactile_ros.sheet.mesh import make_mesh
+
+ANGLE = 2 * np.pi * np.arange(24) / 24
+CIRCLE = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
+SLIT = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [0.002, 0.1], [0.002, -0.05], [-0.002, -0.05]]
+SLIT += [[-0.002, 0.1], [-0.1, 0.1]]
+OUTLINES = {
+    "rectangle": Outline.rectangle(0.2, 0.05),
+    "circle": Outline.circle(0.1),
+    "holes": Outline.rectangle(0.2, 0.2, holes=[0.02 * CIRCLE + 0.03, 0.01 * CIRCLE - 0.04]),
+    "slit": Outline.polygon(SLIT),
+}
+
+
+def mesh_of(kind, h=0.005):
+    positions = np.array([[-0.08, 0.01], [0.08, -0.01], [0.06, 0.0]])
+    return make_mesh(Layout(kind, OUTLINES[kind], 1e4, 0.0025, positions), h)
+
+
+def doubled_areas(mesh):
+    a, b, c = (mesh.points[mesh.triangles[:, i]] for i in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+
+
+@pytest.mark.parametrize("kind", OUTLINES)
+def test_triangles_are_counter_clockwise_and_fill_the_outline(kind):
+    mesh = mesh_of(kind)
+    areas = doubled_areas(mesh) / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(OUTLINES[kind].area, rel=1e-3)
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
+
+
+def test_a_regular_lattice_has_the_same_triangles_each_time():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    first, second = make_mesh(layout, 0.005), make_mesh(layout, 0.005)
+    np.testing.assert_array_equal(first.triangles, second.triangles)
+    np.testing.assert_array_equal(first.points, second.points)
+
+
+@pytest.mark.parametrize("kind", OUTLINES)
+def test_points_are_found_in_their_triangle(kind):
+    """Whatever lies between them and the nearest triangle: a hole, a slit narrower than an element."""
+    mesh, outline = mesh_of(kind), OUTLINES[kind]
+    points = np.random.default_rng(1).uniform(-0.1, 0.1, (3000, 2))
+    points = points[outline.contains(points) & (outline.rim_distance(points) > 1e-3)]
+    points = np.concatenate([points, mesh.points])
+    element, weights = mesh.locate(points)
+    assert weights.min() > -1e-8
+    found = np.einsum("qc,qcx->qx", weights, mesh.points[mesh.triangles[element]])
+    np.testing.assert_allclose(found, points, atol=1e-9)
+
+
+def test_points_beside_the_mesh_take_a_corner_of_the_nearest_triangle():
+    mesh = mesh_of("holes")
+    points = np.array([[0.11, 0.02], [0.0, -0.3], [0.03, 0.03], [-0.04, -0.041]])
+    element, weights = mesh.locate(points)
+    assert np.array_equal(np.sort(weights, axis=1), np.tile([0.0, 0.0, 1.0], (4, 1)))
+    corner = mesh.points[mesh.triangles[element, weights.argmax(axis=1)]]
+    apart = np.linalg.norm(mesh.points[:, None] - points, axis=2).min(axis=0)
+    assert (np.linalg.norm(corner - points, axis=1) < apart + 0.005).all()
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused():
+    from scipy import sparse
+
+    matrix = sparse.csr_matrix([[1.0, 2.0], [2.0, 1.0]])
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        LevelFactor(matrix, [0])
