@@ -128,12 +128,13 @@ def test_full_mode_covers_every_choice():
     assert {"trade equal-16x16 80²", "peers", "growth", "stability"} <= measured
 
 
-def test_what_is_left_out_is_said():
+def test_what_is_left_out_is_said(monkeypatch):
+    monkeypatch.setattr(cases, "FAMILIES", ("equal", "other"))
     lines = cases.left_out([cases.Case("equal-4x4"), cases.Case("equal-8x8")])
     assert (
         "equal-4x4: not measured with 32 and 16 ground conditions, 16 are all that it has" in lines
     )
-    assert "free-16x16: not measured, no such layout is installed" in lines
+    assert "other-16x16: not measured, no such layout is installed" in lines
     assert not any("equal-8x8" in line for line in lines)
 
 

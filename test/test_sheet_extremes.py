@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.contacts import contact_points
@@ -147,3 +147,8 @@ def test_a_mesh_too_coarse_for_the_outline_is_refused():
         assert sheet.mesh.triangles.size
         covered = sheet.mesh.points[sheet.mesh.triangles].mean(axis=1)
         assert layout.outline.contains(covered).all()
+
+
+def test_nodes_on_a_line_make_no_triangle():
+    """Between neighbours on the rim of this layout they would be as flat as rounding makes them."""
+    make_sheet(load_layout("optimized-8x8"), "fem", h=0.2 / 56)

@@ -65,12 +65,12 @@ def _measure(args):
     out.parent.mkdir(parents=True, exist_ok=True)
     store = Store(out.with_suffix(".part.json"), mode)
     if store.parts:
-        print(f"{store.path}: goes on after {len(store.parts)} parts", file=sys.stderr)
+        print(f"{store.path}: goes on, parts done: {len(store.parts)}", file=sys.stderr)
     try:
         result = plain(measure(mode, store))
     except KeyboardInterrupt:
         print(
-            f"{store.path}: keeps {len(store.parts)} of {len(parts(mode))} parts; "
+            f"{store.path}: keeps what is done, {len(store.parts)} of {len(parts(mode))} parts; "
             "the same command goes on from there",
             file=sys.stderr,
         )
