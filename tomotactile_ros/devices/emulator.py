@@ -36,6 +36,7 @@ class Emulator:
     TICK = 0.001
     IDLE = 0.05
     BUFFER = 1 << 19  # of a microcontroller with half a megabyte to spare
+    PIECE = 1 << 16
 
     def __init__(
         self,
@@ -83,7 +84,7 @@ class Emulator:
                 elif rows:
                     self.dropped += 1
                 if pending:
-                    del pending[: port.send(bytes(pending))]
+                    del pending[: port.send(bytes(pending[: self.PIECE]))]
         finally:
             port.close()
 
