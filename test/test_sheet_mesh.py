@@ -6,6 +6,7 @@ import pytest
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.sheet.factor import LevelFactor
+from tomotactile_ros.sheet.kept import KeptGreen
 from tomotactile_ros.sheet.mesh import make_mesh
 
 ANGLE = 2 * np.pi * np.arange(24) / 24
@@ -75,3 +76,25 @@ def test_a_matrix_that_is_not_positive_definite_is_refused():
     matrix = sparse.csr_matrix([[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         LevelFactor(matrix, [0])
+
+
+def test_columns_that_were_solved_are_kept_until_there_are_too_many():
+    random = np.random.default_rng(0)
+    matrix = random.random((4000, 4000))
+    matrix += matrix.T
+    solved = []
+
+    def solve(feed):
+        which = feed.argmax(axis=0)
+        solved.extend(which)
+        return matrix[:, which]
+
+    kept = KeptGreen(solve, len(matrix))
+    for count in 5, 1500, 1000, 2900:
+        chosen = random.permutation(4000)[:count]
+        np.testing.assert_array_equal(kept.among(chosen), matrix[np.ix_(chosen, chosen)])
+        before = len(solved)
+        np.testing.assert_array_equal(
+            kept.among(chosen[::-1]), matrix[np.ix_(chosen, chosen)][::-1, ::-1]
+        )
+        assert len(solved) == before

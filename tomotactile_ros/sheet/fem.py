@@ -24,13 +24,13 @@ import numpy as np
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
+from tomotactile_ros.sheet.kept import KeptGreen
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 from tomotactile_ros.sheet.triangles import at_ends, corner_angles, links, stiffness
 
 _FEW = 300  # points whose mutual Green function is computed at once
 _NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
-_MOST_KEPT = 3000  # unknowns whose mutual Green function is kept (72 MB)
 
 
 class FemSheet:
@@ -61,8 +61,7 @@ class FemSheet:
         along = self.where[1:, np.argmax(layout.outline.size)]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
         self._factor = LevelFactor(self.stiffness[1:, 1:], start)  # unknown 0 is held at 0 V
-        self._place = np.full(len(self.where), -1)  # of an unknown in `_kept_green`
-        self._kept_green = np.empty((0, 0))
+        self._kept = KeptGreen(self._solve, len(self.where))
         self._radius = self._node_radius(ends, conductance, angles)
         self._solve_electrodes()
 
@@ -138,34 +137,7 @@ class FemSheet:
         """Solve ahead for contacts that will touch the sheet around `points` (Q, 2)."""
         element, _ = self.mesh.locate(np.asarray(points, float).reshape(-1, 2))
         nodes = np.unique(self.unknown[self.mesh.triangles[element]])
-        self._among(nodes[:_MOST_KEPT])
-
-    def _among(self, unknowns):
-        """(n, n) Green function between `unknowns`; what was solved once is kept."""
-        if (self._place[unknowns] < 0).any():
-            self._keep(unknowns)
-        place = self._place[unknowns]
-        return self._kept_green[np.ix_(place, place)]
-
-    def _keep(self, unknowns):
-        known = np.flatnonzero(self._place >= 0)
-        if len(known) + len(unknowns) > _MOST_KEPT:
-            self._place[known] = -1
-            known = known[:0]
-        missing = unknowns[self._place[unknowns] < 0]
-        order = np.argsort(self._place[known])
-        together = np.concatenate([known[order], missing])
-        old, new = len(known), len(together)
-        if new > len(self._kept_green):
-            larger = np.empty((2 * new, 2 * new))
-            larger[:old, :old] = self._kept_green[:old, :old]
-            self._kept_green = larger
-        feed = np.zeros((len(self.where), len(missing)))
-        feed[missing, np.arange(len(missing))] = 1.0
-        columns = self._solve(feed)[together]
-        self._kept_green[:new, old:new] = columns
-        self._kept_green[old:new, :old] = columns[:old].T
-        self._place[missing] = np.arange(old, new)
+        self._kept.prepare(nodes)
 
     def transfer(self, points, radius) -> Transfer:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
@@ -188,7 +160,7 @@ class FemSheet:
             true_log = _log_distance(points[i], points[j], mutual_radius(radius[i], radius[j]))
             excess = first @ (self._mesh_log(nodes) @ second.T) - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
-            return first @ (self._among(nodes) @ second.T) + scale * excess
+            return first @ (self._kept.among(nodes) @ second.T) + scale * excess
 
         if len(points) <= _FEW:
             everything = np.arange(len(points))
