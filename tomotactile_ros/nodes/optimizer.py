@@ -27,7 +27,9 @@ SPECS = (
         "layout", "equal-8x8", "To start from: a layout file or an installed name", read_only=True
     ),
     Spec("method", "equalize", "How electrodes are moved", choices=METHODS, read_only=True),
-    Spec("steps", 0, "Updates, or generations of free; 0: as usual", low=0, high=1000, read_only=True),
+    Spec(
+        "steps", 0, "Updates, or generations of free; 0: as usual", low=0, high=1000, read_only=True
+    ),
     Spec("seed", 0, "Of the search of free", low=0, high=2**31 - 1, read_only=True),
     Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
     Spec("name", "optimized", "Name of the best layout", read_only=True),

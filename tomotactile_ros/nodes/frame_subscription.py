@@ -1,0 +1,62 @@
+"""The subscription to voltage frames: messages in, frames out, and word of a publisher that does not suit."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.nodes.conversions import message_to_frame
+
+try:
+    from rclpy.event_handler import SubscriptionEventCallbacks
+except ImportError:  # Humble
+    from rclpy.qos_event import SubscriptionEventCallbacks
+
+
+def subscribe_to_frames(
+    node: Node,
+    accept: Callable[[Frame, str, str], None],
+    refuse: Callable[[str], None],
+    incompatible: Callable[[str], None],
+) -> None:
+    """Listen to `voltage_frame`: a late frame is dropped, not queued.
+
+    Parameters
+    ----------
+    node : the node that listens.
+    accept : called with each frame, its layout's id and its frame_id.
+    refuse : called with the reason where a message holds no frame.
+    incompatible : called with the policy by which a publisher's quality of service does not suit.
+    """
+
+    def on_message(message: VoltageFrame) -> None:
+        try:
+            frame = message_to_frame(message)
+        except InputError as error:
+            refuse(str(error))
+        else:
+            accept(frame, message.layout_id, message.header.frame_id)
+
+    node.create_subscription(
+        VoltageFrame,
+        "voltage_frame",
+        on_message,
+        QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
+        ),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        event_callbacks=SubscriptionEventCallbacks(
+            incompatible_qos=lambda event: incompatible(_policy_name(event.last_policy_kind))
+        ),
+    )
+
+
+def _policy_name(kind: int) -> str:
+    try:
+        return QoSPolicyKind(int(kind)).name.lower()
+    except ValueError:
+        return str(kind)

@@ -1,0 +1,65 @@
+"""Parameters of the reconstruction node, and the settings that they stand for."""
+
+from typing import Any
+
+from tomotactile_ros.contact import ContactLaw
+from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.reconstruction import Settings
+from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.sheet import MODELS
+
+SPECS = (
+    Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
+    Spec("frame_id", "", "Frame in all headers; empty: that of the voltage frame", read_only=True),
+    Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
+    Spec("deadline", 0.05, "For auto: s, what a frame may take", low=1e-4, high=10.0),
+    Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
+    Spec(
+        "regularization",
+        0.0,
+        "lambda_J^2 of eq. 1; 0: chosen from the noise",
+        low=0.0,
+        high=1e30,
+    ),
+    Spec("noise", 0.001, "Noise of a reading, V rms", low=1e-7, high=1.0),
+    Spec("calibration", "", "File of `tomotactile calibrate`; overrides the contact law below"),
+    Spec("contact_coefficient", 1e-4, "c of the contact law g = c p^m", low=1e-12, high=1e6),
+    Spec("contact_exponent", 1.0, "m of the contact law g = c p^m", low=0.1, high=10.0),
+    Spec("contact_radius", 0.005, "Typical radius of a contact, m", low=1e-5, high=1.0),
+    Spec("threshold", 3.0, "Idle below this many times the noise", low=0.1, high=1000.0),
+    Spec(
+        "model", "auto", "Of the sheet; auto: the cheapest that the layout allows", choices=MODELS
+    ),
+    Spec("excluded", (), "Electrodes that are never used", low=0, high=65535),
+    Spec("tare_frames", 16, "Frames that ~/tare averages", low=1, high=1000),
+    Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
+    Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
+    Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
+)
+OF_THE_NODE = {"tare_frames", "view_range", "view_overlay", "view_size"}
+_PLAIN_SETTINGS = (
+    "profile",
+    "resolution",
+    "noise",
+    "contact_radius",
+    "deadline",
+    "excluded",
+    "threshold",
+    "model",
+)
+
+
+def settings_of(values: dict[str, Any]) -> Settings:
+    """Settings of the pipeline; InputError where a calibration cannot be read."""
+    return Settings(
+        regularization=values["regularization"] or None,
+        contact_law=_contact_law(values),
+        **{key: values[key] for key in _PLAIN_SETTINGS},
+    )
+
+
+def _contact_law(values: dict[str, Any]) -> ContactLaw:
+    if values["calibration"]:
+        return load_calibration(values["calibration"])
+    return ContactLaw(values["contact_coefficient"], values["contact_exponent"])
