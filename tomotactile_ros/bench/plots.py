@@ -63,7 +63,7 @@ def _draw_front(axes, rows):
             _name(row), _place(row), (6, 6), textcoords="offset points", fontsize=7, rotation=25
         )
     axes.set(xscale="log", yscale="log")
-    axes.margins(0.15)
+    axes.margins(0.12, 0.15)
     for axis in (axes.xaxis, axes.yaxis):
         _plain_numbers(axis)
     axes.grid(which="both", color="0.93")
