@@ -10,7 +10,11 @@ from tomotactile_ros.reconstruction.conductance import ConductanceProblem, solve
 from tomotactile_ros.reconstruction.estimate import EVEN_DISC
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.local import LocalImage
-from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
+from tomotactile_ros.reconstruction.nonnegative import (
+    nonnegative_image,
+    solve_nonnegative,
+    spread,
+)
 from tomotactile_ros.reconstruction.parametric import refine_discs
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.frames import frame
@@ -102,3 +106,9 @@ def test_discs_are_refined_between_pixels(setting):
     )
     assert np.abs(found - positions).max() < 1e-4
     assert conductance == pytest.approx(true, rel=0.01)
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (29, 0), (3, 2)], ids=str)
+def test_nothing_to_solve_for_is_no_end_of_the_process(shape):
+    found = solve_nonnegative(np.eye(*shape), np.ones(shape[0]))
+    np.testing.assert_array_equal(found, np.ones(shape[1]) if min(shape) else np.zeros(shape[1]))

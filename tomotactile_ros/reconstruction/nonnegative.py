@@ -55,6 +55,8 @@ def weighted_data(
 
 def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run out."""
+    if not matrix.size:  # scipy frees memory twice there, which ends the process
+        return np.zeros(matrix.shape[1])
     try:
         return nnls(matrix, right)[0]
     except RuntimeError:
