@@ -274,7 +274,7 @@ def figures(
         "damaged packets": f"{counters['crc_errors'] + counters['framing_errors']:.0f}",
         "CPU, % of a core": f"{chart.load():.1f}",
         "memory, MB": f"{chart.memory[-1]:.1f}",
-        "growth, MB/min": f"{slope:+.4f} +- {error:.4f}",
+        "growth, MB/min": "too short" if np.isnan(slope) else f"{slope:+.4f} +- {error:.4f}",
         "latency p50/p99/p99.9/max, ms": spread(late),
         "sleeper p50/p99/p99.9/max, ms": spread(asleep),
     }
