@@ -123,7 +123,7 @@ def test_single_lost_readings_are_no_set_of_rows(setting):
 def test_linear_image_is_the_tikhonov_solution(setting):
     transfer, _, meter, local = setting
     grid, forward = local.grid, local.forward
-    sigma = 0.45 * local.spacing / grid.cell_size[0]
+    sigma = 0.5 * local.spacing / grid.cell_size[0]
     images = forward.reshape(-1, *grid.shape)
     smoothed = gaussian_filter(images, (0, sigma, sigma), mode="constant", truncate=8)
     area = grid.cell_area / local.spacing**2

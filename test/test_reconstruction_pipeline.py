@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -106,6 +106,26 @@ def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, fram
     result = pipelines[profile].process(readings, GROUNDED, DRIVE)
     assert result.excluded == (9, 20, 43, 54)
     assert found(result)[:, 0].max() < 0.0055
+
+
+@pytest.mark.parametrize("pair", [(20, 43), (27, 28), (7, 56), (3, 4)])
+@pytest.mark.parametrize("profile", ["fast", "balanced"])
+def test_swapped_wires_are_left_out_and_reported(pipelines, frame, profile, pair):
+    order = np.arange(64)
+    order[list(pair)] = pair[::-1]
+    result = pipelines[profile].process(frame[np.ix_(order, order)], GROUNDED, DRIVE)
+    assert result.excluded == pair
+    assert found(result)[:, 0].max() < 0.0055
+
+
+@pytest.mark.parametrize("radius, pressure", [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)])
+def test_no_contact_is_taken_for_swapped_wires(layout, pipelines, radius, pressure):
+    variation = SheetVariation(0.2, 0.05, 1)
+    for place in ((0.0, 0.0), (-0.085, 0.085)):
+        disc = Contact("disc", center=place, radius=min(radius, 0.1 - max(place)), pressure=pressure)
+        scene = Scene("one", DRIVE, [disc], LAW, Noise(1e-3), None, Defects(sheet_variation=variation))
+        readings = Simulator(layout, scene, h=0.005).frame(0.0)
+        assert pipelines["fast"].process(readings, GROUNDED, DRIVE).excluded == ()
 
 
 def test_electrodes_excluded_by_settings_are_not_read(pipelines, frame):

@@ -29,6 +29,7 @@ _CLOSE = 3e-4  # relative change of f in the last step up to which they suffice
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv
 _DOUBLE = lapack.dpotrf, blas.dtrsm, blas.dsyrk, blas.dsymv
+_DISTANT = 0.08  # electrodes are distant below this coupling coefficient
 _NOISY = 0.1  # largest noise of an admittance, in parts of an electrode's own
 
 
@@ -40,12 +41,15 @@ class Grounded:
     couplings : (P,) Y - Y0 of neighbours, S; None where noise hides it
     noise     : standard deviation of an entry of Y, S
     asymmetry : root mean square contradiction to reciprocity, in parts of the noise
+    excess    : largest coupling of distant electrodes, in parts of their own admittance. Contacts only
+        lower couplings; noise, or wires that are swapped, raise them.
     """
 
     currents: np.ndarray
     couplings: np.ndarray | None
     noise: float
     asymmetry: float = 0.0
+    excess: float = 0.0
 
     @cached_property
     def total(self) -> float:
@@ -61,6 +65,8 @@ class AdmittanceMeter:
     first, second : (P,) pairs of neighbouring electrodes.
     untouched : (P,) Y0 of each pair, S.
     amplification : noise of an entry of Y over noise of an entry of Z, S^2.
+    own : median admittance of an electrode on the untouched sheet, S.
+    scale : (n, n) geometric mean of both electrodes' own admittances, S.
     largest_noise : of an entry of Y, S; with more, contacts count as weak.
     """
 
@@ -72,8 +78,13 @@ class AdmittanceMeter:
         self.second, self.first = np.nonzero(np.tril(coupling > _COUPLED, -1))
         self.untouched = admittance[self.second, self.first]
         self._place = np.ravel_multi_index((self.first, self.second), admittance.shape)
+        distant = np.nonzero(np.triu(coupling < _DISTANT, 1))
+        self._distant = np.ravel_multi_index(distant, admittance.shape)
+        self.scale = np.outer(own, own)
+        self._distant_scale = self.scale[distant]
         self.amplification = float(np.median((admittance**2).sum(axis=1)))
-        self.largest_noise = _NOISY * float(np.median(own)) ** 2
+        self.own = float(np.median(own)) ** 2
+        self.largest_noise = _NOISY * self.own
         self._prepare_weak()
 
     def read(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
@@ -89,7 +100,8 @@ class AdmittanceMeter:
         if inverse is None:
             return self._read_weak_after(voltages, drive_voltage, contradiction)
         # BLAS counts columns first: its lower triangle is the upper one here
-        couplings = inverse.T.ravel().take(self._place)
+        flat = inverse.T.ravel()
+        couplings = flat.take(self._place)
         ratios = couplings / self.untouched
         middle = len(ratios) // 2
         ratios.partition(middle)
@@ -100,7 +112,14 @@ class AdmittanceMeter:
             return self._read_weak_after(voltages, drive_voltage, contradiction)
         couplings = factor * couplings - self.untouched
         currents = _routines(inverse)[3](factor, inverse, np.ones(len(inverse)), lower=1)
-        return Grounded(currents, couplings, noise, contradiction)
+        distant = flat.take(self._distant) / self._distant_scale
+        excess = -factor * float(distant.min(initial=0.0))
+        return Grounded(currents, couplings, noise, contradiction, excess)
+
+    def scaled(self, impedance: np.ndarray) -> np.ndarray:
+        """(n, n) Y, S, of Z that is known but for a factor."""
+        inverse = np.linalg.inv(impedance)
+        return inverse / np.median(inverse[self.first, self.second] / self.untouched)
 
     def _read_weak_after(self, voltages, drive_voltage, contradiction):
         weak = self.read_weak(np.array(voltages, float), drive_voltage)

@@ -2,21 +2,32 @@
 
 A channel is dead where less than half of its readings are valid, stuck where they are all the same, and
 broken where they contradict reciprocity: rho_ln f_l = rho_nl f_n (see `admittance`) holds for every sheet and
-all contacts, whatever the model.
+all contacts, whatever the model. Two channels whose wires are swapped do not contradict it. But contacts only
+lower the couplings Y_nl between electrodes, and swapped electrodes seem to be coupled to those next to the other one.
 """
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
-from tomotactile_ros.reconstruction.admittance import Grounded, symmetric_scaling
+from tomotactile_ros.reconstruction.admittance import (
+    AdmittanceMeter,
+    Grounded,
+    symmetric_part,
+    symmetric_scaling,
+)
 
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
 _DOUBT = 1.15  # asymmetry of a frame, in parts of the noise, from which on channels are compared
 _LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
-_CONTRADICTION = (
-    6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
-)
+_SWAPPED = 0.12  # coupling of distant electrodes, in parts of an own admittance, that no contact makes
+_CLEAR = 0.02  # noise of an admittance, in the same parts, up to which that can be told
+_SUSPECTS = 3  # electrodes that are exchanged with all others in turn
+_GAIN = 0.8  # of the squares, that an exchange leaves at most
+_EXPLAINED = 0.5  # of the squares, that all exchanges together leave at most
+_CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
 
 
 def dead_channels(valid: np.ndarray) -> np.ndarray:
@@ -28,7 +39,7 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
 
 def is_doubtful(frame: np.ndarray, measured: Grounded, noise: float) -> bool:
     """Whether a complete frame (n, n), V, deserves a closer look; cheap."""
-    if measured.asymmetry > _DOUBT:
+    if measured.asymmetry > _DOUBT or measured.excess > _SWAPPED:
         return True
     readings = frame.ravel()[1:].reshape(len(frame) - 1, -1)[:, :-1]  # without the diagonal
     some = readings[0] - readings[0].mean()
@@ -84,3 +95,38 @@ def _contradiction(frame, drive_voltage, noise):
     squares = np.where(both, ((scaled - scaled.T) / error) ** 2, 0.0)
     count = np.count_nonzero(both, axis=0)
     return np.where(count >= _LEAST_PAIRS, np.sqrt(squares.sum(axis=0) / np.maximum(count, 1)), 0.0)
+
+
+def swapped_channels(
+    meter: AdmittanceMeter, frame: np.ndarray, drive_voltage: float, measured: Grounded
+) -> np.ndarray:
+    """(n,) bool: channels of a complete frame (n, n), V, that fit the sheet only if exchanged with each other."""
+    swapped = np.zeros(len(frame), bool)
+    if not (measured.excess > _SWAPPED and measured.noise < _CLEAR * meter.own):
+        return swapped
+    least = meter.noise / drive_voltage
+    impedance, _ = symmetric_part(symmetric_scaling(frame, drive_voltage, least), least)
+    admittance, order = meter.scaled(impedance), np.arange(len(frame))
+    excess = _excess(admittance, meter)
+    first = before = (excess**2).sum()
+    while excess.any():
+        trials = []
+        suspects = np.argsort(-(excess**2).sum(axis=0))[:_SUSPECTS]
+        for i, j in product(suspects, range(len(frame))):
+            trial = order.copy()
+            trial[[i, j]] = order[[j, i]]
+            excess = _excess(admittance[np.ix_(trial, trial)], meter)
+            trials.append(((excess**2).sum(), trial, excess))
+        cost, trial, excess = min(trials, key=lambda trial: trial[0])
+        if cost > _GAIN * before:
+            break
+        order, before = trial, cost
+        swapped |= order != np.arange(len(frame))
+    return swapped & (before < _EXPLAINED * first)
+
+
+def _excess(admittance, meter):
+    """(n, n) how far couplings are beyond those of the sheet, in parts of an own admittance."""
+    excess = np.maximum(meter.sheet.admittance - admittance, 0.0) / meter.scale
+    np.fill_diagonal(excess, 0.0)
+    return np.where(excess > 0.75 * _SWAPPED, excess, 0.0)

@@ -29,13 +29,11 @@ from scipy.spatial import cKDTree
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 
-_WIDTH = 0.45  # of the smoothing, in spacings of the electrodes
+_WIDTH = 0.5  # of the smoothing, in spacings of the electrodes
 _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts of all contacts
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
-_MODEL_ERROR = (
-    0.003  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
-)
+_MODEL_ERROR = 0.003  # of Y0, in parts of the sheet's conductance: size and place of electrodes, closed form
 _READY = 3  # levels that are prepared, those of usual contacts; others when a frame needs them
 _LARGE = 2_000_000  # entries of A from which on only the first of them is
 _NEGLIGIBLE = 1e-4  # of the largest gain of P: modes below are left out

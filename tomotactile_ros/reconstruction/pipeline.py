@@ -16,6 +16,7 @@ from tomotactile_ros.reconstruction.channels import (
     dead_channels,
     is_doubtful,
     is_doubtful_subset,
+    swapped_channels,
 )
 from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
 from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure
@@ -179,6 +180,8 @@ class Pipeline:
                 doubtful = attempt == 0 and is_doubtful(part, measured, self.settings.noise)
             if doubtful:
                 broken = broken_channels(part, drive_voltage, self.settings.noise)
+                if not broken.any() and measured is not None:
+                    broken = swapped_channels(local.meter, part, drive_voltage, measured)
                 if broken.any():
                     bad[used[broken]] = True
                     used = used[~broken]
