@@ -1,1 +1,2 @@
-"""The measured trade of speed for accuracy, on the user's own machine; behind `tomotactile bench`."""
+"""The measured trade of speed for accuracy, on the user's own machine; behind `tomotactile
+bench`."""

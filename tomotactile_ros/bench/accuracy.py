@@ -18,7 +18,8 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
     contact_error         distance of the strongest reported contact from the true one
     defective             position and contact error on the sensor with defects
-    two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if none
+    two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
+                          none
     force_error           |found - true| / true of one contact and of two, missed ones count as 1
     noise_gain            noise of a pixel per noise of a reading, V per V, root mean square
     regularization        median of what was chosen

@@ -1,4 +1,5 @@
-"""Which combinations of profile, resolution, ground conditions and layout are measured, and which make no sense."""
+"""Which combinations of profile, resolution, ground conditions and layout are measured, and which
+make no sense."""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ class Case:
 
 
 def quick_cases() -> list[Case]:
-    """Each profile, resolution and layout but the largest, and 16 conditions; all else at its default."""
+    """Each profile, resolution and layout but the largest, and 16 conditions; all else at its
+    default."""
     return [
         *(Case(DEFAULT_LAYOUT, profile) for profile in PROFILES),
         *(Case(DEFAULT_LAYOUT, resolution=cells) for cells in RESOLUTIONS if cells != 40),
@@ -131,7 +133,8 @@ def _drop_order(name):
 
 
 def grounded(case: Case) -> np.ndarray:
-    """(L,) electrodes that are grounded: those that the optimizer keeps, in the order of the layout."""
+    """(L,) electrodes that are grounded: those that the optimizer keeps, in the order of the
+    layout."""
     count = find_layout(case.layout).electrodes
     if case.conditions is None:
         return np.arange(count)

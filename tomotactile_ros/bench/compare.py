@@ -1,7 +1,7 @@
 """Two results side by side: are their ratios the same?
 
-Milliseconds follow the machine's mood; ratios of times that were measured in turn do not. Accuracy has fixed
-seeds and must be the same to the last digit.
+Milliseconds follow the machine's mood; ratios of times that were measured in turn do not. Accuracy
+has fixed seeds and must be the same to the last digit.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def lines(one: dict, other: dict) -> Iterator[str]:
     apart = {name: abs(b / a - 1) for name, a, b in _common(*found)}
     name = max(apart, key=apart.get)
     yield (
-        f"{sum(each <= MOST for each in apart.values())} of {len(apart)} ratios are the same within "
-        f"{100 * MOST:g} %; most apart: {name}, {100 * apart[name]:.1f} %"
+        f"{sum(each <= MOST for each in apart.values())} of {len(apart)} ratios are the same "
+        f"within {100 * MOST:g} %; most apart: {name}, {100 * apart[name]:.1f} %"
     )
     changed = list(different_accuracy(one, other))
     yield (

@@ -1,8 +1,8 @@
 """Errors of voltages and of places where one thing of an ordinary set-up is extreme.
 
-Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12 bits, 20 x 20 pixels.
-Voltages, V per V of drive, are compared with those of another sheet model; places, in parts of the longer side,
-with the true one.
+Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
+bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
+places, in parts of the longer side, with the true one.
 """
 
 from __future__ import annotations

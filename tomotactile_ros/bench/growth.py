@@ -1,4 +1,5 @@
-"""How cost grows with electrodes and pixels: exponents fitted to undisturbed times in doubly logarithmic scales."""
+"""How cost grows with electrodes and pixels: exponents fitted to undisturbed times in doubly
+logarithmic scales."""
 
 from __future__ import annotations
 
@@ -22,10 +23,11 @@ _SECONDS = 1.5  # for all set-ups, and for all frames
 def measure(
     electrodes: Sequence[int], resolutions: Sequence[int], tick: Callable[[float], None]
 ) -> dict:
-    """Cost of the profile `fast` for n x n electrodes and for m x m pixels, each with fitted exponents.
+    """Cost of the profile `fast` for n x n electrodes and for m x m pixels, each with fitted
+    exponents.
 
-    `tick` is told of work, s, that is done. Durations in s, all measured in turn, memory in bytes; exponents
-    count electrodes n^2 and pixels m^2.
+    `tick` is told of work, s, that is done. Durations in s, all measured in turn, memory in bytes;
+    exponents count electrodes n^2 and pixels m^2.
     """
     sizes = _sizes(electrodes, resolutions)
     makers, frames, memories = {}, {}, {}

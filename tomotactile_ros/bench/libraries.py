@@ -1,9 +1,9 @@
 """How other libraries are put to the same problem. Electrodes are nodes in both.
 
-pyEIT images the conductivity of triangles between electrodes that carry currents in pairs: a contact that feeds
-current in is outside its model. Its speed is that of its own Jacobian on the same mesh and number of readings;
-its accuracy that of its one-step inverse given the paper's sensitivity (eq. 2). scikit-fem solves the untouched
-sheet for all electrodes.
+pyEIT images the conductivity of triangles between electrodes that carry currents in pairs: a
+contact that feeds current in is outside its model. Its speed is that of its own Jacobian on the
+same mesh and number of readings; its accuracy that of its one-step inverse given the paper's
+sensitivity (eq. 2). scikit-fem solves the untouched sheet for all electrodes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ LAMBDAS = (10.0, 1000.0)  # squared
 
 
 def lattice(layout, cells: int):
-    """Nodes ((cells + 1)^2, 2) and triangles (2 cells^2, 3) of a square lattice, two to a pixel of the image.
+    """Nodes ((cells + 1)^2, 2) and triangles (2 cells^2, 3) of a square lattice, two to a pixel of
+    the image.
 
     Triangles are in the order of pixels: first all lower ones, then all upper ones.
     """
@@ -41,7 +42,8 @@ def electrode_nodes(layout, nodes):
 
 
 class PyeitOneStep:
-    """pyEIT's one-step solver on a lattice of `cells` x `cells` squares; ImportError if not installed.
+    """pyEIT's one-step solver on a lattice of `cells` x `cells` squares; ImportError if not
+    installed.
 
     setup : s that it took to make
     """
@@ -81,13 +83,15 @@ class PyeitOneStep:
         return lambda: self._solver.solve(readings, self._zero)
 
     def images(self, frames, level: float) -> np.ndarray:
-        """(N, K) images of `frames` (N, E, E), V, by its inverse of the paper's sensitivity, lambda^2 = `level`."""
+        """(N, K) images of `frames` (N, E, E), V, by its inverse of the paper's sensitivity,
+        lambda^2 = `level`."""
         inverse = self._solver._compute_h(self._sensitivity, 0.0, level, "dgn")
         return frames[:, self._read] @ inverse.T
 
 
 def scikit_fem_solver(layout, cells: int):
-    """A function that assembles, factorises and solves the sheet for all electrodes; None if not installed."""
+    """A function that assembles, factorises and solves the sheet for all electrodes; None if not
+    installed."""
     try:
         from skfem import Basis, ElementTriP1, MeshTri, asm
         from skfem.models.poisson import laplace

@@ -1,7 +1,9 @@
-"""Eq. 1 of Kojima et al. 2023, f = (J'J + lambda^2 I)^-1 J'v, on a noisy frame: how exactly it is solved.
+"""Eq. 1 of Kojima et al. 2023, f = (J'J + lambda^2 I)^-1 J'v, on a noisy frame: how exactly it is
+solved.
 
-The reference is the singular value decomposition of J in float64. Compared with it are the normal equations
-in either precision, and what a pipeline with a fixed lambda^2 shows. Errors are in parts of the norm of the image.
+The reference is the singular value decomposition of J in float64. Compared with it are the normal
+equations in either precision, and what a pipeline with a fixed lambda^2 shows. Errors are in parts
+of the norm of the image.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The same problem by other libraries, in the same run: what is not installed is skipped with a line.
+"""The same problem by other libraries in the same run; what is missing is skipped with a line.
 
-The floor is the product of a dense float32 matrix of the size of the operator with the frame; see `libraries`
-for how pyEIT and scikit-fem are used.
+The floor is the product of a dense float32 matrix of the size of the operator with the frame; see
+`libraries` for how pyEIT and scikit-fem are used.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ _COPIES = 5  # of the dense matrix
 def compare(trials: Trials) -> dict:
     """Peers beside `fast` on 8 x 8 electrodes and 40 x 40 pixels; durations in s, lengths in m.
 
-    problem : figures of each; ratios : of times in turn; forward : times of the untouched sheet, solved for
-    all electrodes by both models here and by scikit-fem
+    problem : figures of each
+    ratios : of times in turn
+    forward : times of the untouched sheet, solved for all electrodes by both models here and by
+        scikit-fem
     """
     layout, settings = trials.layout, Case(trials.layout.name, resolution=_CELLS).settings
     pipeline = Pipeline(layout, settings)
@@ -80,7 +82,8 @@ def _setups(layout, settings):
 def _products(frame, pixels):
     """Products of float32 matrices (`pixels`, readings) with the readings of `frame`.
 
-    There are several: such a matrix just fits into the last cache, or not, depending on where in memory it lies.
+    There are several: such a matrix just fits into the last cache, or not, depending on where in
+    memory it lies.
     """
     readings = np.nan_to_num(frame[~np.eye(len(frame), dtype=bool)]).astype(np.float32)
     matrix = np.random.default_rng(0).random((pixels, len(readings)), np.float32)

@@ -20,7 +20,8 @@ _QUANTITIES = (
 
 
 def save_front(path: str | Path, result: dict) -> None:
-    """Error of a contact's place against the time of one frame, a panel for each number of electrodes.
+    """Error of a contact's place against the time of one frame, a panel for each number of
+    electrodes.
 
     The choices on the front are named, the others are pale.
     """

@@ -1,4 +1,5 @@
-"""Measured figures in documents, rewritten between two comments: the table of profiles, the whole report."""
+"""Measured figures in documents, rewritten between two comments: the table of profiles, the whole
+report."""
 
 from __future__ import annotations
 
@@ -16,10 +17,10 @@ _HEADER = (
 
 
 def rewrite(path: str | Path, result: dict) -> None:
-    """Fill the file at `path`: what stands between `<!-- bench:NAME -->` and `<!-- /bench:NAME -->`.
+    """Fill the file at `path` between each `<!-- bench:NAME -->` and `<!-- /bench:NAME -->`.
 
-    NAME is `profiles` or `report`. Raises InputError where the file or the end of a block is missing, and
-    where there is no block at all.
+    NAME is `profiles` or `report`. Raises InputError where the file or the end of a block is
+    missing, and where there is no block at all.
     """
     path = Path(path)
     try:
@@ -49,14 +50,16 @@ def _whole_report(result):
 
 
 def profile_table(result: dict) -> list[str]:
-    """Lines in Markdown: the profiles on 8 x 8 electrodes and 40 x 40 pixels, and what measured them."""
+    """Lines in Markdown: the profiles on 8 x 8 electrodes and 40 x 40 pixels, and what measured
+    them."""
     rows = [row for row in result["trade"] if is_default(row)]
     machine = result["machine"]
     return [
         *tables.markdown(_HEADER, map(_cells, rows)),
         "",
-        "8 × 8 electrodes on 200 mm × 200 mm, 40 × 40 pixels, contacts of 5 mm radius, 1 mV of noise, "
-        + f"12 bits; one thread of {machine['processor']}, Python {machine['python']}, "
+        "8 × 8 electrodes on 200 mm × 200 mm, 40 × 40 pixels, contacts of 5 mm radius, "
+        + f"1 mV of noise, 12 bits; one thread of {machine['processor']}, "
+        + f"Python {machine['python']}, "
         + f"numpy {machine['libraries']['numpy']}, {machine['date']}.",
     ]
 

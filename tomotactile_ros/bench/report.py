@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from tomotactile_ros.bench import tables
 
 _MODES = {
-    "quick": "quick: equal-8x8, and of the other choices one at a time; --full: everything with everything",
+    "quick": "quick: equal-8x8, and of the other choices one at a time; --full: all with all",
     "full": "full: every profile, resolution, number of ground conditions and layout",
 }
 
@@ -15,7 +15,8 @@ _MODES = {
 def lines(result: dict) -> Iterator[str]:
     """Everything that was measured, as tables."""
     machine = result["machine"]
-    yield f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, {machine['date']}"
+    cores = f"{machine['processor']}, {machine['cores']} cores"
+    yield f"{cores}, {machine['system']}, {machine['date']}"
     libraries = (f"{name} {version or '-'}" for name, version in machine["libraries"].items())
     yield f"Python {machine['python']}, {', '.join(libraries)}, {machine['blas']}"
     threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
@@ -63,7 +64,8 @@ def _peers(peers):
     for name, found in peers["ratios"].items():
         text = f"{name}: {found['ratio']:.3g}"
         if "rounds" in found:
-            text += f" (quartiles of rounds {found['low']:.3g} to {found['high']:.3g}, of {found['rounds']})"
+            quartiles = f"{found['low']:.3g} to {found['high']:.3g}"
+            text += f" (quartiles of {found['rounds']} rounds {quartiles})"
         yield text
     forward = (
         f"{name}: {found.get('skipped') or tables.milliseconds(found['median']) + ' ms'}"

@@ -43,7 +43,8 @@ class Part:
 
 
 def measure(mode: str, store: Store) -> dict:
-    """Everything of `quick` or `full` mode as plain data, see docs/benchmarks.md; `store` keeps every part."""
+    """Everything of `quick` or `full` mode as plain data, see docs/benchmarks.md; `store` keeps
+    every part."""
     todo = parts(mode)
     left = [part for part in todo if part.name not in store.parts]
     total = max(round(sum(part.work for part in left)), 1)
@@ -127,7 +128,8 @@ def _peak():
 def auto_choices(rows: list[dict]) -> list[dict]:
     """What `profile: auto` takes, and the most accurate measured profile that is in time.
 
-    Deadlines (s) lie between the measured times of the profiles, where a busy machine does not decide.
+    Deadlines (s) lie between the measured times of the profiles, where a busy machine does not
+    decide.
     """
     default = {row["profile"]: row for row in rows if is_default(row)}
     layout = find_layout(DEFAULT_LAYOUT)

@@ -1,4 +1,5 @@
-"""The stability table: what comes out at the extremes, the error against a reference or the refusal."""
+"""The stability table: what comes out at the extremes, the error against a reference or the
+refusal."""
 
 from __future__ import annotations
 

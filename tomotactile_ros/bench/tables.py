@@ -40,7 +40,8 @@ def percent(part: float | None) -> str:
 
 TRADE = (
     "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "frame ms", "p99 ms", "MB",
-    "HWHM mm", "PE mm", "p95", "contact mm", "p95", "defects mm", "two mm", "force %", "two %", "noise", "lambda",
+    "HWHM mm", "PE mm", "p95", "contact mm", "p95", "defects mm", "two mm",
+    "force %", "two %", "noise", "lambda",
 )  # fmt: skip
 
 
@@ -72,8 +73,9 @@ def trade_row(row: dict) -> Row:
 
 
 LEGEND = """\
-contacts: measured single ones and pairs; frame: median, p99: 99th percentile, of one frame from voltages to contacts; MB: held
-by the pipeline; HWHM, PE: of the image of one contact, mean (p95: 95th percentile); contact: reported place of one contact
-against the true one; defects: the same with dead channels, drift, hum, switch resistance and a sheet that varies by 20 %; two:
-smallest distance from which on 80 % of the pairs are told apart; force: mean error of one contact and of pairs told apart;
-noise: of a pixel per noise of a reading, V/V."""
+contacts: measured single ones and pairs; frame: median, p99: 99th percentile, of one frame from
+voltages to contacts; MB: held by the pipeline; HWHM, PE: of the image of one contact, mean (p95:
+95th percentile); contact: reported place of one contact against the true one; defects: the same
+with dead channels, drift, hum, switch resistance and a sheet that varies by 20 %; two: smallest
+distance from which on 80 % of the pairs are told apart; force: mean error of one contact and of
+pairs told apart; noise: of a pixel per noise of a reading, V/V."""

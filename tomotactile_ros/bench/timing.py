@@ -1,5 +1,5 @@
-"""Times and memory. Things to compare are measured in turn, in many short rounds, so that a machine that
-slows down or is busy for a while disturbs all of them alike."""
+"""Times and memory. Things to compare are measured in turn, in many short rounds, so that a machine
+that slows down or is busy for a while disturbs all of them alike."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def in_turn(
 
     Parameters
     ----------
-    least : rounds at least; then until each call came thrice within `uncertainty` of its shortest time, or
-        until `seconds` are over
+    least : rounds at least; then until each call came thrice within `uncertainty` of its shortest
+        time, or until `seconds` are over
     turn : s; all calls of a key are made once in its turn, and again until this is over
-    warm : the first call of a key is made once more before, and does not count: it finds the caches full of
-        what others left
+    warm : the first call of a key is made once more before, and does not count: it finds the caches
+        full of what others left
     """
     out: dict[Any, Times] = {key: [] for key in calls}
     with _no_collection():
@@ -83,12 +83,14 @@ def summary(times: Times) -> dict[str, float]:
 
 
 def undisturbed(times: Times) -> float:
-    """s of a typical call without what else the machine does: the median over the calls of their shortest."""
+    """s of a typical call without what else the machine does: the median over the calls of their
+    shortest."""
     return float(np.median(np.min(np.concatenate(times), axis=0)))
 
 
 def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Ratio of times that were measured in turn, undisturbed; quartiles of the ratio in single rounds."""
+    """Ratio of times that were measured in turn, undisturbed; quartiles of the ratio in single
+    rounds."""
     each = np.divide(*([np.median(turn) for turn in times] for times in (numerator, denominator)))
     low, high = np.percentile(each, [25, 75])
     of_shortest = undisturbed(numerator) / undisturbed(denominator)

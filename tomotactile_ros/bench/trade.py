@@ -1,4 +1,5 @@
-"""Speed against accuracy: one row for each profile, resolution, number of ground conditions and layout."""
+"""Speed against accuracy: one row for each profile, resolution, number of ground conditions and
+layout."""
 
 from __future__ import annotations
 
@@ -22,8 +23,8 @@ _OTHER = 0.5  # s for the rest of a case, roughly
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured: contacts of a row, and of a slow one; frames of either kind that are timed, rounds
-    at least, and s for these."""
+    """How much is measured: contacts of a row, and of a slow one; frames of either kind that are
+    timed, rounds at least, and s for these."""
 
     size: Size
     few: Size
@@ -46,7 +47,8 @@ class Subject:
     trials: Trials
 
     def frames(self, number: int) -> list[Callable[[], object]]:
-        """Functions that reconstruct a recorded frame each, `number` of single contacts and of pairs in turn."""
+        """Functions that reconstruct a recorded frame each, `number` of single contacts and of
+        pairs in turn."""
         recorded = self.trials.singles, self.trials.pairs
         places = [np.linspace(0, len(each) - 1, number + 1).astype(int)[1:] for each in recorded]
         chosen = np.concatenate([each.frames[at] for each, at in zip(recorded, places)])
@@ -57,7 +59,8 @@ class Subject:
 
 
 class Trade:
-    """Measures cases with some `effort`; keeps the recorded frames of every layout, and the reference."""
+    """Measures cases with some `effort`; keeps the recorded frames of every layout, and the
+    reference."""
 
     def __init__(self, effort: Effort):
         self.effort = effort
@@ -71,10 +74,12 @@ class Trade:
         return self._trials[name]
 
     def measure(self, cases: list[Case], tick: Callable[[float], None]) -> list[dict]:
-        """Rows of `cases`; `tick` is told of work, s, that is done. Times in s, memory in bytes, lengths in m.
+        """Rows of `cases`; `tick` is told of work, s, that is done. Times in s, memory in bytes,
+        lengths in m.
 
-        setup     median, and how many times that of the reference (`fast`, 40 x 40 pixels, all ground
-                  conditions, `equal-8x8`), measured in turn; the same for all profiles and ground conditions
+        setup     median, and how many times that of the reference (`fast`, 40 x 40 pixels, all
+                  ground conditions, `equal-8x8`), measured in turn; the same for all profiles and
+                  ground conditions
         frame     median and more, and how many times that of the reference
         memory    of the pipeline after a frame with all ground conditions
         contacts  how many single ones and pairs were measured
@@ -186,7 +191,8 @@ def _same_memory(case):
 
 
 def front(rows: list[dict]) -> Iterator[dict]:
-    """Rows that are more accurate (mean error of a contact's place) than all faster ones, by what is worth it."""
+    """Rows that are more accurate (mean error of a contact's place) than all faster ones, by what
+    is worth it."""
     best = np.inf
     for row in sorted(rows, key=lambda row: row["frame"]["median"]):
         if row["contact_error"]["mean"] < (1 - _WORTH) * best:

@@ -1,7 +1,7 @@
 """The frames on which everything is scored: from finite elements, noise and conversion included.
 
-The reconstruction uses another model of the sheet (the closed form on rectangles) and never sees this one.
-Every random number has a seed: the same layout and size give the same frames.
+The reconstruction uses another model of the sheet (the closed form on rectangles) and never sees
+this one. Every random number has a seed: the same layout and size give the same frames.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ class Trials:
     """Recordings of one layout.
 
     singles    one contact, 1 mV of noise and a 12-bit converter
-    defective  the same contacts on a sensor with every defect that a scene can name but exchanged wires
+    defective  the same contacts on a sensor with every defect that a scene can name but exchanged
+               wires
     pairs      two contacts for each of `separations` (S,), m: (S * n) frames in this order
     repeats    one contact many times: only the noise differs
     """

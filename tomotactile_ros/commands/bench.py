@@ -1,4 +1,5 @@
-"""`tomotactile bench`: the measured trade of speed for accuracy, stability, peers and growth of cost."""
+"""`tomotactile bench`: the measured trade of speed for accuracy, stability, peers and growth of
+cost."""
 
 from __future__ import annotations
 
