@@ -41,15 +41,14 @@ class Grounded:
     couplings : (P,) Y - Y0 of neighbours, S; None where noise hides it
     noise     : standard deviation of an entry of Y, S
     asymmetry : root mean square contradiction to reciprocity, in parts of the noise
-    excess    : largest coupling of distant electrodes, in parts of their own admittance. Contacts only
-        lower couplings; noise, or wires that are swapped, raise them.
+    entries   : (n n) upper triangle of Y, S, row by row; None for weak contacts
     """
 
     currents: np.ndarray
     couplings: np.ndarray | None
     noise: float
     asymmetry: float = 0.0
-    excess: float = 0.0
+    entries: np.ndarray | None = None
 
     @cached_property
     def total(self) -> float:
@@ -112,9 +111,17 @@ class AdmittanceMeter:
             return self._read_weak_after(voltages, drive_voltage, contradiction)
         couplings = factor * couplings - self.untouched
         currents = _routines(inverse)[3](factor, inverse, np.ones(len(inverse)), lower=1)
-        distant = flat.take(self._distant) / self._distant_scale
-        excess = -factor * float(distant.min(initial=0.0))
-        return Grounded(currents, couplings, noise, contradiction, excess)
+        flat *= factor
+        return Grounded(currents, couplings, noise, contradiction, flat)
+
+    def excess(self, measured: Grounded) -> float:
+        """Largest coupling of distant electrodes, in parts of their own admittance.
+
+        Contacts only lower couplings; noise, or wires that are swapped, raise them.
+        """
+        if measured.entries is None:
+            return 0.0
+        return -float((measured.entries.take(self._distant) / self._distant_scale).min(initial=0.0))
 
     def scaled(self, impedance: np.ndarray) -> np.ndarray:
         """(n, n) Y, S, of Z that is known but for a factor."""

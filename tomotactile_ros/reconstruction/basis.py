@@ -13,8 +13,8 @@ import numpy as np
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.transfer import Transfer
 
-LARGEST_CONDITION = 1e16  # of J^T J + lambda_J^2 I; a smaller lambda_J^2 counts as that which gives it
-_NEGLIGIBLE = 3e-4  # of lambda_J, and of a tenth of the largest singular value: smaller ones are left out
+LARGEST_CONDITION = 1e16  # of J^T J + lambda_J^2 I: a smaller lambda_J^2 counts as larger
+_NEGLIGIBLE = 3e-4  # of lambda_J, or a tenth of the largest singular value
 _RESOLVED = 1e-7  # least singular value that J^T J tells, in parts of the largest
 _MOST_PIXELS = 1600  # that find the directions; on finer images a subset does
 

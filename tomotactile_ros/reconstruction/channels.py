@@ -22,12 +22,12 @@ from tomotactile_ros.reconstruction.admittance import (
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
 _DOUBT = 1.15  # asymmetry of a frame, in parts of the noise, from which on channels are compared
 _LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
-_SWAPPED = 0.12  # coupling of distant electrodes, in parts of an own admittance, that no contact makes
+_SWAPPED = 0.12  # coupling of distant electrodes, in parts of their own, that no contact makes
 _CLEAR = 0.02  # noise of an admittance, in the same parts, up to which that can be told
 _SUSPECTS = 3  # electrodes that are exchanged with all others in turn
 _GAIN = 0.8  # of the squares, that an exchange leaves at most
 _EXPLAINED = 0.5  # of the squares, that all exchanges together leave at most
-_CONTRADICTION = 6.0  # allowed asymmetry of a channel, in parts of the noise and of the median channel
+_CONTRADICTION = 6.0  # allowed asymmetry, in parts of the noise and of the median channel
 
 
 def dead_channels(valid: np.ndarray) -> np.ndarray:
@@ -37,9 +37,11 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
     return np.count_nonzero(valid, axis=0) < possible / 2
 
 
-def is_doubtful(frame: np.ndarray, measured: Grounded, noise: float) -> bool:
+def is_doubtful(
+    meter: AdmittanceMeter, frame: np.ndarray, measured: Grounded, noise: float
+) -> bool:
     """Whether a complete frame (n, n), V, deserves a closer look; cheap."""
-    if measured.asymmetry > _DOUBT or measured.excess > _SWAPPED:
+    if measured.asymmetry > _DOUBT or meter.excess(measured) > _SWAPPED:
         return True
     readings = frame.ravel()[1:].reshape(len(frame) - 1, -1)[:, :-1]  # without the diagonal
     some = readings[0] - readings[0].mean()
@@ -102,7 +104,7 @@ def swapped_channels(
 ) -> np.ndarray:
     """(n,) bool: channels of a complete frame (n, n), V, that fit the sheet only if exchanged with each other."""
     swapped = np.zeros(len(frame), bool)
-    if not (measured.excess > _SWAPPED and measured.noise < _CLEAR * meter.own):
+    if not (meter.excess(measured) > _SWAPPED and measured.noise < _CLEAR * meter.own):
         return swapped
     least = meter.noise / drive_voltage
     impedance, _ = symmetric_part(symmetric_scaling(frame, drive_voltage, least), least)

@@ -177,7 +177,9 @@ class Pipeline:
                 doubtful = doubtful and attempt == 0
             else:
                 measured = local.meter.read(part, drive_voltage)
-                doubtful = attempt == 0 and is_doubtful(part, measured, self.settings.noise)
+                doubtful = attempt == 0 and is_doubtful(
+                    local.meter, part, measured, self.settings.noise
+                )
             if doubtful:
                 broken = broken_channels(part, drive_voltage, self.settings.noise)
                 if not broken.any() and measured is not None:
