@@ -74,11 +74,12 @@ def _the_only(found: list[str], port: str) -> str:
 class Line:
     """An open port with non-blocking writes and reads that wait for the first byte only.
 
-    After the first byte a read waits `GATHER` seconds more, so that a fast device costs some
-    wake-ups a second and not one per packet.  It does not after a read of `MUCH` bytes: then the
-    host is behind, and a tty hands over 4095 bytes at a time however many are waiting.  Reads go to
-    one buffer: `os.read` would take `CHUNK` bytes each time and give most of them back, and
-    the holes grow into several MB within minutes.
+    Each read begins with a rest of `GATHER` seconds, so that a fast device costs some wake-ups a
+    second and not one per packet.  The rest comes before the wait and not behind it: then a frame's
+    last bytes wake the host once.  There is none after a read of `MUCH` bytes: then the host is
+    behind, and a tty hands over 4095 bytes at a time however many are waiting.  Reads go to one
+    buffer: `os.read` would take `CHUNK` bytes each time and give most of them back, and the
+    holes grow into several MB within minutes.
     """
 
     GATHER = 0.0002
@@ -118,10 +119,10 @@ class Line:
             pass
 
     def _read_fd(self, timeout: float) -> bytes:
-        if not select.select([self._fd], [], [], timeout)[0]:
-            return b""
         if not self._behind:
             time.sleep(self.GATHER)
+        if not select.select([self._fd], [], [], timeout)[0]:
+            return b""
         length = os.readv(self._fd, [self._buffer])
         if not length:
             raise OSError(errno.EIO, "end of the stream")
