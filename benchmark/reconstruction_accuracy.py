@@ -28,6 +28,7 @@ from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.active_set import Memory
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
@@ -242,6 +243,40 @@ def collect(layout, variation, args):
     return data
 
 
+def moving(layout, count=16, step=0.0005):
+    """Frames (N, E, E) of contacts that move by `step` (m) from frame to frame."""
+    shift = step * np.arange(count)
+    pairs = [[disc((-0.05 + s, 0.02)), disc((0.04, s - 0.03))] for s in shift]
+    wide = {"shape": "rectangle", "size": (0.08, 0.05), "pressure": 10e3}
+    groups = {
+        "two discs of 5 mm": pairs,
+        "disc of 15 mm": [[disc((s - 0.03, 0.02), radius=0.015)] for s in shift],
+        "80 mm x 50 mm": [[wide | {"center": (s - 0.01, 0.005)}] for s in shift],
+    }
+    return {name: simulate(layout, group, None) for name, group in groups.items()}
+
+
+def warm_starts(pipeline, frames):
+    """Median time, s, and mean number of linear systems of a frame, from the last frame and from scratch."""
+    grounded, nothing = np.arange(pipeline.layout.electrodes), np.zeros(len(pipeline.grid.pixels))
+    starts = {
+        "kept": lambda maker: None,
+        "forgotten": lambda maker: maker.forget(),
+        "empty": lambda maker: setattr(maker, "memories", (Memory(nothing), Memory(nothing))),
+    }
+    times, steps = {}, {}
+    for start, prepare in starts.items():
+        run, steps[start] = Runner(pipeline.with_settings(pipeline.settings), grounded), []
+        maker = run.pipeline._make_image
+        for frame in frames:
+            prepare(maker)
+            run(frame)
+            steps[start].append(sum(memory.steps for memory in maker.memories))
+        times[start] = np.median(run.times[1:])
+    steps = {start: np.mean(each[1:]) for start, each in steps.items()}
+    return np.array([times["kept"], times["forgotten"]]), np.array([steps["kept"], steps["empty"]])
+
+
 def draw(path, pipelines, data):
     """Truth and the image of each profile, one row for each shape."""
     import matplotlib
@@ -299,6 +334,15 @@ def main():
     dense = dense_time(layout)
     print(f"\nfast, image alone: {1e3 * median:.3f} ms median, {1e3 * p99:.3f} ms p99; dense {1e3 * dense:.3f} ms")
     table["fast image"] = {"median, ms": 1e3 * median, "p99, ms": 1e3 * p99, "dense, ms": 1e3 * dense}
+    for name, frames in moving(layout).items():
+        for profile in ("balanced", "accurate"):
+            times, steps = warm_starts(pipelines[profile], frames)
+            print(
+                f"{name}, {profile}: {1e3 * times[0]:.2f} ms, {steps[0]:.1f} linear systems from the last frame; "
+                f"{1e3 * times[1]:.2f} ms, {steps[1]:.1f} from scratch"
+            )
+            figures = {"times, ms": (1e3 * times).tolist(), "linear systems": steps.tolist()}
+            table.setdefault("moving", {})[f"{name}, {profile}"] = figures
     for profile, pipeline in pipelines.items():
         alarms, idle_time = idle_alarms(pipeline, args.idle)
         print(f"{profile}: {alarms} false contacts on {args.idle} idle frames, {1e3 * idle_time:.3f} ms each")
