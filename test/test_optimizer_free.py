@@ -26,12 +26,15 @@ SQUARE = Outline.rectangle(0.2, 0.2)
 SHORT = Effort(starts=2, rounds=2, descents=3, generations=2)
 
 
-@pytest.mark.parametrize("size, move", [((0.2, 0.2), 0), ((0.25, 0.2), 0), ((0.2, 0.2), 0.004)])
+@pytest.mark.parametrize(
+    "rows, size, move",
+    [(3, (0.2, 0.2), 0), (4, (0.2, 0.2), 0), (3, (0.25, 0.2), 0), (3, (0.2, 0.2), 0.004)],
+)
 @pytest.mark.parametrize("noise_gain, scenes", [(1.0, None), (1e9, 1.0)])
-def test_gradient_through_symmetries_and_green_function(size, move, noise_gain, scenes):
+def test_gradient_through_symmetries_and_green_function(rows, size, move, noise_gain, scenes):
     """Noise gain and scenes are smooth: their gradient must be that of differences, along every
     parameter."""
-    reference = equal_grid(3, 4, size, 0.003, 1e4, margin=0.02)
+    reference = equal_grid(rows, 4, size, 0.003, 1e4, margin=0.02)
     aims = Aims((1e9, 1e9, 1e9), (1e9, 1e9, 1e9), noise_gain, scenes)
     objective = Objective(reference, (200.0, 50.0), aims, resolution=14)
     positions = reference.positions * 0.93 + [move, move / 2]
