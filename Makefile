@@ -1,12 +1,13 @@
 # Everything works from a fresh clone: the setup script makes what is missing, then runs the command.
 DURATION ?= 20
+PROFILE ?= accurate
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
 .PHONY: help setup run test bench fuzz clean
 
 help:
-	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=)"
+	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
 	@echo "make test     all tests (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make fuzz     random bytes against the wire protocol"
@@ -18,7 +19,7 @@ setup:
 
 run:
 	@$(SETUP) $(PROGRAMS)/live --duration $(DURATION) \
-		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') $(if $(PROFILE),--profile '$(PROFILE)')
+		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') --profile '$(PROFILE)'
 
 test:
 	@$(SETUP) python3 -m pytest $(PYTEST_ARGS)
