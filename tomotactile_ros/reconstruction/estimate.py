@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from tomotactile_ros.reconstruction.contacts import Blob
 from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.nonnegative import solve_nonnegative
 from tomotactile_ros.reconstruction.settings import ContactEstimate
 
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
@@ -89,10 +89,7 @@ def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarr
     """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the currents."""
     if shares.shape[1] == 1:
         return np.maximum(currents.sum(), 0.0).reshape(1)
-    try:
-        found = nnls(shares, currents)[0]
-    except RuntimeError:  # not converged
-        found = np.maximum(np.linalg.lstsq(shares, currents, rcond=None)[0], 0.0)
+    found = solve_nonnegative(shares, currents)
     total = found.sum()
     return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
 
