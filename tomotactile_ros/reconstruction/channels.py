@@ -117,8 +117,8 @@ def swapped_channels(
         for i, j in product(suspects, range(len(frame))):
             trial = order.copy()
             trial[[i, j]] = order[[j, i]]
-            excess = _excess(admittance[np.ix_(trial, trial)], meter)
-            trials.append(((excess**2).sum(), trial, excess))
+            left = _excess(admittance[np.ix_(trial, trial)], meter)
+            trials.append(((left**2).sum(), trial, left))
         cost, trial, excess = min(trials, key=lambda trial: trial[0])
         if cost > _GAIN * before:
             break
