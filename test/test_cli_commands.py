@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -13,11 +15,12 @@ from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
 
-def run(*words, **kwargs):
+def run(*words, env=None, stdout=subprocess.PIPE):
     command = [sys.executable, "-m", "tomotactile_ros.cli", *map(str, words)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    path = os.pathsep.join(p for p in sys.path if p)
+    environment = {**os.environ, "PYTHONPATH": path, **(env or {})}
     return subprocess.run(
-        command, check=False, capture_output=True, text=True, env=environment, **kwargs
+        command, check=False, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment
     )
 
 
@@ -99,6 +102,11 @@ def test_inspect_names_what_a_file_lacks(frames, tmp_path):
             ["simulate", "--layout", "equal-4x4", "--scene", "defects", "--frames", "1"],
             "equal-4x4",
         ),
+        (
+            ["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "1", "--rate", "0"],
+            "--rate",
+        ),
+        (["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--model", "fem"], "--model"),
         (["dance"], "dance"),
         ([], "COMMAND"),
         (["inspect", "nowhere"], "nowhere"),
@@ -110,6 +118,65 @@ def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
     done = run(*words)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and said in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"contact_law": ["a", "b"]}, "contact_law"),
+        ({"contact_law": [-1.0, 1.0]}, "contact_law"),
+        ({"drive_voltage": [3.3, 3.3]}, "drive_voltage"),
+        ({"truth": "[1, 2]"}, "truth"),
+        ({"truth": "no JSON"}, "truth"),
+        ({"voltages": np.full((1, 16, 16), np.inf)}, "voltages: one is infinite"),
+        ({"voltages": np.empty((0, 16, 16))}, "voltages"),
+        ({"grounded": np.zeros(3, int)}, "grounded"),
+    ],
+)
+def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said):
+    with np.load(frames) as file:
+        np.savez(tmp_path / "bad.npz", **{**file, **changed})
+    done = run("reconstruct", tmp_path / "bad.npz", "--layout", "equal-4x4", "--out", tmp_path / "r")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and f"bad.npz: {said}" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["zip", "npy", "text", "truth", "contacts"])
+def test_inspect_refuses_what_it_cannot_show(tmp_path, name):
+    path = tmp_path / "file.npz"
+    if name == "zip":
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr("letter.txt", "hello")
+    elif name == "npy":
+        with path.open("wb") as file:
+            np.save(file, np.zeros((1, 2, 2)))
+    elif name == "text":
+        path.write_text("hello")
+    else:
+        np.savez(path, **{name: '{"a": 1}'})
+    done = run("inspect", path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "file.npz: " in done.stderr
+
+
+def test_inspect_shows_files_without_frames(tmp_path):
+    path = tmp_path / "empty.npz"
+    np.savez(path, voltages=np.empty((0, 16, 16)), pressure=np.zeros((1, 0, 0)), other=np.arange(3))
+    done = run("inspect", path)
+    assert done.returncode == 0 and not done.stderr and "(0, 16, 16)" in done.stdout
+
+
+def test_a_reader_that_has_enough_ends_the_command_quietly():
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as closed:
+        done = run("inspect", "equal-8x8", stdout=closed)
+    assert done.returncode == 128 + signal.SIGPIPE and done.stderr == ""
+
+
+def test_a_terminal_that_knows_only_ascii():
+    done = run("inspect", "equal-8x8", env={"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0 and "0???" in done.stdout
 
 
 def test_a_folder_that_cannot_be_written(tmp_path):

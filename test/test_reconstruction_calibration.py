@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.commands import calibrate, reconstruct
-from tomotactile_ros.commands.simulate import write_frames
 from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.reconstruction.calibration import (
     Fit,
@@ -83,7 +83,7 @@ def presses(tmp_path_factory):
         simulator = Simulator(layout, scene, "closed_form")
         paths.append(folder / f"press-{force:g}.npz")
         voltages = simulator.frame(0.0)[None]
-        write_frames(paths[-1], layout, scene, voltages, simulator.grounded, np.zeros(1))
+        save_frames(paths[-1], layout, scene, voltages, simulator.grounded, np.zeros(1))
     return paths
 
 
@@ -120,7 +120,7 @@ def test_forces_must_be_positive_numbers(tmp_path, text):
 def test_files_that_hold_no_frames_are_refused(tmp_path):
     path = tmp_path / "other.npz"
     path.write_text("text")
-    with pytest.raises(InputError, match="not a file of frames"):
+    with pytest.raises(InputError, match="not a file of plain arrays"):
         run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
     np.savez(path, voltages=np.zeros((2, 3)), grounded=np.zeros(2, int))
     with pytest.raises(InputError, match="voltages"):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
+import signal
 import sys
 
 from tomotactile_ros.errors import InputError
@@ -18,6 +20,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 when it worked, 2 for bad input with one line on stderr."""
+    sys.stdout.reconfigure(errors="replace")  # a terminal that knows no µ or · shows a ?
     parser = _Parser(prog="tomotactile", description=__doc__)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
@@ -27,7 +30,16 @@ def main(argv: list[str] | None = None) -> int:
         command.set_defaults(run=module.run)
     args = parser.parse_args(argv)
     try:
-        return args.run(args) or 0
+        status = args.run(args) or 0
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        # the reader (`| head`) has enough; what is still buffered must not fail once more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    except MemoryError:
+        print(f"tomotactile {args.command}: there is not enough memory for this", file=sys.stderr)
+        return 2
     except (InputError, OSError) as error:
         print(f"tomotactile {args.command}: {_one_line(error)}", file=sys.stderr)
         return 2
@@ -37,8 +49,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _one_line(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return " ".join(str(error).split())
 
 

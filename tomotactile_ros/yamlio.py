@@ -271,6 +271,15 @@ def write_mapping(path: str | os.PathLike, content: dict) -> None:
     write_atomic(path, text.encode())
 
 
+def check_folder(path: str | os.PathLike) -> None:
+    """Refuse a file whose folder does not exist, before long work whose result goes there."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: cannot be written: is a folder")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+
+
 def write_atomic(path: str | os.PathLike, data: bytes) -> None:
     """Write to a temporary file beside ``path`` and move it into place."""
     path = Path(path)

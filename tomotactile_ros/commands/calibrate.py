@@ -11,6 +11,7 @@ from tomotactile_ros.reconstruction.calibration import (
     measure_conductance,
     save_calibration,
 )
+from tomotactile_ros.yamlio import check_folder
 
 HELP = "fit the contact law to presses of known force"
 
@@ -23,12 +24,15 @@ def add_arguments(parser):
         help="file of frames (.npz) of one contact and its force in N; the file's own truth without '='",
     )
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
-    parser.add_argument("--out", required=True, help="file to write (.yaml), parameters of the node")
+    parser.add_argument(
+        "--out", required=True, help="file to write (.yaml), parameters of the node"
+    )
     parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
 
 
 def run(args):
     layout = load_layout(args.layout)
+    check_folder(args.out)
     forces, conductances, areas = [], [], []
     for press in args.presses:
         path, force = _split(press)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
@@ -26,16 +27,12 @@ def add_arguments(parser):
         "(default: the paper's one-step image, without noise)",
     )
     parser.add_argument(
-        "--regularization",
-        type=float,
-        default=REGULARIZATION,
-        help="lambda^2 of the one-step image (default: 1000)",
+        "--regularization", type=float, help="lambda^2 of the one-step image (default: 1000)"
     )
     parser.add_argument(
         "--model",
         choices=MODELS,
-        default="auto",
-        help="of the one-step image; auto: paper for a uniform rectangle, otherwise fem",
+        help="of the one-step image; auto (the default): paper for a uniform rectangle, otherwise fem",
     )
     parser.add_argument(
         "--contact-radius",
@@ -54,6 +51,9 @@ def add_arguments(parser):
 def run(args):
     layout = load_layout(args.layout)
     if args.profile:
+        for option in ("regularization", "model"):
+            if getattr(args, option) is not None:
+                raise InputError(f"--{option}: is of the one-step image, --profile has its own")
         result = evaluate_profile(
             layout,
             args.profile,
@@ -64,8 +64,8 @@ def run(args):
     else:
         result = evaluate_layout(
             layout,
-            model=args.model,
-            regularization=args.regularization,
+            model=args.model or "auto",
+            regularization=REGULARIZATION if args.regularization is None else args.regularization,
             contact_radius=args.contact_radius,
             resolution=args.resolution,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import contacts_of, load_arrays
 from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.outline import Outline
@@ -31,7 +31,7 @@ def add_arguments(parser):
 
 def run(args):
     path = _find(args.file)
-    if zipfile.is_zipfile(path):
+    if path.suffix == ".npz" or zipfile.is_zipfile(path):
         print("\n".join(_describe_arrays(path)))
         return
     kind = read_mapping(path).get("format")
@@ -107,37 +107,43 @@ def _describe_contact(contact: Contact):
 
 
 def _describe_arrays(path):
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {key: file[key] for key in file.files}
-    except ValueError as error:
-        raise InputError(f"{path}: not a file of plain arrays: {error}") from None
+    content = load_arrays(path)
     yield f"{Path(path).name}:"
     for key, value in content.items():
         yield f"  {key:14} {value.dtype.name if value.dtype.kind != 'U' else 'text'} {value.shape}"
-    if "voltages" in content and content["voltages"].ndim == 3:
-        voltages = content["voltages"]
-        missing = np.isnan(voltages).mean(axis=(0, 1))
-        dead = np.flatnonzero(missing == 1)
-        yield f"  {len(voltages)} frames of {voltages.shape[1]} ground conditions"
-        yield f"  readings {np.nanmin(voltages):.4g} to {np.nanmax(voltages):.4g} V" if (
-            missing < 1
-        ).any() else "  no valid reading"
-        yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
-        yield "  last frame, a row for each grounded electrode, dark = 0 V:"
-        yield from _shade(voltages[-1])
-    if "pressure" in content and content["pressure"].ndim == 3:
+    if _is_stack(content.get("voltages")):
+        yield from _describe_voltages(content["voltages"])
+    if _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
-        yield f"  last image, peak {np.nanmax(last) / 1e3:.4g} kPa, +y up:"
+        yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
         yield from _shade(last)
     for key in ("truth", "contacts"):
         if key in content:
-            yield from _describe_truth(key, json.loads(str(content[key])))
+            yield from _describe_contacts(key, contacts_of(path, key, content[key]))
 
 
-def _describe_truth(key, frames):
-    yield f"  {key} of the last frame:" if frames and frames[-1] else f"  {key}: none in the last frame"
-    for contact in frames[-1] if frames else []:
+def _is_stack(array):
+    """Whether there are frames or images in it: (N, rows, columns) numbers."""
+    return array is not None and array.ndim == 3 and array.size and array.dtype.kind in "fiu"
+
+
+def _describe_voltages(voltages):
+    valid = ~np.isnan(voltages)
+    dead = np.flatnonzero(~valid.any(axis=(0, 1)))
+    yield f"  {len(voltages)} frames of {voltages.shape[1]} ground conditions"
+    if valid.any():
+        yield f"  readings {np.nanmin(voltages):.4g} to {np.nanmax(voltages):.4g} V"
+    else:
+        yield "  no valid reading"
+    yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
+    yield "  last frame, a row for each grounded electrode, dark = 0 V:"
+    yield from _shade(voltages[-1])
+
+
+def _describe_contacts(key, frames):
+    last = frames[-1] if frames else []
+    yield f"  {key} of the last frame:" if last else f"  {key}: none in the last frame"
+    for contact in last:
         force = "" if contact["force"] is None else f", {contact['force']:.3g} N"
         yield f"    ({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm{force}"
 
@@ -146,9 +152,9 @@ def _shade(image):
     rows = max(1, round(image.shape[0] / image.shape[1] * _COLUMNS / 2))
     row = (np.arange(rows) * image.shape[0] / rows).astype(int)
     column = (np.arange(_COLUMNS) * image.shape[1] / _COLUMNS).astype(int)
-    small = image[np.ix_(row, column)]
-    peak = np.nanmax(small) if np.isfinite(small).any() else 0.0
-    level = np.nan_to_num(small / peak if peak > 0 else 0 * small)
+    small = image[np.ix_(row, column)].astype(float)
+    small[~np.isfinite(small)] = 0.0
+    level = small / (small.max() or 1.0)
     for line in np.clip(level * (len(_SHADES) - 1), 0, len(_SHADES) - 1).round().astype(int):
         yield "    " + "".join(_SHADES[i] for i in line)
 

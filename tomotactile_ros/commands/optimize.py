@@ -16,6 +16,7 @@ from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
 from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished
 from tomotactile_ros.progress import Progress, track
+from tomotactile_ros.yamlio import check_folder
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 
@@ -115,7 +116,7 @@ def add_arguments(parser):
 
 def run(args):
     start = load_layout(args.layout) if args.layout else _grid(args)
-    _check_writable(args.out)
+    check_folder(args.out)
     if args.method == "grounding":
         return _run_grounding(args, start)
     request = Request(
@@ -185,12 +186,6 @@ def _aims(numbers, scenes):
         checks.positive(number, "--aims", "number")
     *central, other = numbers
     return replace(aims, central=tuple(central), other=(*aims.other[:2], other))
-
-
-def _check_writable(out):
-    folder = Path(out).resolve().parent
-    if not folder.is_dir():
-        raise InputError(f"--out: {out}: there is no folder {folder}")
 
 
 def _note(step):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from dataclasses import asdict
@@ -10,14 +9,14 @@ from dataclasses import asdict
 import numpy as np
 
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.frames_file import load_frames
+from tomotactile_ros.frames_file import load_frames, save_arrays
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.sheet import MODELS
-from tomotactile_ros.yamlio import write_atomic
+from tomotactile_ros.yamlio import check_folder
 
 HELP = "make pressure images and contacts of frames"
 
@@ -28,7 +27,9 @@ def add_arguments(parser):
     parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
     parser.add_argument("--out", required=True, help="file to write (.npz)")
     parser.add_argument("--resolution", type=int, default=40, help="cells along the longer side")
-    parser.add_argument("--regularization", type=float, help="lambda_J^2 of eq. 1 (default: by noise)")
+    parser.add_argument(
+        "--regularization", type=float, help="lambda_J^2 of eq. 1 (default: by noise)"
+    )
     parser.add_argument("--noise", type=float, default=0.001, help="of a reading, V rms")
     parser.add_argument("--contact-radius", type=float, default=0.005, help="typical, m")
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
@@ -43,6 +44,7 @@ def run(args):
         raise InputError(
             f"{args.frames}: layout_id: the frames are of '{recorded.layout_id}', not of '{layout.id}'"
         )
+    check_folder(args.out)
     law = load_calibration(args.calibration) if args.calibration else recorded.contact_law
     settings = Settings(
         args.profile,
@@ -60,7 +62,7 @@ def run(args):
         start = time.perf_counter()
         results.append(pipeline.process(voltages, recorded.grounded, recorded.drive_voltage))
         latency.append(time.perf_counter() - start)
-    write_results(args.out, results, latency)
+    save_results(args.out, results, latency)
     left_out = sorted({e for result in results for e in result.excluded})
     print(
         f"{args.out}: {len(results)} frames, {pipeline.report}, "
@@ -69,15 +71,13 @@ def run(args):
     )
 
 
-def write_results(path, results, latency):
+def save_results(path, results, latency):
     """pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s."""
     contacts = [[asdict(contact) for contact in result.contacts] for result in results]
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        pressure=np.array([result.pressure for result in results], np.float32),
-        potential=np.array([result.potential for result in results], np.float32),
-        contacts=json.dumps(contacts),
-        latency=np.array(latency),
-    )
-    write_atomic(path, buffer.getvalue())
+    content = {
+        "pressure": np.array([result.pressure for result in results], np.float32),
+        "potential": np.array([result.potential for result in results], np.float32),
+        "contacts": json.dumps(contacts),
+        "latency": np.array(latency),
+    }
+    save_arrays(path, content)
