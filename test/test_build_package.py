@@ -1,6 +1,7 @@
 """The package itself: its manifest, its version and the messages it generates."""
 
 import re
+import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -70,3 +71,19 @@ def test_version_is_the_same_everywhere():
 def test_every_message_is_generated():
     listed = set(re.findall(r"msg/(\w+)\.msg", (ROOT / "CMakeLists.txt").read_text("utf-8")))
     assert listed == {path.stem for path in (ROOT / "msg").glob("*.msg")} == set(CONTRACT)
+
+
+def test_installed_command_works_with_several_processes(tmp_path):
+    """Each worker loads the program's file anew and must not run it."""
+    pytest.importorskip("rclpy")
+    from ament_index_python.packages import get_package_prefix
+
+    program = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", "tomotactile")
+    options = "--rows 2 --cols 2 --method free --starts 2 --steps 1 --resolution 6 --workers 2"
+    out = tmp_path / "layout.yaml"
+    done = subprocess.run(
+        [program, "optimize", *options.split(), "--out", out],
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert out.exists()
