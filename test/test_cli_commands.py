@@ -107,6 +107,10 @@ def test_inspect_names_what_a_file_lacks(frames, tmp_path):
             "--rate",
         ),
         (["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--model", "fem"], "--model"),
+        (
+            ["optimize", "--layout", "equal-4x4", "--rows", "4", "--method", "free", "--out", "x"],
+            "--rows",
+        ),
         (["dance"], "dance"),
         ([], "COMMAND"),
         (["inspect", "nowhere"], "nowhere"),
@@ -123,6 +127,7 @@ def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
+        ({"layout_id": "equal-8x8"}, "layout_id"),
         ({"contact_law": ["a", "b"]}, "contact_law"),
         ({"contact_law": [-1.0, 1.0]}, "contact_law"),
         ({"drive_voltage": [3.3, 3.3]}, "drive_voltage"),

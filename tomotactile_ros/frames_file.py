@@ -30,12 +30,21 @@ class FramesFile:
     drive_voltage: float
     truth: list[list[dict]] | None
     contact_law: ContactLaw | None
-    layout_id: str | None
 
 
-def load_frames(path: str | os.PathLike, drive_voltage: float | None = None) -> FramesFile:
-    """Read frames; `drive_voltage` (V) stands for the file's own. InputError for anything else."""
+def load_frames(
+    path: str | os.PathLike, layout: Layout, drive_voltage: float | None = None
+) -> FramesFile:
+    """Read frames of a layout; InputError for anything else.
+
+    `drive_voltage` (V) stands for the file's own.
+    """
     arrays = load_arrays(path)
+    layout_id = str(arrays.get("layout_id", layout.id))
+    if layout_id != layout.id:
+        raise InputError(
+            f"{path}: layout_id: the frames are of '{layout_id}', not of '{layout.id}'"
+        )
     for name in ("voltages", "grounded"):
         if name not in arrays:
             raise InputError(f"{path}: {name}: is missing, a file of frames has it")
@@ -60,7 +69,6 @@ def load_frames(path: str | os.PathLike, drive_voltage: float | None = None) -> 
         checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V"),
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
-        str(arrays["layout_id"]) if "layout_id" in arrays else None,
     )
 
 

@@ -36,11 +36,9 @@ def run(args):
     forces, conductances, areas = [], [], []
     for press in args.presses:
         path, force = _split(press)
-        recorded = load_frames(path)
+        recorded = load_frames(path, layout)
         force = _true_force(path, recorded.truth) if force is None else force
-        conductance, area = measure_conductance(
-            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage
-        )
+        conductance, area = _measure(path, layout, recorded)
         print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")
         forces.append(force)
         conductances.append(conductance)
@@ -51,6 +49,15 @@ def run(args):
         f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, "
         f"forces within {fit.error:.1%} rms of {fit.presses} presses"
     )
+
+
+def _measure(path, layout, recorded):
+    try:
+        return measure_conductance(
+            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _split(press):

@@ -115,10 +115,12 @@ def add_arguments(parser):
 
 
 def run(args):
-    start = load_layout(args.layout) if args.layout else _grid(args)
-    check_folder(args.out)
+    start = _given_layout(args) if args.layout else _grid(args)
+    report = args.report or Path(args.out).with_suffix(".png")
+    for path in (args.out, report):
+        check_folder(path)
     if args.method == "grounding":
-        return _run_grounding(args, start)
+        return _run_grounding(args, start, report)
     request = Request(
         start,
         args.method,
@@ -147,12 +149,18 @@ def run(args):
     layout.save(args.out)
     from tomotactile_ros.optimizer.report import save_report
 
-    report = args.report or Path(args.out).with_suffix(".png")
     save_report(report, history, best, f"{start.name} -> {name}, method {args.method}")
     if len(history) - 1 < request.total:
         print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
     print("\n".join(_summary(history[0], best)))
     print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
+
+
+def _given_layout(args):
+    for key in ("rows", "cols", "size", "radius", "sheet_resistance"):
+        if getattr(args, key) != args.default_of(key):
+            raise InputError(f"--{key.replace('_', '-')}: --layout has its own, give only one")
+    return load_layout(args.layout)
 
 
 def _grid(args):
@@ -207,7 +215,7 @@ def _summary(start, best):
         yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {after / before:.3f}"
 
 
-def _run_grounding(args, layout):
+def _run_grounding(args, layout, report):
     from tomotactile_ros.optimizer.report import save_grounding
 
     counts = args.conditions or _halves(layout.electrodes)
@@ -226,7 +234,6 @@ def _run_grounding(args, layout):
             f"{1e3 * metrics['hwhm']['worst_tenth']:15.2f} "
             f"{1e3 * metrics['position_error']['mean']:18.2f} {1e3 * metrics['noise_gain']:18.3g}"
         )
-    report = args.report or Path(args.out).with_suffix(".png")
     save_grounding(report, found)
     layout = finished_grounding(layout, args.name or Path(args.out).stem, found)
     layout.save(args.out)

@@ -8,7 +8,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames, save_arrays
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
@@ -39,11 +38,8 @@ def add_arguments(parser):
 
 
 def run(args):
-    layout, recorded = load_layout(args.layout), load_frames(args.frames, args.drive_voltage)
-    if recorded.layout_id not in (None, layout.id):
-        raise InputError(
-            f"{args.frames}: layout_id: the frames are of '{recorded.layout_id}', not of '{layout.id}'"
-        )
+    layout = load_layout(args.layout)
+    recorded = load_frames(args.frames, layout, args.drive_voltage)
     check_folder(args.out)
     law = load_calibration(args.calibration) if args.calibration else recorded.contact_law
     settings = Settings(
