@@ -59,12 +59,20 @@ def test_children_end_with_a_parent_that_is_killed(domain, tmp_path, probe):
 
 
 def test_a_child_that_ends_is_named_with_its_last_words(domain, tmp_path):
-    live = start_live(domain, tmp_path, "--profile", "best")
+    live = start_live(domain, tmp_path, "--rate", "20000")
     assert live.wait() == 1
     last = live.output.splitlines()[-1]
-    assert last.startswith("live: reconstruction ended with status 2: ")
-    assert "profile: 'best' is none of fast" in last
+    assert last.startswith("live: driver ended with status 2: ")
+    assert "parameter rate" in last and "out of range" in last
     assert not children_of(domain)
+
+
+def test_a_picture_that_cannot_be_written_is_said(domain, tmp_path):
+    (tmp_path / "file").touch()
+    live = start_live(domain, tmp_path, "--duration", "0.5", "--out", str(tmp_path / "file/p.png"))
+    assert live.wait() == 2
+    assert "Traceback" not in live.output
+    assert live.output.splitlines()[-1].startswith(f"live: {tmp_path}/file/p.png: cannot be written")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +82,9 @@ def test_a_child_that_ends_is_named_with_its_last_words(domain, tmp_path):
         (["--scene", "none"], "'none': no such file"),
         (["--duration", "nan"], "--duration"),
         (["--duration", "-1"], "--duration"),
+        (["--duration", "x"], "--duration"),
         (["--rate", "0"], "--rate"),
+        (["--profile", "best"], "--profile"),
     ],
 )
 def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, capsys):
@@ -85,7 +95,8 @@ def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, c
     except SystemExit as exit_:
         status = exit_.code
     assert status == 2
-    assert reason in capsys.readouterr().err.splitlines()[-1]
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line
 
 
 def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):

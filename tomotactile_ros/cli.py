@@ -13,7 +13,9 @@ from tomotactile_ros.errors import InputError
 COMMANDS = ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "inspect", "bench")
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with a command line."""
+
     def error(self, message):
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
 
@@ -21,7 +23,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 when it worked, 2 for bad input with one line on stderr."""
     sys.stdout.reconfigure(errors="replace")  # a terminal that knows no µ or · shows a ?
-    parser = _Parser(prog="tomotactile", description=__doc__)
+    parser = Parser(prog="tomotactile", description=__doc__)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
         module = importlib.import_module(f"tomotactile_ros.commands.{name}")

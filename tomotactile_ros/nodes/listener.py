@@ -5,7 +5,7 @@ from collections import OrderedDict, deque
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
@@ -13,6 +13,7 @@ from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_im
 from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")
+PARTS = ("scene_time", "pressure", "contacts")
 _KEPT = 16  # frames whose parts are waited for
 
 
@@ -33,9 +34,7 @@ class Listener(Node):
         self._complaints: dict[str, str] = {}
         self._shot: Shot | None = None
         reliable = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
-        self.create_subscription(
-            VoltageFrame, "voltage_frame", self._on_frame, qos_profile_sensor_data
-        )
+        self.create_subscription(VoltageFrame, "voltage_frame", self._on_frame, reliable)
         self.create_subscription(Image, "pressure", self._on_pressure, reliable)
         self.create_subscription(ContactArray, "contacts", self._on_contacts, reliable)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
@@ -71,15 +70,14 @@ class Listener(Node):
         stamp = stamp_of(header)
         parts = self._parts.setdefault(stamp, {})
         parts[key] = value
-        if "pressure" in parts and "contacts" in parts:
-            self._complete(stamp, parts, counts=key != "scene_time")
+        if len(parts) == len(PARTS):
+            self._complete(stamp, parts)
         while len(self._parts) > _KEPT:
             self._parts.popitem(last=False)
 
-    def _complete(self, stamp: float, parts: dict, counts: bool) -> None:
-        if counts:
-            self._arrivals.append(time.monotonic())
+    def _complete(self, stamp: float, parts: dict) -> None:
+        self._arrivals.append(time.monotonic())
         span = self._arrivals[-1] - self._arrivals[0]
         rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
         age = self.get_clock().now().nanoseconds * 1e-9 - stamp
-        self._shot = Shot(parts["pressure"], parts["contacts"], parts.get("scene_time"), rate, age)
+        self._shot = Shot(**parts, rate=rate, age=age)

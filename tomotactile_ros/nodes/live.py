@@ -8,11 +8,14 @@ import random
 import socket
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
+from tomotactile_ros.cli import Parser
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.scene import Scene, load_scene
 from tomotactile_ros.view.display import Display
 
@@ -24,17 +27,16 @@ LIMIT = 60.0  # s without the first image until it is given up
 def main(args: list[str] | None = None) -> int:
     """Run the demonstration; 0 after its time or a stop, 1 if it fails, 2 for bad input."""
     options = _parse(args)
+    children: list[Child] = []
     try:
         layout, scene = load_layout(options.layout), load_scene(options.scene)
         scene.check(layout)
+        _use_own_domain()
+        children += _start(options)
+        return _watch(children, layout, scene, options)
     except InputError as error:
         print(f"live: {error}", file=sys.stderr)
         return 2
-    _use_own_domain()
-    children: list[Child] = []
-    try:
-        children += _start(options)
-        return _watch(children, layout, scene, options)
     except KeyboardInterrupt:
         return 0
     finally:
@@ -42,21 +44,22 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="live", description=__doc__)
-    parser.add_argument("--duration", type=_seconds, default=20.0, help="s after the first image")
+    parser = Parser(prog="live", description=__doc__)
+    parser.add_argument("--duration", type=_positive, default=20.0, help="s after the first image")
     parser.add_argument("--layout", default="equal-8x8", help="layout file or installed name")
     parser.add_argument("--scene", default="default", help="scene file or installed name")
-    parser.add_argument("--profile", default="fast", help="fast, balanced, accurate or auto")
-    parser.add_argument("--rate", type=_seconds, default=DEFAULT_RATE, help="frames/s")
+    parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
+    parser.add_argument("--rate", type=_positive, default=DEFAULT_RATE, help="frames/s")
     parser.add_argument("--out", default="out/pressure.png", help="picture written at the end")
     return parser.parse_args(args)
 
 
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
-    return value
+def _positive(text: str) -> float:
+    with suppress(ValueError):
+        value = float(text)
+        if math.isfinite(value) and value > 0:
+            return value
+    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
 def _use_own_domain() -> None:

@@ -21,6 +21,7 @@ from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.optimizer.request import METHODS, Request
 from tomotactile_ros.optimizer.step import Step, finished
+from tomotactile_ros.yamlio import check_folder
 
 SPECS = (
     Spec(
@@ -66,8 +67,9 @@ class Optimizer:
         self.parameters.warn_of_typos()
 
     def configure(self) -> None:
-        """Read the layout to start from."""
+        """Read the layout to start from, and see that there is a place for the best one."""
         values = self.parameters
+        check_folder(values["out"])
         layout = load_layout(values["layout"])
         steps = values["steps"] or None
         self._request = Request(layout, values["method"], steps=steps, seed=values["seed"])

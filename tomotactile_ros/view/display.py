@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TextIO
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from tomotactile_ros.scene import Scene
 from tomotactile_ros.view.colours import full_scale
 from tomotactile_ros.view.contacts import contact_lines
 from tomotactile_ros.view.figure import save_pressure
-from tomotactile_ros.view.terminal import picture
+from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 
 _LEAST_SCALE = 1000.0  # Pa
 _PERIOD = {True: 0.1, False: 0.5}  # s between two pictures, and between two plain reports
@@ -28,14 +29,14 @@ class Shot:
     ----------
     pressure : (H, W) Pa.
     contacts : strongest first.
-    scene_time : s since the scene began, or None where that is not known.
+    scene_time : s since the scene began.
     rate : images/s of late.
     age : s from the frame's stamp to now.
     """
 
     pressure: np.ndarray
     contacts: Sequence
-    scene_time: float | None
+    scene_time: float
     rate: float
     age: float
 
@@ -51,7 +52,7 @@ class Display:
     def __init__(self, layout: Layout, scene: Scene):
         self._layout, self._scene = layout, scene
         self._out = sys.stdout
-        self._pictures = self._out.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+        self._pictures = _shows_pictures(self._out)
         self._drawn = 0  # lines of the picture on the terminal
         self._next = -np.inf
         self.last: Shot | None = None
@@ -74,11 +75,10 @@ class Display:
 
     def save(self, path: str) -> None:
         """Write the last shot as a PNG."""
-        truth = self._truth(self.last)
-        title = f"{self._scene.name} on {self._layout.name}"
-        if self.last.scene_time is not None:
-            title += f", {self.last.scene_time:.2f} s"
-        save_pressure(path, self.last.pressure, self._layout, self.last.contacts, truth, title)
+        last = self.last
+        title = f"{self._scene.name} on {self._layout.name}, {last.scene_time:.2f} s"
+        truth = self._scene.truth(last.scene_time)
+        save_pressure(path, last.pressure, self._layout, last.contacts, truth, title)
         self.say(f"{path} written")
 
     def close(self) -> None:
@@ -88,25 +88,25 @@ class Display:
             self._out.flush()
             self._drawn = 0
 
-    def _truth(self, shot: Shot) -> list[dict] | None:
-        return None if shot.scene_time is None else self._scene.truth(shot.scene_time)
-
     def _report(self, shot: Shot) -> None:
-        when = "" if shot.scene_time is None else f"{shot.scene_time:6.2f} s  "
-        for line in contact_lines(shot.contacts, self._truth(shot)):
-            self.say(when + line)
+        for line in self._lines(shot):
+            self.say(f"{shot.scene_time:6.2f} s  {line}")
+
+    def _lines(self, shot: Shot) -> list[str]:
+        return contact_lines(shot.contacts, self._scene.truth(shot.scene_time))
 
     def _draw(self, shot: Shot) -> None:
         room = shutil.get_terminal_size()
-        contacts = contact_lines(shot.contacts, self._truth(shot))
+        contacts = self._lines(shot)
         scale = full_scale(shot.pressure, 0.0, _LEAST_SCALE)
         image = picture(
             shot.pressure, self._layout.outline.bounds, scale, room.columns,
             room.lines - len(contacts) - 3,
         )  # fmt: skip
-        head = f"{self._layout.name}: {shot.rate:.1f} images/s, {1e3 * shot.age:.0f} ms old"
-        if shot.scene_time is not None:
-            head += f", {shot.scene_time:.2f} s into scene {self._scene.name}"
+        head = (
+            f"{self._layout.name}: {shot.rate:.1f} images/s, {1e3 * shot.age:.0f} ms old, "
+            f"{shot.scene_time:.2f} s into scene {self._scene.name}"
+        )
         text = [line[: room.columns - 1] for line in [head, *contacts]]
         self._replace([text[0], *image, *text[1:]])
 
@@ -117,3 +117,14 @@ class Display:
         self._out.write(f"{back}{body}\x1b[J")
         self._out.flush()
         self._drawn = len(lines)
+
+
+def _shows_pictures(out: TextIO) -> bool:
+    """Whether this is a terminal with colours (see no-color.org) and half blocks."""
+    if not out.isatty() or os.environ.get("TERM", "dumb") == "dumb" or os.environ.get("NO_COLOR"):
+        return False
+    try:
+        HALF_BLOCK.encode(out.encoding)
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -63,10 +63,11 @@ def save_pressure(
 def _draw_contacts(axes, contacts: Sequence, truth: Sequence[dict]) -> None:
     from matplotlib.patches import Circle
 
+    if contacts:  # patches have boxes in a legend, this has a ring
+        axes.plot([], [], "o", color="red", fillstyle="none", label="contact")
     for number, contact in enumerate(contacts, 1):
         x, y, radius = 1e3 * contact.x, 1e3 * contact.y, 1e3 * contact.radius
-        label = "contact" if number == 1 else None
-        axes.add_patch(Circle((x, y), radius, fill=False, color="red", label=label))
+        axes.add_patch(Circle((x, y), radius, fill=False, color="red"))
         axes.annotate(str(number), (x + radius, y + radius), color="red")
     if truth:
         x, y = np.array([(t["x"], t["y"]) for t in truth]).T * 1e3

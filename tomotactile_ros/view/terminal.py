@@ -8,6 +8,7 @@ import numpy as np
 
 from tomotactile_ros.view.colours import OUTSIDE, colour
 
+HALF_BLOCK = "▀"
 _RESET = "\x1b[0m"
 _MARGIN = 5  # characters for the y axis
 
@@ -61,7 +62,7 @@ def _coarser(image: np.ndarray, room: tuple[int, int]) -> np.ndarray:
 def _blocks(upper: np.ndarray, lower: np.ndarray) -> str:
     """Half blocks of (W, 3) colours."""
     return "".join(
-        f"\x1b[38;2;{u[0]};{u[1]};{u[2]};48;2;{v[0]};{v[1]};{v[2]}m▀"
+        f"\x1b[38;2;{u[0]};{u[1]};{u[2]};48;2;{v[0]};{v[1]};{v[2]}m{HALF_BLOCK}"
         for u, v in zip(upper.tolist(), lower.tolist(), strict=True)
     )
 
