@@ -22,9 +22,8 @@ SHAPES = {
     "rectangle": ("center", "size", "angle"),
     "polygon": ("points",),
 }
-PATCH_RADIUS = math.exp(-0.5) / math.sqrt(
-    math.pi
-)  # of a cell, times sqrt(area): mean ln |x| to its centre
+# of a cell, times sqrt(area): the disc whose mean ln |x| to its centre is the cell's
+PATCH_RADIUS = math.exp(-0.5) / math.sqrt(math.pi)
 FASTEST = 1e6  # m/s
 _STRIP = 1 / 16  # width of the strip that the points on a rim stand for, in parts of their spacing
 _CORNER = 0.2  # rad, turns of a rim that patches keep apart

@@ -19,9 +19,8 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
 from tomotactile_ros.sheet.transfer import Transfer, electrode_of, make_transfer
 
-_CLOSE = (
-    4.0  # radii between centres, below which an electrode sees more than its neighbour's dipole
-)
+# radii between centres, below which an electrode sees more than its neighbour's dipole
+_CLOSE = 4.0
 _BLOCK = 128  # points at a time: temporaries fit in the cache
 
 
@@ -45,14 +44,11 @@ class ClosedFormSheet:
         self._size = layout.outline.size
         if shunting:
             ring = ring or (4 if layout.pitch > _CLOSE * layout.radius else 16)
-            self._charges, self._owner = _rings(layout, ring)
+            self._charges, owner = _rings(layout, ring)
             self._radius = layout.radius / ring
+            self._tie(owner, self._green(self._charges, self._charges, self._radius))
         else:
-            self._charges, self._owner = layout.positions, np.arange(layout.electrodes)
-            self._radius = layout.radius
-        if shunting:
-            self._tie(self._green(self._charges, self._charges, self._radius))
-        else:
+            self._charges, self._radius = layout.positions, layout.radius
             own = self._radius * np.eye(layout.electrodes)
             self.electrode_electrode = self._green(self._charges, self._charges, own)
 
@@ -60,10 +56,10 @@ class ClosedFormSheet:
         scale = self.layout.sheet_resistance
         return scale * green_rectangle(points, sources, self._size, radius)
 
-    def _tie(self, between):
+    def _tie(self, owner, between):
         """Equal potential and no net current on each ring: eliminate the charges."""
         inverse = np.linalg.inv(between)
-        ties = np.eye(self.layout.electrodes)[self._owner]
+        ties = np.eye(self.layout.electrodes)[owner]
         self.electrode_electrode = np.linalg.inv(ties.T @ inverse @ ties)
         self._average = self.electrode_electrode @ ties.T @ inverse  # (E, charges)
         self._induced = inverse - inverse @ ties @ self._average  # (charges, charges)
