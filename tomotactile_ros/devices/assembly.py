@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.devices.protocol import NO_READING, Row
+from tomotactile_ros.devices.protocol import NO_READING, Row, unpack_counts
 
 _RECENT = 16
+_BLOCK = 16  # rows converted at a time: one by one costs more, all at the end takes longer then
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,30 +61,31 @@ class FrameAssembler:
         counters: AssemblyCounters | None = None,
     ) -> None:
         self.counters = counters or AssemblyCounters()
-        self._shape = (electrodes, rows)
+        self._shape = (rows, electrodes)
         self._partial = partial
-        self._grounded: list[int | None] = [None] * rows
+        self._grounded = np.full(rows, -1)
         self._key: tuple[int, int] | None = None
-        self._rows: list[Row | None] = [None] * rows
-        self._missing = rows
         self._finished: tuple[int, int] | None = None
 
     def feed(self, row: Row) -> list[RowsOfFrame]:
         """Take in one row; return the frames that it finishes: none, one or (partial) two."""
         key = (row.sequence, row.frame_time)
-        if (row.count, row.rows) != self._shape or self._is_old(key):
+        if (row.rows, row.count) != self._shape or self._is_old(key):
             self.counters.rows_ignored += 1
             return []
         done = [] if key == self._key else self._next(key)
-        if self._rows[row.row] is not None:
+        if self._received[row.row]:
             self.counters.rows_ignored += 1
             return done
-        self._rows[row.row] = row
+        self._received[row.row] = True
         self._grounded[row.row] = row.grounded
+        self._block.append(row)
         self._missing -= 1
         if self._missing == 0:
             done.append(self._frame())
             self._finish()
+        elif len(self._block) == _BLOCK:
+            self._convert()
         return done
 
     def abandon(self) -> None:
@@ -103,39 +105,49 @@ class FrameAssembler:
         if self._key is not None:
             self.counters.frames_incomplete += 1
             self.counters.packets_lost += self._missing
-            if self._partial and None not in self._grounded:
+            if self._partial and (self._grounded >= 0).all():
                 done.append(self._frame())
             self._finish()
         if self._finished is not None:
             gap = (key[0] - self._finished[0] - 1) & 0xFFFFFFFF
             if gap < 1 << 16:
                 self.counters.frames_lost += gap
-                self.counters.packets_lost += gap * self._shape[1]
-        self._key = key
+                self.counters.packets_lost += gap * self._shape[0]
+        self._begin(key)
         return done
+
+    def _begin(self, key: tuple[int, int]) -> None:
+        self._key = key
+        self._voltages = np.full(self._shape, np.nan, dtype=np.float32)
+        self._received = [False] * self._shape[0]
+        self._missing = self._shape[0]
+        self._block: list[Row] = []
+        self._row_end, self._drive_voltage = 0, 0.0
+
+    def _convert(self) -> None:
+        """Make voltages of the rows that wait; few are left to do when the last one comes."""
+        rows, self._block = self._block, []
+        counts = unpack_counts(b"".join(row.readings for row in rows)).reshape(len(rows), -1)
+        voltages = counts * np.array([row.scale for row in rows], dtype=np.float32)[:, None]
+        voltages[counts == NO_READING] = np.nan
+        voltages[np.arange(len(rows)), [row.grounded for row in rows]] = np.nan
+        self._voltages[[row.row for row in rows]] = voltages
+        self._row_end = max(self._row_end, *(row.row_end for row in rows))
+        self._drive_voltage = rows[-1].drive_voltage
 
     def _finish(self) -> None:
         self._finished, self._key = self._key, None
-        self._rows = [None] * self._shape[1]
-        self._missing = self._shape[1]
 
     def _frame(self) -> RowsOfFrame:
-        electrodes, rows = self._shape
-        received = [row for row in self._rows if row is not None]
-        empty = b"\0" * (2 * electrodes)
-        wire = b"".join(empty if row is None else row.readings for row in self._rows)
-        counts = np.bitwise_not(np.frombuffer(wire, dtype="<u2")).reshape(rows, electrodes)
-        scale = [0.0 if row is None else row.scale for row in self._rows]
-        voltages = counts * np.array(scale, dtype=np.float32)[:, None]
-        voltages[counts == NO_READING] = np.nan
-        grounded = np.array(self._grounded, dtype=np.uint16)
-        voltages[np.arange(rows), grounded] = np.nan
+        if self._block:
+            self._convert()
+        sequence, frame_time = self._key
         return RowsOfFrame(
-            voltages,
-            grounded,
-            received[0].sequence,
-            received[0].frame_time,
-            received[0].frame_time + max(row.row_end for row in received),
-            received[0].drive_voltage,
-            rows - len(received),
+            self._voltages,
+            self._grounded.astype(np.uint16),
+            sequence,
+            frame_time,
+            frame_time + self._row_end,
+            self._drive_voltage,
+            self._missing,
         )

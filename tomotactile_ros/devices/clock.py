@@ -62,7 +62,18 @@ class DeviceClock:
             self._minima.append(self._least)
             self._least = (elapsed, np.inf)
             self._bucket_end = elapsed + 1.0
-            self._fit()
+            self._outdated = True
+
+    def fit(self) -> None:
+        """Draw the line anew where a second is over; takes its time, so not while a frame waits."""
+        if not self._outdated or len(self._minima) < 5:
+            return
+        self._outdated = False
+        elapsed, difference = np.array(self._minima).T
+        first, second = np.triu_indices(elapsed.size, k=1)
+        slopes = (difference[second] - difference[first]) / (elapsed[second] - elapsed[first])
+        self._slope = float(np.clip(np.median(slopes), -self.MAX_DRIFT, self.MAX_DRIFT))
+        self._intercept = float(np.min(difference - self._slope * elapsed))
 
     def to_host(self, device: float) -> float:
         """Host time of the `device` time; needs one `update` before."""
@@ -100,12 +111,4 @@ class DeviceClock:
         self._minima.clear()
         self._least = (0.0, 0.0)
         self._bucket_end = 1.0
-
-    def _fit(self) -> None:
-        if len(self._minima) < 5:
-            return
-        elapsed, difference = np.array(self._minima).T
-        first, second = np.triu_indices(elapsed.size, k=1)
-        slopes = (difference[second] - difference[first]) / (elapsed[second] - elapsed[first])
-        self._slope = float(np.clip(np.median(slopes), -self.MAX_DRIFT, self.MAX_DRIFT))
-        self._intercept = float(np.min(difference - self._slope * elapsed))
+        self._outdated = False

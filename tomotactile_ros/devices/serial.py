@@ -227,3 +227,4 @@ class SerialDevice(ThreadedDevice):
             Frame(rows.voltages, rows.grounded, rows.sequence, stamp, rows.drive_voltage),
             self._clock.to_host(1e-6 * rows.last_sample),
         )
+        self._clock.fit()

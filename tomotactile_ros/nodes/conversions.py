@@ -37,15 +37,16 @@ def stamp_of(header: Header) -> float:
 
 def frame_to_message(frame: Frame, layout_id: str, frame_id: str) -> VoltageFrame:
     """A device's frame as a message."""
-    return VoltageFrame(
+    message = VoltageFrame(
         header=make_header(frame.stamp, frame_id),
         sequence=frame.sequence % 2**32,
         layout_id=layout_id,
         drive_voltage=float(frame.drive_voltage),
         electrodes=frame.voltages.shape[1],
         grounded=_filled("H", frame.grounded, np.uint16),
-        voltages=_filled("f", frame.voltages, np.float32),
     )
+    message.voltages = _filled("f", frame.voltages, np.float32)  # the constructor would copy it
+    return message
 
 
 def message_to_frame(message: VoltageFrame) -> Frame:
