@@ -237,12 +237,6 @@ def test_ratios_do_not_see_what_disturbs_single_calls():
     assert timing.ratio(disturbed, quiet)["ratio"] == 1.0
 
 
-def test_a_ratio_of_rounds_is_their_median():
-    slower = [speed * np.ones((2, 1)) for speed in (1.0, 1.5, 2.0)]
-    found = timing.ratio_of_rounds([8 * slower[0], 8 * slower[1], 30 * slower[2]], slower)
-    assert found == {"ratio": 8.0, "low": 8.0, "high": 19.0, "rounds": 3}
-
-
 def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):
     def measured(profile, time, error):
         changes = {"frame": {"median": time}, "contact_error": {"mean": error}, "profile": profile}

@@ -17,7 +17,7 @@ RESOLUTIONS = (20, 40, 80, 160)
 QUANTITIES = ("setup", "frame", "memory")
 _DEFAULT = 8, 40
 _PLACE = 0.13, 0.07  # of the contact, in parts of the sides
-_SECONDS = 1.5  # for all set-ups, and for all frames
+_SECONDS = 1.0  # for all set-ups, and for all frames
 
 
 def measure(
@@ -37,11 +37,7 @@ def measure(
         frames[size] = _frame(makers[size]())
         tick(_work(size))
     setups = timing.in_turn(
-        {size: [make] for size, make in makers.items()},
-        least=3,
-        seconds=_SECONDS,
-        turn=0.1,
-        warm=False,
+        {size: [make] for size, make in makers.items()}, least=3, seconds=_SECONDS, warm=False
     )
     frames = timing.in_turn(
         {size: [call] for size, call in frames.items()}, least=20, seconds=_SECONDS, turn=0.01

@@ -89,17 +89,11 @@ def undisturbed(times: Times) -> float:
 
 
 def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Ratio of times that were measured in turn, undisturbed; quartiles of the ratio in single
-    rounds."""
-    of_shortest = undisturbed(numerator) / undisturbed(denominator)
-    return ratio_of_rounds(numerator, denominator) | {"ratio": of_shortest}
-
-
-def ratio_of_rounds(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Median and quartiles of the ratio in single rounds, for times that depend on what the caches hold."""
-    each = np.divide(*([np.median(turn) for turn in times] for times in (numerator, denominator)))
-    low, middle, high = np.percentile(each, [25, 50, 75])
-    return {"ratio": middle, "low": low, "high": high, "rounds": len(each)}
+    """Ratio of undisturbed times that were measured in turn; quartiles of that of single rounds."""
+    each = [undisturbed([a]) / undisturbed([b]) for a, b in zip(numerator, denominator)]
+    low, high = np.percentile(each, [25, 75])
+    of_all = undisturbed(numerator) / undisturbed(denominator)
+    return {"ratio": of_all, "low": low, "high": high, "rounds": len(each)}
 
 
 def timed(make: Call) -> tuple[Any, float]:

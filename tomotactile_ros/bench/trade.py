@@ -3,6 +3,7 @@ layout."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -33,7 +34,7 @@ class Effort:
     seconds: float
 
 
-QUICK = Effort(Size(5, 6), Size(5, 6), frames=4, rounds=15, seconds=4.5)
+QUICK = Effort(Size(5, 6), Size(5, 6), frames=4, rounds=15, seconds=3.6)
 FULL = Effort(Size(6, 8), Size(5, 5), frames=2, rounds=5, seconds=3.0)
 
 
@@ -84,6 +85,8 @@ class Trade:
         memory    of the pipeline after a frame with all ground conditions
         contacts  how many single ones and pairs were measured
         """
+        setups = defaultdict(list)
+        self._add_setups(setups, cases)
         for case in cases:
             if case.layout not in self._trials:
                 self.trials(case.layout)
@@ -99,10 +102,12 @@ class Trade:
             trials = subject.trials
             rows.append(merit | {"contacts": [len(trials.singles), len(trials.pairs)]})
             tick(self._work(subject.case))
-        setups = self._setups(cases)
+        self._add_setups(setups, cases)
         tick(self.effort.seconds)
         frames = self._frames(subjects)
-        tick(self.effort.seconds)
+        self._add_setups(setups, cases)
+        tick(1.5 * self.effort.seconds)
+        setups = _compared(setups)
         memories = {
             key: self._memory(Case(*key)) for key in dict.fromkeys(map(_same_memory, cases))
         }
@@ -141,8 +146,8 @@ class Trade:
             trials.few(self.effort.few) if case.is_slow else trials,
         )
 
-    def _setups(self, cases):
-        """By layout and resolution."""
+    def _add_setups(self, times, cases):
+        """To `times` by layout and resolution; now and then, as a machine may be slow for long."""
         kinds = dict.fromkeys((case.layout, case.resolution) for case in [REFERENCE, *cases])
         calls = {
             (layout, cells): [
@@ -150,8 +155,10 @@ class Trade:
             ]
             for layout, cells in kinds
         }
-        seconds = self.effort.seconds
-        return _compared(timing.in_turn(calls, least=4, seconds=seconds, turn=0.1, warm=False))
+        seconds = self.effort.seconds / 2
+        more = timing.in_turn(calls, least=1, seconds=seconds, turn=0.05, warm=False)
+        for key, rounds in more.items():
+            times[key] += rounds
 
     def _frames(self, subjects):
         """For each of `subjects`."""
