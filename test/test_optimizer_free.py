@@ -17,7 +17,7 @@ from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
-from tomotactile_ros.optimizer.search import Effort
+from tomotactile_ros.optimizer.search import Effort, Search
 from tomotactile_ros.optimizer.sharpness import by_images
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.region import Region, regular_polygon
@@ -167,6 +167,33 @@ def test_search_improves_every_figure_whatever_the_executor():
     assert after["hwhm"]["worst_tenth"] < 0.95 * before["hwhm"]["worst_tenth"]
     assert after["position_error"]["mean"] < 0.9 * before["position_error"]["mean"]
     assert len(shared_group(SQUARE, alone[-1].layout.positions)) == 8
+
+
+class OtherLastDigits(Objective):
+    """What another number of threads does to score and gradient, and more."""
+
+    random = np.random.default_rng(0)
+
+    def score(self, positions):
+        return super().score(positions) * self._almost_one()
+
+    def __call__(self, positions):
+        score, gradient = super().__call__(positions)
+        return score * self._almost_one(), gradient * self._almost_one(gradient.shape)
+
+    def _almost_one(self, shape=()):
+        return 1 + 1e-9 * self.random.uniform(-1, 1, shape)
+
+
+def test_last_digits_do_not_decide_what_is_found():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    constraints = Constraints(SQUARE, 0.011)
+    found = []
+    for kind in (Objective, OtherLastDigits):
+        search = Search(kind(layout, resolution=20), constraints, True)
+        *_, (positions, _) = search.run(SHORT, 0, map)
+        found.append(positions)
+    assert np.array_equal(*found)
 
 
 @pytest.mark.parametrize(

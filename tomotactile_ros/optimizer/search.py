@@ -22,6 +22,8 @@ from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
+_FIRST = 0.02  # step of descent, of the mean pitch
+_GRAIN = 1e-3  # of that step: parameters are whole multiples
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,7 @@ class Search:
         starts = self._starts(effort.starts, seed, spread)
         orbits = self._orbits(starts[0])
         parameters = [orbits.parameters(start) for start in starts]
-        layout = self.objective.reference
-        step = 0.02 * np.sqrt(layout.outline.area / layout.electrodes)
+        step = self._step
         best, score = parameters[0], self._score(orbits, parameters[0])
         if self.objective.differentiable:
             total = effort.rounds * effort.descents
@@ -102,9 +103,21 @@ class Search:
             group = shared_group(self.objective.reference.outline, positions)
         return find_orbits(positions, group)
 
+    @property
+    def _step(self) -> float:
+        """Of descent at first, m."""
+        layout = self.objective.reference
+        return _FIRST * np.sqrt(layout.outline.area / layout.electrodes)
+
     def _feasible(self, orbits, parameters):
-        """Parameters nearby that obey the constraints, or None."""
-        positions = self.constraints.project(orbits.positions(parameters))
+        """Parameters nearby that obey the constraints, or None.
+
+        They are rounded, so that a difference in the last digit (linear algebra with another number
+        of threads) ends here, instead of growing with every step.
+        """
+        grain = _GRAIN * self._step
+        rounded = np.round(parameters / grain) * grain
+        positions = self.constraints.project(orbits.positions(rounded))
         return None if positions is None else orbits.parameters(positions)
 
     def _score(self, orbits, parameters):
