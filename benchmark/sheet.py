@@ -89,7 +89,7 @@ def grow():
             layout = find_layout(f"equal-{side}x{side}")
             make = partial(transfer, model, layout, cells)
             seconds = [timing.timed(make)[1] for _ in range(3)]
-            peak = timing.memory(make)["peak"]
+            peak = timing.memory(make)[1]["peak"]
             size = side**2 if by == "electrodes" else (cells + 1) ** 2
             yield model, by, size, float(np.median(seconds)), peak
 
@@ -143,7 +143,7 @@ def main():
     large = find_layout("equal-16x16")
     for model in ("fem", "closed_form"):
         make = partial(transfer, model, large, 160)
-        seconds, peak = timing.timed(make)[1], timing.memory(make)["peak"]
+        seconds, peak = timing.timed(make)[1], timing.memory(make)[1]["peak"]
         print(f"\n16 x 16 on 161 x 161, {model}: {seconds:.2f} s, {peak / 1e6:.0f} MB at most")
     print()
     growth = list(grow())

@@ -154,7 +154,8 @@ def test_memory_counts_what_is_held_and_what_was_in_use():
         scratch = np.ones(3_000_000)
         return scratch[:1_000_000].copy()
 
-    found = timing.memory(make)
+    made, found = timing.memory(make)
+    assert len(made) == 1_000_000
     assert found["held"] == pytest.approx(8e6, rel=0.01)
     assert found["peak"] == pytest.approx(32e6, rel=0.01)
 

@@ -33,8 +33,8 @@ def measure(
     makers, frames, memories = {}, {}, {}
     for size in sizes:
         makers[size] = _maker(*size)
-        memories[size] = timing.memory(makers[size])["held"]
-        frames[size] = _frame(makers[size]())
+        pipeline, memories[size] = timing.memory(makers[size])
+        frames[size] = _frame(pipeline)
         tick(_work(size))
     setups = timing.in_turn(
         {size: [make] for size, make in makers.items()}, least=3, seconds=_SECONDS, warm=False
@@ -48,7 +48,7 @@ def measure(
             "pixels": size[1] ** 2,
             "setup": timing.undisturbed(setups[size]),
             "frame": timing.undisturbed(frames[size]),
-            "memory": memories[size],
+            "memory": memories[size]["held"],
         }
         for size in sizes
     }

@@ -103,8 +103,8 @@ def timed(make: Call) -> tuple[Any, float]:
     return made, time.perf_counter() - start
 
 
-def memory(make: Call) -> dict[str, int]:
-    """Bytes that what `make` returns holds, and the most that was in use while it was made.
+def memory(make: Call) -> tuple[Any, dict[str, int]]:
+    """What `make` returns, bytes that it holds, and the most that was in use while it was made.
 
     What numpy and Python allocate counts, what libraries allocate for themselves does not.
     """
@@ -114,7 +114,6 @@ def memory(make: Call) -> dict[str, int]:
         made = make()
         gc.collect()
         held, peak = tracemalloc.get_traced_memory()
-        del made
     finally:
         tracemalloc.stop()
-    return {"held": held, "peak": peak}
+    return made, {"held": held, "peak": peak}
