@@ -228,6 +228,20 @@ def test_replay_pauses(npz):
     device.close()
 
 
+def test_a_new_rate_of_a_replay_does_not_wait_for_the_old_one(npz):
+    device, collector = ReplayDevice(npz, E, rate=0.001, loop=True), Collector()
+    device.open(collector)
+    collector.wait_for(1)
+    device.set_rate(500.0)
+    frames = collector.wait_for(8)
+    device.set_rate(0.0)
+    late = collector.wait_for(len(collector.frames) + 10)[-5:]
+    device.close()
+    assert np.diff([f.stamp for f in frames[1:7]]) == pytest.approx(0.002, abs=1e-3)
+    assert np.diff([f.stamp for f in late]) == pytest.approx(0.01, abs=1e-3)
+    assert [f.sequence for f in collector.frames] == list(range(len(collector.frames)))
+
+
 def changed(tmp_path: Path, **changes) -> Path:
     """frames.npz with some arrays changed; None takes one away."""
     arrays = {k: v for k, v in {**a_recording(), **changes}.items() if v is not None}

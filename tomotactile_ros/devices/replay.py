@@ -83,18 +83,22 @@ class ReplayDevice(ThreadedDevice):
         for frame in self._frames():
             if recorded is not None:
                 distance = max(0.0, frame.stamp - recorded)
-                due += 1.0 / self._rate if self._rate > 0 else distance
+                due += self._step(distance)
             recorded = frame.stamp
-            due = self._wait_until(due)
+            due = self._wait_until(due, distance)
             if self._stop.is_set():
                 return due
             self._set_state("streaming", f"playing {self._path}")
             played = replace(frame, sequence=next(sequences), stamp=unix_time(due))
             self._deliver(played, due)
-        return due + (1.0 / self._rate if self._rate > 0 else distance)
+        return due + self._step(distance)
 
-    def _wait_until(self, due: float) -> float:
-        """Wait for `due`; a pause (`set_streaming`) moves it by its length."""
+    def _step(self, distance: float) -> float:
+        """Time to the next frame, s, where the recorded distance is this."""
+        return 1.0 / self._rate if self._rate > 0 else distance
+
+    def _wait_until(self, due: float, distance: float) -> float:
+        """Wait for `due`; a pause (`set_streaming`) moves it, a higher rate brings it forward."""
         while not self._stop.is_set():
             left = due - time.monotonic()
             if not self._streaming:
@@ -105,4 +109,5 @@ class ReplayDevice(ThreadedDevice):
                 break
             else:
                 self._pause(left)
+                due = min(due, time.monotonic() + self._step(distance))
         return due
