@@ -8,11 +8,13 @@ than the image of a point, otherwise the mean of D over all pairs of places in t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.contacts import Blob
+from tomotactile_ros.reconstruction.discs import fit_discs, shares_of
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import solve_nonnegative
 from tomotactile_ros.reconstruction.settings import ContactEstimate
@@ -40,7 +42,7 @@ class Strength:
 def strengths(
     blobs: list[Blob],
     values: np.ndarray,
-    currents: np.ndarray,
+    measured: Grounded,
     local: LocalImage,
     disc_change: np.ndarray,
     point_area: float,
@@ -57,24 +59,44 @@ def strengths(
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     """
-    cores = [core_of(blob, values) for blob in blobs]
-    share = local.meter.sheet.share
-    shares = np.array([share[:, pixels] @ weights for pixels, weights in cores]).T
-    effective = effective_conductances(shares, currents)
-    found = []
-    for blob, (pixels, _), value in zip(blobs, cores, effective):
-        size = radius if exact is None else seen_radius(blob.pixels, exact, local, radius)
-        area = np.pi * size**2
-        change = local.resistance / (2 * np.pi) * np.log(size / radius)
-        own = local.meter.sheet.impedance[blob.centre] + disc_change[blob.centre]
-        impedance = max(max(own, 0.0) - change, 0.0)
-        if size > DISC * local.spacing or (exact is None and blob.area > WIDE * point_area):
-            area = max(area, blob.area - point_area)
-            impedance = _mean_impedance(pixels, local, area)
-        conductance = value / (1 - min(value * impedance, _BARE))
-        conductance = min(conductance, LARGEST / local.resistance)
-        found.append(Strength(blob.position, float(conductance), float(area)))
-    return found
+    wide = np.array([_is_wide(blob, exact, local, point_area, radius) for blob in blobs])
+    peaks = np.array([blob.peak for blob in blobs])
+    effective, others = measured.total * peaks / peaks.sum(), np.empty((len(measured.currents), 0))
+    found = {}
+    if wide.any():
+        cores = [core_of(blob, values) for blob in blobs]
+        shares = [local.meter.sheet.share[:, pixels] @ weights for pixels, weights in cores]
+        effective = effective_conductances(np.array(shares).T, measured.currents)
+        others = np.array(shares).T[:, wide] * effective[wide]
+        for i in np.flatnonzero(wide):
+            found[i] = _wide(blobs[i], cores[i][0], effective[i], exact, local, point_area, radius)
+    small = np.flatnonzero(~wide)
+    if len(small):
+        places = np.array([blobs[i].position for i in small])
+        discs = fit_discs(local, measured, places, effective[small], others, disc_change, radius)
+        for i, disc in zip(small, discs):
+            found[i] = Strength(disc.place, disc.conductance, np.pi * disc.radius**2)
+    most = LARGEST / local.resistance
+    return [
+        replace(found[i], conductance=min(found[i].conductance, most)) for i in range(len(blobs))
+    ]
+
+
+def _wide(blob, pixels, effective, exact, local, point_area, radius):
+    """`Strength` of a blob with the `pixels` in its upper half and the `effective` conductance, S."""
+    if exact is not None:
+        radius = seen_radius(blob.pixels, exact, local, radius)
+    area = max(np.pi * radius**2, blob.area - point_area)
+    conductance = effective / (1 - min(effective * _mean_impedance(pixels, local, area), _BARE))
+    return Strength(blob.position, float(conductance), float(area))
+
+
+def _is_wide(blob, exact, local, point_area, radius):
+    if not shares_of(local.grid).usable:
+        return True
+    if exact is None:
+        return blob.area > WIDE * point_area
+    return seen_radius(blob.pixels, exact, local, radius) > DISC * local.spacing
 
 
 def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -87,7 +87,7 @@ class ImageMaker:
         found = strengths(
             blobs,
             values,
-            measured.currents,
+            measured,
             local,
             self._change,
             point_area,

@@ -19,7 +19,7 @@ from scipy.optimize import nnls
 
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.reconstruction.active_set import Memory, minimise
-from tomotactile_ros.reconstruction.admittance import Grounded
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 from tomotactile_ros.reconstruction.local import LocalImage
 
 _SUPPORT = 0.04  # of the linear image's maximum
@@ -44,13 +44,23 @@ def weighted_data(
     local: LocalImage, measured: Grounded, compact: float = _COMPACT
 ) -> tuple[np.ndarray, np.ndarray]:
     """(D,) data and (D,) 1 / sigma; couplings are left out where noise hides them."""
-    currents = measured.currents
-    error = _CURRENT_ERROR * measured.total + _OWN_ERROR * np.abs(currents)
+    error = current_error(local.meter, measured)
     if measured.couplings is None:
-        return currents, 1 / error
-    coupling_error = np.hypot(measured.noise, _COUPLING_ERROR * local.meter.untouched)
-    couplings = measured.couplings - compact * local.meter.untouched
-    return np.append(currents, couplings), 1 / np.append(error, coupling_error)
+        return measured.currents, 1 / error
+    model_error = _COUPLING_ERROR * local.meter.untouched
+    coupling_error = np.hypot(measured.noise, model_error)
+    # what is added has the same weight against the currents, whatever the noise
+    added = compact * local.meter.untouched * (coupling_error / model_error) ** 2
+    data = np.append(measured.currents, measured.couplings - added)
+    return data, 1 / np.append(error, coupling_error)
+
+
+def current_error(meter: AdmittanceMeter, measured: Grounded) -> np.ndarray:
+    """(n,) how far the currents can be trusted, S."""
+    currents = measured.currents
+    noise = measured.noise * np.linalg.norm(currents) / np.sqrt(meter.amplification)
+    model = _CURRENT_ERROR * measured.total + _OWN_ERROR * np.abs(currents)
+    return np.hypot(model, noise)
 
 
 def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
