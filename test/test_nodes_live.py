@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import time
 
 import pytest
 
@@ -104,6 +105,6 @@ def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):
     stubborn = "trap '' INT TERM; echo ready; while :; do sleep 0.05; done"
     child = Child("stubborn", ["bash", "-c", stubborn])
     while child.last_words != "ready":
-        pass
+        time.sleep(0.01)
     stop_all([child])
     assert child.status == -signal.SIGKILL

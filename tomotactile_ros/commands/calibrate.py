@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
+
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames
@@ -16,7 +18,7 @@ from tomotactile_ros.yamlio import check_folder
 HELP = "fit the contact law to presses of known force"
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "presses",
         nargs="+",
@@ -30,7 +32,7 @@ def add_arguments(parser):
     parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
 
 
-def run(args):
+def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     check_folder(args.out)
     forces, conductances, areas = [], [], []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import ArgumentParser, Namespace
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
@@ -18,7 +19,7 @@ _LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}
 _SHOWN = 12  # regions in the text; --json has all
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument(
         "--profile",
@@ -48,7 +49,7 @@ def add_arguments(parser):
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
-def run(args):
+def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     if args.profile:
         for option in ("regularization", "model"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +23,14 @@ _COLUMNS = 60  # of the picture; a character is about twice as high as it is wid
 _SHADES = " .:-=+*#%@"
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", help="file, or name of an installed layout or scene")
     parser.add_argument(
         "--layout", default="equal-8x8", help="sheet to draw a scene on (default: equal-8x8)"
     )
 
 
-def run(args):
+def run(args: Namespace) -> None:
     path = _find(args.file)
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
         print("\n".join(_describe_arrays(path)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +43,7 @@ _RECORDED = (  # options that decide what comes out
 )
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--rows", type=int, help="electrodes along y")
     parser.add_argument("--cols", type=int, help="electrodes along x")
     parser.add_argument(
@@ -114,14 +115,34 @@ def add_arguments(parser):
     parser.set_defaults(default_of=parser.get_default)
 
 
-def run(args):
+def run(args: Namespace) -> None:
     start = _given_layout(args) if args.layout else _grid(args)
     report = args.report or Path(args.out).with_suffix(".png")
     for path in (args.out, report):
         check_folder(path)
     if args.method == "grounding":
-        return _run_grounding(args, start, report)
-    request = Request(
+        _choose_grounding(args, start, report)
+    else:
+        _move_electrodes(args, start, report)
+
+
+def _move_electrodes(args, start, report):
+    from tomotactile_ros.optimizer.report import save_report
+
+    request = _request(args, start)
+    history, best = _search(args, request)
+    name = args.name or Path(args.out).stem
+    settings = {"command": _command(args)} | request.settings()
+    finished(best.layout, name, args.method, settings, history, best).save(args.out)
+    save_report(report, history, best, f"{start.name} -> {name}, method {args.method}")
+    if len(history) - 1 < request.total:
+        print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
+    print("\n".join(_summary(history[0], best)))
+    print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
+
+
+def _request(args, start):
+    return Request(
         start,
         args.method,
         steps=args.steps,
@@ -135,25 +156,18 @@ def run(args):
         seed=args.seed,
         resolution=args.resolution,
     )
+
+
+def _search(args, request):
+    """All steps, and the best; with progress."""
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not a positive number")
     several = args.method == "free" and args.workers > 1
     pool = processes(args.workers) if several else nullcontext()
     with pool as executor, Progress(args.method, request.total) as progress:
-        history, best = best_of(
+        return best_of(
             request.steps_of(executor), lambda step: progress.update(step.iteration, _note(step))
         )
-    name = args.name or Path(args.out).stem
-    settings = {"command": _command(args)} | request.settings()
-    layout = finished(best.layout, name, args.method, settings, history, best)
-    layout.save(args.out)
-    from tomotactile_ros.optimizer.report import save_report
-
-    save_report(report, history, best, f"{start.name} -> {name}, method {args.method}")
-    if len(history) - 1 < request.total:
-        print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
-    print("\n".join(_summary(history[0], best)))
-    print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
 
 
 def _given_layout(args):
@@ -215,7 +229,7 @@ def _summary(start, best):
         yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {after / before:.3f}"
 
 
-def _run_grounding(args, layout, report):
+def _choose_grounding(args, layout, report):
     from tomotactile_ros.optimizer.report import save_grounding
 
     counts = args.conditions or _halves(layout.electrodes)
@@ -235,19 +249,13 @@ def _run_grounding(args, layout, report):
             f"{1e3 * metrics['position_error']['mean']:18.2f} {1e3 * metrics['noise_gain']:18.3g}"
         )
     save_grounding(report, found)
-    layout = finished_grounding(layout, args.name or Path(args.out).stem, found)
-    layout.save(args.out)
-    print(f"{args.out}: provenance.grounding lists the electrodes to ground; {report}")
-
-
-def finished_grounding(layout, name, found):
-    """The layout with the conditions to scan in its provenance."""
-    return replace(
+    grounding = {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}
+    replace(
         layout,
-        name=name,
-        provenance=layout.provenance
-        | {"grounding": {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}},
-    )
+        name=args.name or Path(args.out).stem,
+        provenance=layout.provenance | {"grounding": grounding},
+    ).save(args.out)
+    print(f"{args.out}: provenance.grounding lists the electrodes to ground; {report}")
 
 
 def _halves(count):

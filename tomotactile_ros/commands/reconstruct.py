@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 
 import numpy as np
@@ -20,7 +21,7 @@ from tomotactile_ros.yamlio import check_folder
 HELP = "make pressure images and contacts of frames"
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("frames", help="file of frames (.npz)")
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
@@ -37,7 +38,7 @@ def add_arguments(parser):
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
 
-def run(args):
+def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     recorded = load_frames(args.frames, layout, args.drive_voltage)
     check_folder(args.out)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser, Namespace
+
 import numpy as np
 
 from tomotactile_ros.errors import InputError
@@ -16,7 +18,7 @@ from tomotactile_ros.yamlio import check_folder
 HELP = "simulate the voltage frames of a scene"
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument("--scene", required=True, help="scene file or name of an installed one")
     parser.add_argument("--frames", required=True, type=int, help="number of frames")
@@ -25,7 +27,7 @@ def add_arguments(parser):
     parser.add_argument("--model", default="fem", choices=MODELS, help="physics (default: fem)")
 
 
-def run(args):
+def run(args: Namespace) -> None:
     layout, scene = load_layout(args.layout), load_scene(args.scene)
     if args.frames < 1:
         raise InputError(f"--frames: {args.frames} is not a positive number of frames")
