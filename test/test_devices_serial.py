@@ -141,6 +141,28 @@ def test_frames_arrive_whole_in_order_and_stamped(make_port):
     assert frame.drive_voltage == pytest.approx(3.3)
 
 
+def test_closing_does_not_wait_for_a_port_that_is_still_being_opened():
+    asked, answered, closed = (threading.Event() for _ in range(3))
+
+    class LateLine:
+        def close(self) -> None:
+            closed.set()
+
+    def opener(path, baud):
+        asked.set()
+        answered.wait(PATIENCE)
+        return LateLine()
+
+    device = SerialDevice("socket://far.away:1", E, opener=opener)
+    device.open(lambda frame: None)
+    assert asked.wait(PATIENCE)
+    device.close()
+    assert device.status().state == "closed"
+    assert not closed.is_set()
+    answered.set()
+    assert closed.wait(PATIENCE)
+
+
 def test_frames_arrive_through_a_port_without_file_descriptor():
     class Plain(serial.Serial):
         def fileno(self):

@@ -5,8 +5,10 @@ connect -> identify -> set the rate, start -> stream, and from the beginning aft
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import asdict
 
 from tomotactile_ros.devices import protocol
@@ -119,7 +121,9 @@ class SerialDevice(ThreadedDevice):
                 self._stop.wait(next(delays))
 
     def _one_connection(self) -> None:
-        line = self._opener(self._port, self._baud)
+        line = self._open_line()
+        if line is None:
+            return
         try:
             self._low_latency, self._found = line.low_latency, line.name
             if self._state[0] in ("closed", "disconnected"):
@@ -132,6 +136,26 @@ class SerialDevice(ThreadedDevice):
                     self._stream(talk)
         finally:
             line.close()
+
+    def _open_line(self) -> Line | None:
+        """Open the port; None if closed in the meantime: the network may take seconds to fail."""
+        opening: Future[Line] = Future()
+
+        def attempt() -> None:
+            try:
+                opening.set_result(self._opener(self._port, self._baud))
+            except Exception as error:  # noqa: BLE001 - raised by `result`
+                opening.set_exception(error)
+            self._changed.set()
+
+        threading.Thread(target=attempt, daemon=True).start()
+        while not opening.done() and not self._stop.is_set():
+            self._changed.wait()
+            self._changed.clear()
+        if self._stop.is_set():
+            opening.add_done_callback(lambda it: it.exception() or it.result().close())
+            return None
+        return opening.result()
 
     def _report(self, fault: LineFault) -> None:
         self._set_state(fault.state, str(fault))
