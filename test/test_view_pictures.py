@@ -1,5 +1,6 @@
 """Pictures: colours mean pressures, contacts and electrodes are where they belong."""
 
+import io
 import re
 from types import SimpleNamespace
 
@@ -8,8 +9,10 @@ import pytest
 
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.scene import load_scene
 from tomotactile_ros.view.colours import OUTSIDE, Overlay, colour, full_scale, palette
 from tomotactile_ros.view.contacts import contact_lines, pair
+from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import picture
 
@@ -109,3 +112,36 @@ def test_contacts_are_paired_with_the_nearest_truth():
     assert "nothing is there" in lines[0] and "off by 10.0 mm" in lines[1]
     assert contact_lines([here], truth)[-1].startswith("not found: true ( +90.0,  +70.0) mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
+
+
+class Terminal(io.TextIOWrapper):
+    def __init__(self, encoding="utf-8"):
+        super().__init__(io.BytesIO(), encoding=encoding)
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("environment", "encoding", "pictures"),
+    [
+        ({"TERM": "xterm"}, "utf-8", True),
+        ({"TERM": "dumb"}, "utf-8", False),
+        ({"TERM": "xterm", "NO_COLOR": "1"}, "utf-8", False),
+        ({"TERM": "xterm"}, "ascii", False),
+    ],
+)
+def test_pictures_are_shown_where_they_are_wanted_and_possible(
+    monkeypatch, environment, encoding, pictures
+):
+    for key in ("TERM", "NO_COLOR"):
+        monkeypatch.delenv(key, raising=False)
+    for key, value in environment.items():
+        monkeypatch.setenv(key, value)
+    terminal = Terminal(encoding)
+    monkeypatch.setattr("sys.stdout", terminal)
+    display = Display(LAYOUT, load_scene("default"))
+    display.show(Shot(np.zeros((8, 8)), [], scene_time=1.0, rate=15.0, age=0.01))
+    display.close()
+    terminal.flush()
+    assert (b"\x1b" in terminal.buffer.getvalue()) == pictures

@@ -36,9 +36,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        # the reader (`| head`) has enough; what is still buffered must not fail once more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+        return end_of_pipe()
     except MemoryError:
         print(f"tomotactile {args.command}: there is not enough memory for this", file=sys.stderr)
         return 2
@@ -48,6 +46,15 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"tomotactile {args.command}: stopped", file=sys.stderr)
         return 130
+
+
+def end_of_pipe() -> int:
+    """Exit status when the reader of standard output (`| head`) has had enough.
+
+    What is still buffered goes nowhere, so that it does not fail once more at the very end.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 128 + signal.SIGPIPE
 
 
 def _one_line(error: Exception) -> str:

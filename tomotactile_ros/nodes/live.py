@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from tomotactile_ros.cli import Parser
+from tomotactile_ros.cli import Parser, end_of_pipe
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.processes import Child, stop_all
@@ -37,6 +37,8 @@ def main(args: list[str] | None = None) -> int:
     except InputError as error:
         print(f"live: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        return end_of_pipe()
     except KeyboardInterrupt:
         return 0
     finally:
