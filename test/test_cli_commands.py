@@ -58,6 +58,19 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
     assert run("inspect", out).returncode == 0
 
 
+def test_evaluate_gives_every_figure_in_m_and_in_percent_of_the_side():
+    done = run("evaluate", "--layout", "equal-4x4", "--resolution", 12, "--json")
+    assert done.returncode == 0, done.stderr
+    content = json.loads(done.stdout)
+    assert content["side"] == 0.2 and len(content["regions"]) == 9
+    for key in ("hwhm", "position_error"):
+        for value in ("mean", "worst_tenth", "worst"):
+            percent = content["percent"][key][value]
+            assert percent == pytest.approx(100 * content["metrics"][key][value] / 0.2)
+        for region in content["regions"]:
+            assert region["percent"][key] == pytest.approx(100 * region[key] / 0.2)
+
+
 @pytest.mark.parametrize("name", ["equal-8x8", "defects", "experiment-corner"])
 def test_inspect_draws_layouts_and_scenes(name):
     done = run("inspect", name)

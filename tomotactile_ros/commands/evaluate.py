@@ -16,6 +16,7 @@ from tomotactile_ros.reconstruction.settings import PROFILES
 
 HELP = "measure the resolution of a layout: HWHM and position error all over the sheet"
 _LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}
+_REGIONAL = ("hwhm", "position_error")
 _SHOWN = 12  # regions in the text; --json has all
 
 
@@ -90,7 +91,10 @@ def as_dict(result) -> dict:
         "metrics": metrics,
         "percent": percent,
         "noise_gain": noise_gain,
-        "regions": result.by_region(),
+        "regions": [
+            region | {"percent": {key: 100 * region[key] / side for key in _REGIONAL}}
+            for region in result.by_region()
+        ],
         "regions_are": "between electrodes" if result.regions.electrodes else "equal blocks",
     }
 
@@ -111,12 +115,14 @@ def as_text(content):
         yield f"noise gain      {1e3 * content['noise_gain']:.3g} mV of a pixel per V of a reading"
     regions = sorted(content["regions"], key=lambda region: -region["hwhm"])
     yield f"{len(regions)} regions ({content['regions_are']}), the worst first:"
-    yield "  row col  contacts  area/cm2   HWHM/mm  position error/mm"
+    yield "  row col  contacts  area/cm2              HWHM    position error"
     for region in regions[:_SHOWN]:
         yield (
             f"  {region['row']:3d} {region['col']:3d} {region['contacts']:9d}"
-            f" {1e4 * region['area']:9.2f} {1e3 * region['hwhm']:9.2f}"
-            f" {1e3 * region['position_error']:18.2f}"
+            f" {1e4 * region['area']:9.2f}"
+            + "".join(
+                f" {1e3 * region[key]:8.2f} mm{region['percent'][key]:5.1f} %" for key in _REGIONAL
+            )
         )
     if len(regions) > _SHOWN:
         yield f"  and {len(regions) - _SHOWN} more (--json lists all)"
