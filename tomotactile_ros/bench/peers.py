@@ -25,7 +25,7 @@ from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
 
 _CELLS = 40
-_SECONDS = 2.4  # for times that are taken in turn
+_SECONDS = 3.0  # for times that are taken in turn
 _SENSORS = 8  # with a pipeline or a dense matrix each
 
 
