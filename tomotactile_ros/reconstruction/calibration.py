@@ -32,14 +32,18 @@ class Fit:
     presses: int
 
 
-def measure_conductance(layout: Layout, frames, grounded, drive_voltage: float) -> tuple[float, float]:
+def measure_conductance(
+    layout: Layout, frames, grounded, drive_voltage: float
+) -> tuple[float, float]:
     """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the frames."""
     pipeline = Pipeline(layout, Settings("accurate"))
     found = [pipeline.strengths(frame, grounded, drive_voltage) for frame in frames]
     found = [contacts[0] for contacts in found if contacts]
     if not found:
         raise InputError("no frame shows a contact")
-    return float(np.median([c.conductance for c in found])), float(np.median([c.area for c in found]))
+    return float(np.median([c.conductance for c in found])), float(
+        np.median([c.area for c in found])
+    )
 
 
 def fit_contact_law(forces, conductances, areas, exponent: float | None = None) -> Fit:
@@ -66,7 +70,9 @@ def fit_contact_law(forces, conductances, areas, exponent: float | None = None) 
     else:
         slope = checks.positive(exponent, "exponent", "number")
     if not slope > 0:
-        raise InputError("force: conductance does not grow with force, check the order of the presses")
+        raise InputError(
+            "force: conductance does not grow with force, check the order of the presses"
+        )
     offset = (density - slope * pressure).mean()
     error = np.expm1((density - offset) / slope - pressure)
     law = ContactLaw(float(np.exp(offset)), float(slope))

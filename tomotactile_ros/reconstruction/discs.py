@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import lapack
 from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.special import ive
 
@@ -31,9 +32,7 @@ from tomotactile_ros.reconstruction.nonnegative import current_error
 
 _STEPS = 2  # of Gauss-Newton
 _REACH = 0.35  # of a place from where the image has it, in spacings of the electrodes
-_Y0_ERROR = 0.02  # of the untouched sheet's couplings; what does not fit adds to it
-_SHEET_ERROR = 0.003  # the same in parts of the sheet's conductance
-_SCALE = np.linspace(0.0, 1.0, 32)  # of the radii that are compared
+_SIZES = 32  # radii that are compared
 _SMALLEST, _LARGEST = 0.3, 0.7  # of them, in expected radii and in spacings
 _USUAL = 0.4  # standard deviation of the logarithm of a radius about the expected one
 _WAY_ERROR = 0.03  # of X
@@ -95,14 +94,20 @@ def shares_of(grid: Grid) -> Shares:
 
 
 def _harmonic(z):
-    """(9, 5) value, Re p, -Im p, Re q, -Im q at z of 1, Re z^m, Im z^m up to nine, and |z|^2 for what is left."""
-    square = z * z
-    powers = [(1, 0, 0), (z, 1, 0), (square, 2 * z, 1), (square * z, 3 * square, 3 * z)]
-    powers.append((square * square, 4 * square * z, 6 * square))
-    rows = [(f.real, p.real, -p.imag, q.real, -q.imag) for f, p, q in powers]
-    rows += [(f.imag, p.imag, p.real, q.imag, q.real) for f, p, q in powers[1:4]]
-    rows.append((abs(square), 2 * z.real, 2 * z.imag, 0.0, 0.0))
-    return np.array(rows)
+    """(9, 5) value, Re p, -Im p, Re q, -Im q at z of 1, z, z^2, z^3 (real and imaginary parts), Re z^4 and |z|^2."""
+    x, y = z.real, z.imag
+    two = z * z
+    three = z * two
+    u, v, six, seven = two.real, two.imag, 6 * x, 6 * y
+    return np.array(
+        [
+            [1.0, x, y, u, v, three.real, three.imag, u * u - v * v, u + y * y + y * y],
+            [0.0, 1.0, 0.0, 2 * x, 2 * y, 3 * u, 3 * v, 4 * three.real, 2 * x],
+            [0.0, 0.0, 1.0, -2 * y, 2 * x, -3 * v, 3 * u, -4 * three.imag, 2 * y],
+            [0.0, 0.0, 0.0, 1.0, 0.0, six / 2, seven / 2, 6 * u, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0, -seven / 2, six / 2, -6 * v, 0.0],
+        ]
+    ).T
 
 
 @dataclass(frozen=True)
@@ -117,61 +122,64 @@ class Disc:
 def fit_discs(
     local: LocalImage,
     measured: Grounded,
-    places: np.ndarray,
-    effective: np.ndarray,
-    others: np.ndarray,
+    places: list[tuple[float, float]],
+    others: list[np.ndarray],
     change: np.ndarray,
     radius: float,
 ) -> list[Disc]:
-    """Discs near `places` (B, 2), m.
+    """Discs near `places`, m.
 
     Parameters
     ----------
-    effective : (B,) effective conductances c to start with, S
-    others : (n, F) what each contact that is no disc adds to the currents, S
+    others : what each contact that is no disc adds to the currents, (n,) S
     change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
     radius : that is expected, m
     """
-    meter, found = local.meter, []
+    sheet, first, second = local.meter.sheet, local.meter.first, local.meter.second
     left = None if measured.couplings is None else measured.couplings.astype(float)
-    places, effective = _fit_places(local, measured, places, effective, others.sum(axis=1))
-    for place in places.tolist():
+    places, effective = _fit_places(local, measured, places, others)
+    found = []
+    for place, c in zip(places, effective):
         pixels, weights = shares_of(local.grid).at(*place)
-        impedance = (meter.sheet.impedance[pixels] + change[pixels]).dot(weights[:, 0])
-        found.append((meter.sheet.share[:, pixels].dot(weights), float(impedance)))
+        impedance = (sheet.impedance[pixels] + change[pixels]).dot(weights[:, 0])
+        field = sheet.share[:, pixels].dot(weights)
+        found.append((c, field, float(impedance)))
+        if left is not None:
+            point = field[:, 0]
+            left -= c * point.take(first) * point.take(second)
     if left is not None:
-        points = [c * field[:, 0] for c, (field, _) in zip(effective, found)]
-        for currents in [*points, *others.T]:
-            total = max(float(currents.sum()), _TINY)
-            left -= currents[meter.first] * currents[meter.second] / total
-    sizes = [
-        _size(local, measured.noise, left, *each, radius) for each in zip(effective, *zip(*found))
-    ]
-    return [Disc(place, *size) for place, size in zip(places, sizes)]
+        for currents in others:
+            left -= currents[first] * currents[second] / max(float(currents.sum()), _TINY)
+    sizes = [_size(local, measured.noise, left, *each, radius) for each in found]
+    return [Disc(np.array(place), *size) for place, size in zip(places, sizes)]
 
 
-def _fit_places(local, measured, places, effective, others):
-    """Places (B, 2), m, and effective conductances (B,), S, of which currents without `others` (n,) speak."""
+def _fit_places(local, measured, start, others):
+    """Places (x, y), m, and effective conductances, S, that the currents tell."""
     shares, share = shares_of(local.grid), local.meter.sheet.share
-    start, reach = places, _REACH * local.spacing
-    effective = np.maximum(effective, _LEAST * measured.total)
-    weight = 1 / current_error(local.meter, measured)
-    wanted = (measured.currents - others) * weight
+    reach = _REACH * local.spacing
+    places, effective, least = list(start), [0.0] * len(start), _LEAST * measured.total
+    weight = (current_error(local.meter, measured) ** -2.0)[:, None]
+    wanted = measured.currents - sum(others) if others else measured.currents
     for _ in range(_STEPS):
-        columns = []
-        for place, c in zip(places.tolist(), effective.tolist()):
+        fields = []
+        for place in places:
             pixels, weights = shares.at(*place)
-            columns.append(share[:, pixels].dot(weights[:, :3] * [1.0, c, c]))
-        matrix = np.hstack(columns) * weight[:, None]
-        gram = matrix.T.dot(matrix)
-        gram.ravel()[:: len(gram) + 1] *= 1 + 1e-6
-        found = np.linalg.solve(gram, wanted.dot(matrix)).reshape(-1, 3)
-        effective = np.maximum(found[:, 0], _LEAST * measured.total)
-        moved = np.clip(places + shares.unit * found[:, 1:], start - reach, start + reach)
-        on_sheet = [shares.on_sheet(*place) for place in moved.tolist()]
-        places = np.where(np.array(on_sheet)[:, None], moved, places)
-    total = measured.total - others.sum()
-    return places, effective * max(total / max(effective.sum(), _TINY), 0.0)
+            fields.append(share[:, pixels].dot(weights[:, :3]))
+        matrix = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
+        weighted = matrix * weight
+        _, found, failed = lapack.dposv(weighted.T.dot(matrix), wanted.dot(weighted))
+        if failed:
+            break
+        found = found.tolist()
+        for i, (x, y) in enumerate(places):
+            effective[i] = c = max(found[3 * i], least)
+            step = shares.unit / c
+            moved = x + step * found[3 * i + 1], y + step * found[3 * i + 2]
+            if math.dist(moved, start[i]) < reach and shares.on_sheet(*moved):
+                places[i] = moved
+    scale = max(float(wanted.sum()) / max(sum(effective), _TINY), 0.0)
+    return places, [scale * c for c in effective]
 
 
 def _size(local, noise, left, effective, field, impedance, radius):
@@ -184,30 +192,18 @@ def _size(local, noise, left, effective, field, impedance, radius):
     field : (n, 5) of H at its place, see `Shares.at`
     impedance : D if it had the expected `radius` (m), ohm
     """
-    scale = 2 * np.pi / local.resistance
-    largest = max(_LARGEST * local.spacing, radius / _SMALLEST) / radius
-    sizes = math.log(_SMALLEST) + _SCALE * math.log(
-        largest / _SMALLEST
-    )  # logarithm, from radius on
-    way = scale * impedance - _EVEN - sizes
-    inside = scale / max(effective, _TINY) - np.maximum(way, -_EVEN)
-    cost = (sizes / _USUAL) ** 2
-    cost += (np.maximum(_INSIDE[0] - inside, 0.0) / _WAY_ERROR) ** 2
+    scale = 2 * math.pi / local.resistance
+    sizes, cost, squared = _sizes(radius, local.spacing)
+    inside = scale / max(effective, _TINY) - np.maximum(scale * impedance - _EVEN - sizes, -_EVEN)
+    cost = cost + (np.maximum(_INSIDE[0] - inside, 0.0) / _WAY_ERROR) ** 2
     if left is not None:
-        first, second = local.meter.first, local.meter.second
-        pairs = field[first] * field[second]
-        error = noise**2 + (_SHEET_ERROR / local.resistance) ** 2
-        error = np.sqrt(error + (_Y0_ERROR * local.meter.untouched) ** 2)
-        shapes = np.array([left, pairs[:, 1] + pairs[:, 2], pairs[:, 3] + pairs[:, 4]]) / error
-        squared = np.exp(2 * sizes) * (radius / shares_of(local.grid).unit) ** 2
-        shorted = [np.interp(inside, _INSIDE, table) for table in _SHORTED]
-        amounts = np.array(
-            [
-                np.ones(len(_SCALE)),
-                -scale * squared * shorted[0],
-                -2 * scale * squared**2 * shorted[1],
-            ]
-        )
+        pairs = field.take(local.meter.first, axis=0) * field.take(local.meter.second, axis=0)
+        shapes = np.array([left, pairs[:, 1] + pairs[:, 2], pairs[:, 3] + pairs[:, 4]])
+        shapes *= 1 / np.sqrt(noise**2 + local.coupling_variance)
+        squared = squared / shares_of(local.grid).unit ** 2
+        amounts = np.ones((3, len(sizes)))
+        amounts[1] = -scale * squared * np.interp(inside, _INSIDE, _SHORTED[0])
+        amounts[2] = -2 * scale * squared**2 * np.interp(inside, _INSIDE, _SHORTED[1])
         squares = (shapes.dot(shapes.T).dot(amounts) * amounts).sum(axis=0)
         best = amounts[:, squares.argmin()].dot(shapes)
         seen = shapes[1] ** 2
@@ -216,3 +212,11 @@ def _size(local, noise, left, effective, field, impedance, radius):
     weight /= weight.sum()
     squared = math.exp(2 * weight.dot(np.interp(inside, _INSIDE, _LOG_K)))
     return math.pi * squared / local.resistance, radius * math.exp(weight.dot(sizes))
+
+
+@lru_cache(maxsize=8)
+def _sizes(radius, spacing):
+    """(n,) logarithms of the radii that are compared, in parts of `radius`, their cost, and their squares, m^2."""
+    largest = max(_LARGEST * spacing / radius, 1 / _SMALLEST)
+    sizes = np.linspace(math.log(_SMALLEST), math.log(largest), _SIZES)
+    return sizes, (sizes / _USUAL) ** 2, radius**2 * np.exp(2 * sizes)

@@ -8,7 +8,7 @@ than the image of a point, otherwise the mean of D over all pairs of places in t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,27 +59,26 @@ def strengths(
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     """
-    wide = np.array([_is_wide(blob, exact, local, point_area, radius) for blob in blobs])
-    peaks = np.array([blob.peak for blob in blobs])
-    effective, others = measured.total * peaks / peaks.sum(), np.empty((len(measured.currents), 0))
-    found = {}
-    if wide.any():
+    wide = [_is_wide(blob, exact, local, point_area, radius) for blob in blobs]
+    found, others, most = {}, [], LARGEST / local.resistance
+    if any(wide):
         cores = [core_of(blob, values) for blob in blobs]
         shares = [local.meter.sheet.share[:, pixels] @ weights for pixels, weights in cores]
         effective = effective_conductances(np.array(shares).T, measured.currents)
-        others = np.array(shares).T[:, wide] * effective[wide]
-        for i in np.flatnonzero(wide):
-            found[i] = _wide(blobs[i], cores[i][0], effective[i], exact, local, point_area, radius)
-    small = np.flatnonzero(~wide)
-    if len(small):
-        places = np.array([blobs[i].position for i in small])
-        discs = fit_discs(local, measured, places, effective[small], others, disc_change, radius)
+        others = [shares[i] * effective[i] for i in range(len(blobs)) if wide[i]]
+        for i in range(len(blobs)):
+            if wide[i]:
+                found[i] = _wide(
+                    blobs[i], cores[i][0], effective[i], exact, local, point_area, radius
+                )
+    small = [i for i in range(len(blobs)) if not wide[i]]
+    if small:
+        places = [tuple(blobs[i].position.tolist()) for i in small]
+        discs = fit_discs(local, measured, places, others, disc_change, radius)
         for i, disc in zip(small, discs):
-            found[i] = Strength(disc.place, disc.conductance, np.pi * disc.radius**2)
-    most = LARGEST / local.resistance
-    return [
-        replace(found[i], conductance=min(found[i].conductance, most)) for i in range(len(blobs))
-    ]
+            conductance = min(disc.conductance, most)
+            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2)
+    return [found[i] for i in range(len(blobs))]
 
 
 def _wide(blob, pixels, effective, exact, local, point_area, radius):
@@ -88,7 +87,8 @@ def _wide(blob, pixels, effective, exact, local, point_area, radius):
         radius = seen_radius(blob.pixels, exact, local, radius)
     area = max(np.pi * radius**2, blob.area - point_area)
     conductance = effective / (1 - min(effective * _mean_impedance(pixels, local, area), _BARE))
-    return Strength(blob.position, float(conductance), float(area))
+    conductance = min(float(conductance), LARGEST / local.resistance)
+    return Strength(blob.position, conductance, float(area))
 
 
 def _is_wide(blob, exact, local, point_area, radius):

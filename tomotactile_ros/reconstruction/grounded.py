@@ -41,7 +41,9 @@ class GroundedSheet:
         self.transfer = transfer
         self.used = np.arange(transfer.electrodes) if used is None else np.asarray(used, int)
         count = len(self.used)
-        self._point = np.vstack([transfer.electrode_point[self.used], np.ones(len(transfer.points))])
+        self._point = np.vstack(
+            [transfer.electrode_point[self.used], np.ones(len(transfer.points))]
+        )
         system = np.ones((count + 1, count + 1))
         system[:-1, :-1] = transfer.electrode_electrode[np.ix_(self.used, self.used)]
         system[-1, -1] = 0.0

@@ -58,9 +58,9 @@ def weighted_data(
 def current_error(meter: AdmittanceMeter, measured: Grounded) -> np.ndarray:
     """(n,) how far the currents can be trusted, S."""
     currents = measured.currents
-    noise = measured.noise * np.linalg.norm(currents) / np.sqrt(meter.amplification)
+    noise = measured.noise**2 * float(currents.dot(currents)) / meter.amplification
     model = _CURRENT_ERROR * measured.total + _OWN_ERROR * np.abs(currents)
-    return np.hypot(model, noise)
+    return np.sqrt(model**2 + noise)
 
 
 def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -43,4 +43,7 @@ def choose(times: dict[str, float], deadline: float) -> tuple[str, str]:
     chosen = fitting[0] if fitting else min(times, key=times.get)
     figures = ", ".join(f"{profile} {1e3 * times[profile]:.2f} ms" for profile in MEASURED)
     verdict = "" if fitting else "; none meets it"
-    return chosen, f"profile {chosen} by measurement ({figures}; deadline {1e3 * deadline:g} ms{verdict})"
+    return (
+        chosen,
+        f"profile {chosen} by measurement ({figures}; deadline {1e3 * deadline:g} ms{verdict})",
+    )
