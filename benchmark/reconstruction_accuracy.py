@@ -6,6 +6,9 @@ sheet and with one that varies by 10 %. Prints a table; --out writes it as JSON,
 
     OMP_NUM_THREADS=1 python benchmark/reconstruction_accuracy.py [--singles 200] [--pairs 40] [--idle 10000]
 
+With --sizes N it only prints how the force of single discs depends on their radius, from N discs at each of five kinds
+of places for each of four pressures (11 s with N = 4), and with --contact-radius what that setting does.
+
 Figures
 -------
 HWHM, PE        of the potential image (evaluation.metrics), of single contacts anywhere on the sheet up to its rim
@@ -35,6 +38,9 @@ from tomotactile_ros.simulation import Simulator
 LAW = ContactLaw(1e-4, 1.0)
 DRIVE = 3.3
 APART = (0.020, 0.024, 0.028, 0.032, 0.036, 0.040, 0.045, 0.050, 0.060)
+RADII = (0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.010, 0.012, 0.015, 0.020)
+PRESSURES = (2e3, 10e3, 30e3, 100e3)
+SHEETS = {"uniform": None, "10 % variation": SheetVariation(0.1, 0.05, 3)}
 PROFILES = ("fast", "balanced", "accurate")
 
 
@@ -46,7 +52,13 @@ def simulate(layout, groups, variation, noise=0.001, seed=0):
             contacts.append(Contact(**shape, start=float(i), end=float(i + 1)))
     defects = Defects(sheet_variation=variation)
     scene = Scene(
-        "benchmark", DRIVE, contacts, LAW, Noise(noise, seed) if noise else None, Adc(12, DRIVE), defects
+        "benchmark",
+        DRIVE,
+        contacts,
+        LAW,
+        Noise(noise, seed) if noise else None,
+        Adc(12, DRIVE),
+        defects,
     )
     simulator = Simulator(layout, scene)
     return np.array([simulator.frame(i + 0.5, i) for i in range(len(groups))])
@@ -73,7 +85,14 @@ def outline_shapes():
     turn = np.radians(np.linspace(1, 359, 90))
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     ring = np.concatenate([0.06 * circle, 0.04 * circle[::-1]])
-    ell = [(-0.06, -0.06), (0.05, -0.06), (0.05, -0.03), (-0.03, -0.03), (-0.03, 0.05), (-0.06, 0.05)]
+    ell = [
+        (-0.06, -0.06),
+        (0.05, -0.06),
+        (0.05, -0.03),
+        (-0.03, -0.03),
+        (-0.03, 0.05),
+        (-0.06, 0.05),
+    ]
     wide = {"shape": "rectangle", "center": (0.01, 0.005), "size": (0.08, 0.05), "pressure": 10e3}
     return {
         "wide": [wide],
@@ -277,6 +296,65 @@ def warm_starts(pipeline, frames):
     return np.array([times["kept"], times["forgotten"]]), np.array([steps["kept"], steps["empty"]])
 
 
+def places_of(layout, radius, random):
+    """Places of a disc of `radius` (m): on an electrode, between two, amid four, at the rim, anywhere."""
+    half = np.array(layout.outline.size) / 2 - radius
+    side = round(layout.electrodes**0.5)
+    pitch = (layout.positions.max(axis=0) - layout.positions.min(axis=0)) / (side - 1)
+    corner = layout.positions.min(axis=0) + pitch * random.integers(1, side - 2, 2)
+    jitter = random.uniform(-0.1, 0.1, 2)
+    rim = random.uniform(-half, half)
+    rim[random.integers(2)] = 1.0
+    return {
+        "on an electrode": corner + pitch * jitter,
+        "between two": corner + pitch * (jitter + [0.5, 0.0]),
+        "amid four": corner + pitch * (jitter + [0.5, 0.5]),
+        "at the rim": np.where(rim == 1.0, half - random.uniform(0, 0.004), rim),
+        "anywhere": random.uniform(-half, half),
+    }
+
+
+def sizes(layout, pipelines, count, seed):
+    """Prints median and 95th percentile of the force's error, %, for discs of all RADII; returns the same."""
+    random = np.random.default_rng(seed)
+    groups, kinds = [], []
+    for radius in RADII:
+        for pressure in PRESSURES:
+            for _ in range(count):
+                for kind, place in places_of(layout, radius, random).items():
+                    groups.append([disc(place, pressure, radius)])
+                    kinds.append((radius, pressure, kind))
+    kinds, table = np.array(kinds, object), {}
+    for sheet, variation in SHEETS.items():
+        frames = simulate(layout, groups, variation)
+        for profile, pipeline in pipelines.items():
+            run = Runner(pipeline, np.arange(layout.electrodes))
+            errors = [
+                matched(run(frame).contacts, group)[1][0] for frame, group in zip(frames, groups)
+            ]
+            rows = size_rows(100 * np.array(errors), kinds)
+            table[f"{sheet}, {profile}"] = rows
+            head = "".join(f"{1e3 * radius:9.0f} mm" for radius in RADII)
+            print(f"\nforce error, % (median / 95 %): {sheet}, {profile}\n{'':20}{head}")
+            for name, row in rows.items():
+                print(f"{name:20}" + "".join(f"{m:6.1f}/{p:5.0f}" for m, p in row))
+    return table
+
+
+def size_rows(errors, kinds):
+    """Median and 95th percentile of `errors` (N,) for each radius, by pressure, kind of place and in all."""
+    rows = {f"{pressure / 1e3:g} kPa": kinds[:, 1] == pressure for pressure in PRESSURES}
+    rows |= {kind: kinds[:, 2] == kind for kind in dict.fromkeys(kinds[:, 2])}
+    rows["all up to 30 kPa"] = kinds[:, 1] < 50e3
+    return {
+        name: [
+            np.percentile(errors[those & (kinds[:, 0] == radius)], [50, 95]).tolist()
+            for radius in RADII
+        ]
+        for name, those in rows.items()
+    }
+
+
 def draw(path, pipelines, data):
     """Truth and the image of each profile, one row for each shape."""
     import matplotlib
@@ -309,14 +387,21 @@ def main():
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--idle", type=int, default=10000)
     parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--sizes", type=int, metavar="N")
+    parser.add_argument("--contact-radius", type=float, default=0.005, metavar="M")
     parser.add_argument("--out")
     parser.add_argument("--pictures")
     args = parser.parse_args()
     layout = load_layout(args.layout)
-    pipelines = {profile: Pipeline(layout, Settings(profile)) for profile in PROFILES}
+    pipelines = {
+        profile: Pipeline(layout, Settings(profile, contact_radius=args.contact_radius))
+        for profile in PROFILES
+    }
+    if args.sizes:
+        save(sizes(layout, pipelines, args.sizes, args.seed), args.out)
+        return
     table = {}
-    sheets = {"uniform": None, "10 % variation": SheetVariation(0.1, 0.05, 3)}
-    for sheet, variation in sheets.items():
+    for sheet, variation in SHEETS.items():
         data = collect(layout, variation, args)
         scores = {profile: score(pipeline, data, args) for profile, pipeline in pipelines.items()}
         table[sheet] = scores
@@ -332,8 +417,14 @@ def main():
             draw(args.pictures, pipelines, data)
     median, p99 = image_time(pipelines["fast"], data["singles"][1])
     dense = dense_time(layout)
-    print(f"\nfast, image alone: {1e3 * median:.3f} ms median, {1e3 * p99:.3f} ms p99; dense {1e3 * dense:.3f} ms")
-    table["fast image"] = {"median, ms": 1e3 * median, "p99, ms": 1e3 * p99, "dense, ms": 1e3 * dense}
+    print(
+        f"\nfast, image alone: {1e3 * median:.3f} ms median, {1e3 * p99:.3f} ms p99; dense {1e3 * dense:.3f} ms"
+    )
+    table["fast image"] = {
+        "median, ms": 1e3 * median,
+        "p99, ms": 1e3 * p99,
+        "dense, ms": 1e3 * dense,
+    }
     for name, frames in moving(layout).items():
         for profile in ("balanced", "accurate"):
             times, steps = warm_starts(pipelines[profile], frames)
@@ -345,10 +436,19 @@ def main():
             table.setdefault("moving", {})[f"{name}, {profile}"] = figures
     for profile, pipeline in pipelines.items():
         alarms, idle_time = idle_alarms(pipeline, args.idle)
-        print(f"{profile}: {alarms} false contacts on {args.idle} idle frames, {1e3 * idle_time:.3f} ms each")
-        table.setdefault("idle", {})[profile] = {"false contacts": alarms, "time, ms": 1e3 * idle_time}
-    if args.out:
-        with open(args.out, "w", encoding="utf-8") as file:
+        print(
+            f"{profile}: {alarms} false contacts on {args.idle} idle frames, {1e3 * idle_time:.3f} ms each"
+        )
+        table.setdefault("idle", {})[profile] = {
+            "false contacts": alarms,
+            "time, ms": 1e3 * idle_time,
+        }
+    save(table, args.out)
+
+
+def save(table, path):
+    if path:
+        with open(path, "w", encoding="utf-8") as file:
             json.dump(table, file, indent=1)
 
 

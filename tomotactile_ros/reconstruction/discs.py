@@ -31,7 +31,7 @@ from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import current_error
 
 _STEPS = 2  # of Gauss-Newton
-_REACH = 0.35  # of a place from where the image has it, in spacings of the electrodes
+_REACH = 0.2  # of a step, in spacings of the electrodes
 _SIZES = 32  # radii that are compared
 _SMALLEST, _LARGEST = 0.3, 0.7  # of them, in expected radii and in spacings
 _USUAL = 0.4  # standard deviation of the logarithm of a radius about the expected one
@@ -154,11 +154,11 @@ def fit_discs(
     return [Disc(np.array(place), *size) for place, size in zip(places, sizes)]
 
 
-def _fit_places(local, measured, start, others):
+def _fit_places(local, measured, places, others):
     """Places (x, y), m, and effective conductances, S, that the currents tell."""
     shares, share = shares_of(local.grid), local.meter.sheet.share
     reach = _REACH * local.spacing
-    places, effective, least = list(start), [0.0] * len(start), _LEAST * measured.total
+    places, effective, least = list(places), [0.0] * len(places), _LEAST * measured.total
     weight = (current_error(local.meter, measured) ** -2.0)[:, None]
     wanted = measured.currents - sum(others) if others else measured.currents
     for _ in range(_STEPS):
@@ -174,9 +174,10 @@ def _fit_places(local, measured, start, others):
         found = found.tolist()
         for i, (x, y) in enumerate(places):
             effective[i] = c = max(found[3 * i], least)
-            step = shares.unit / c
-            moved = x + step * found[3 * i + 1], y + step * found[3 * i + 2]
-            if math.dist(moved, start[i]) < reach and shares.on_sheet(*moved):
+            along = [found[3 * i + 1] * shares.unit / c, found[3 * i + 2] * shares.unit / c]
+            part = min(reach / max(math.hypot(*along), _TINY), 1.0)
+            moved = x + part * along[0], y + part * along[1]
+            if shares.on_sheet(*moved):
                 places[i] = moved
     scale = max(float(wanted.sum()) / max(sum(effective), _TINY), 0.0)
     return places, [scale * c for c in effective]

@@ -53,7 +53,6 @@ def strengths(
 
     Parameters
     ----------
-    currents : (n,) into each grounded electrode, S
     disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m

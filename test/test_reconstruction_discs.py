@@ -1,0 +1,99 @@
+"""Place, size and conductance of single discs, from frames of finite elements."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.discs import Shares
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+DRIVE, LAW, GROUNDED = 3.3, ContactLaw(1e-4, 1.0), np.arange(64)
+OUTLINES = [
+    Outline.rectangle(0.2, 0.2),
+    Outline.rectangle(0.21, 0.1),
+    Outline.circle(0.1),
+    Outline.rectangle(0.2, 0.2, holes=[[(-0.02, -0.02), (0.03, -0.02), (0.03, 0.03), (-0.02, 0.03)]]),
+]
+
+
+@pytest.fixture(scope="module")
+def pipelines():
+    first = Pipeline(load_layout("equal-8x8"), Settings("fast"))
+    return {p: first.with_settings(Settings(p)) for p in ("fast", "balanced", "accurate")}
+
+
+def frames_of(layout, discs):
+    """(N, E, E) frames of single discs (x, y, radius, pressure or None)."""
+    contacts = [
+        Contact("disc", center=(x, y), radius=r, pressure=p, start=float(i), end=i + 1.0)
+        for i, (x, y, r, p) in enumerate(discs)
+    ]
+    scene = Scene("single", DRIVE, contacts, LAW, Noise(1e-3), Adc(12, DRIVE))
+    simulator = Simulator(layout, scene)
+    return [simulator.frame(i + 0.5, i) for i in range(len(discs))]
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_interpolation_is_exact_for_harmonic_polynomials_up_to_the_rim(outline):
+    grid, random = Grid.for_outline(outline, 37), np.random.default_rng(1)
+    shares, unit = Shares(grid), np.sqrt(grid.cell_area)
+    cubic = random.normal(size=4) + 1j * random.normal(size=4)
+
+    def derivative(order, z):
+        return np.polyval(np.polyder(cubic, order), z)
+
+    values = np.polyval(cubic, grid.pixels @ [10, 10j]).real
+    for place in grid.pixels[:: len(grid.pixels) // 50] + random.uniform(-0.4, 0.4) * unit:
+        pixels, weights = shares.at(*place)
+        z = complex(*place) * 10
+        first, second = derivative(1, z) * 10 * unit, derivative(2, z) * (10 * unit) ** 2 / 2
+        expected = [np.polyval(cubic, z).real, first.real, -first.imag, second.real, -second.imag]
+        assert values[pixels] @ weights == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("profile", ["fast", "balanced"])
+@pytest.mark.parametrize("radius", [0.004, 0.005, 0.008, 0.010, 0.012])
+def test_force_of_fingertips_of_all_sizes(pipelines, profile, radius):
+    places = [(0.001, 0.002), (0.015, -0.001), (-0.027, 0.031), (0.062, 0.024), (-0.055, -0.06)]
+    discs = [(x, y, radius, 10e3) for x, y in places]
+    errors = []
+    for (x, y), frame in zip(places, frames_of(pipelines[profile].layout, discs)):
+        (contact,) = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
+        assert np.hypot(contact.x - x, contact.y - y) < 0.0015
+        errors.append(abs(contact.force / (10e3 * np.pi * radius**2) - 1))
+    assert np.median(errors) < 0.15 and max(errors) < 0.25
+
+
+@pytest.mark.parametrize("profile", ["balanced", "accurate"])
+def test_a_weak_touch_is_one_contact(pipelines, profile):
+    places = [(0.001, 0.002), (0.015, -0.001), (-0.027, 0.031), (0.062, 0.024), (-0.055, -0.06)]
+    frames = frames_of(pipelines[profile].layout, [(x, y, 0.005, 2e3) for x, y in places])
+    for (x, y), frame in zip(places, frames):
+        (contact,) = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
+        assert np.hypot(contact.x - x, contact.y - y) < 0.003
+
+
+@pytest.mark.parametrize("profile", ["fast", "balanced"])
+def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, profile):
+    discs = [(x, y, r, None) for x, y in [(0, 0), (0.0857, 0.0857), (0.014, 0.03)] for r in (1e-3, 0.012)]
+    discs += [(0.099, 0.01, 1e-3, None), (-0.0995, -0.0995, 5e-4, None)]
+    for frame in frames_of(pipelines[profile].layout, discs):
+        contacts = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
+        assert contacts
+        for contact in contacts:
+            assert 0 < contact.force <= 100 / 1e4 / 1e-4 * 1.001  # 100 / R at this contact law
+            assert max(abs(contact.x), abs(contact.y)) <= 0.1
+
+
+def test_images_too_small_for_nine_pixels_still_give_forces():
+    layout = equal_grid(3, 3, size=(0.2, 0.02), radius=1e-3, sheet_resistance=1e4)
+    pipeline = Pipeline(layout, Settings("fast", resolution=12))
+    (frame,) = frames_of(layout, [(0.03, 0.002, 0.003, 20e3)])
+    contacts = pipeline.process(frame, np.arange(9), DRIVE).contacts
+    assert contacts and all(np.isfinite(c.force) and c.force > 0 for c in contacts)
