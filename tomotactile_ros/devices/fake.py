@@ -42,6 +42,7 @@ class FakeDevice(ThreadedDevice):
     def _run(self) -> None:
         begin = start = time.monotonic()
         sequence = self._skipped = 0
+        took = 0.0
         while not self._stop.is_set():
             if not self._streaming:
                 self._set_state("stopped", "stopped on request")
@@ -49,9 +50,15 @@ class FakeDevice(ThreadedDevice):
                 start = time.monotonic()
                 continue
             period = 1.0 / self._rate
+            end = start + period
+            # as under real hardware, the computer is free for the last frame's image at first
+            idle_until = start + min(0.5 * period, period - 2.0 * took)
+            if self._stop.wait(max(0.0, idle_until - time.monotonic())):
+                return
+            now = time.monotonic()
             self._simulator.row_period = period / self._grounded.size
             voltages = self._simulator.frame(start - begin, sequence).astype(np.float32)
-            end = start + period
+            took = time.monotonic() - now
             if self._stop.wait(max(0.0, end - time.monotonic())):
                 return
             self._set_state("streaming", f"simulated, {self._rate:g} frames/s")
