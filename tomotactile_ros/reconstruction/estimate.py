@@ -1,9 +1,8 @@
 """Contacts and pressure from an image of conductance.
 
-The currents into the grounded electrodes are shared out over the blobs of the image, y = sum_b c_b h_b with h_b
-the mean of H over the core of blob b. A contact's own conductance follows from its effective one by taking off the
-way to the grounded electrodes, 1 / g = 1 / c - D: of a disc of the expected radius where the blob is no wider
-than the image of a point, otherwise the mean of D over all pairs of places in the blob.
+A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the grounded electrodes
+shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of blob b, and the way to the grounded electrodes
+taken off, 1 / g = 1 / c - D, with the mean of D over all pairs of places in the blob.
 """
 
 from __future__ import annotations
@@ -53,6 +52,7 @@ def strengths(
 
     Parameters
     ----------
+    measured : of the frame
     disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
