@@ -4,6 +4,7 @@ import contextlib
 import sqlite3
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device, protocol
 from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.devices.recording import MESSAGE, read_frames
+from tomotactile_ros.devices.recording import MESSAGE, load_recording, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.errors import InputError
@@ -153,14 +154,45 @@ def test_a_bag_is_read_without_ros(tmp_path, storage):
     assert len(list(read_frames(file))) == 5
 
 
+def test_the_commands_take_a_bag_of_their_layout(tmp_path):
+    path, recording = write_bag(tmp_path / "bag", "mcap"), a_recording()
+    loaded = load_recording(path, LAYOUT)
+    assert np.array_equal(loaded.voltages, recording["voltages"], equal_nan=True)
+    assert loaded.grounded.tolist() == [0, 1, 2, 3]
+    assert loaded.drive_voltage == 5.0
+    assert load_recording(path, LAYOUT, drive_voltage=2.0).drive_voltage == 2.0
+    assert load_recording(path, LAYOUT).truth is None
+    with pytest.raises(
+        InputError, match=f"bag: frame 10 is of layout '{LAYOUT.id}', not of 'other'"
+    ):
+        load_recording(path, replace(LAYOUT, name="other"))
+    larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.02, name=LAYOUT.name)
+    with pytest.raises(InputError, match="bag: frame 10 has 4 electrodes, the layout 9"):
+        load_recording(path, larger)
+
+
+@pytest.mark.parametrize(
+    "change, complaint",
+    [
+        ({"drive_voltage": 3.0}, "frame 12 was driven with 3 V, the first one with 5 V"),
+        ({"grounded": np.array([1, 0, 2, 3], np.uint16)}, "frame 12 has other ground conditions"),
+        ({"voltages": np.full(16, np.inf, np.float32)}, "frame 12: a voltage is infinite"),
+    ],
+)
+def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change, complaint):
+    path = write_bag(tmp_path / "bag", "mcap", third=change)
+    with pytest.raises(InputError, match=complaint):
+        load_recording(path, LAYOUT)
+
+
 def forget_definitions(file: Path) -> None:
     """Take the message definitions out of a bag: Humble does not write them."""
     with contextlib.closing(sqlite3.connect(file)) as bag, bag:
         assert bag.execute("DELETE FROM message_definitions").rowcount > 0
 
 
-def write_bag(path: Path, storage: str, topics=("/voltage_frame",)) -> Path:
-    """Write the recording as a rosbag2."""
+def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None) -> Path:
+    """Write the recording as a rosbag2; `third`: fields that differ in the third frame."""
     rosbags = pytest.importorskip("rosbags.rosbag2")
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -174,20 +206,21 @@ def write_bag(path: Path, storage: str, topics=("/voltage_frame",)) -> Path:
             connection = writer.add_connection(topic, MESSAGE, typestore=store)
             for k, stamp in enumerate(recording["stamps"]):
                 nanoseconds = round(1e9 * stamp)
-                message = types[MESSAGE](
-                    header=types["std_msgs/msg/Header"](
+                fields = {
+                    "header": types["std_msgs/msg/Header"](
                         stamp=types["builtin_interfaces/msg/Time"](
                             sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9
                         ),
                         frame_id="tactile_link",
                     ),
-                    sequence=10 + k,
-                    layout_id="test",
-                    drive_voltage=5.0,
-                    electrodes=E,
-                    grounded=recording["grounded"].astype(np.uint16),
-                    voltages=recording["voltages"][k].ravel(),
-                )
+                    "sequence": 10 + k,
+                    "layout_id": LAYOUT.id,
+                    "drive_voltage": 5.0,
+                    "electrodes": E,
+                    "grounded": recording["grounded"].astype(np.uint16),
+                    "voltages": recording["voltages"][k].ravel(),
+                }
+                message = types[MESSAGE](**fields | (third or {} if k == 2 else {}))
                 writer.write(connection, nanoseconds, store.serialize_cdr(message, MESSAGE))
     return path
 

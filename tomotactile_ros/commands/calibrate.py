@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from tomotactile_ros import checks
+from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.reconstruction.calibration import (
     fit_contact_law,
@@ -23,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "presses",
         nargs="+",
         metavar="FRAMES=FORCE",
-        help="file of frames (.npz) of one contact and its force in N; the file's own truth without '='",
+        help="frames (.npz or rosbag2) of one contact and its force in N; the file's own truth without '='",
     )
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument(
@@ -38,7 +38,7 @@ def run(args: Namespace) -> None:
     forces, conductances, areas = [], [], []
     for press in args.presses:
         path, force = _split(press)
-        recorded = load_frames(path, layout)
+        recorded = load_recording(path, layout)
         force = _true_force(path, recorded.truth) if force is None else force
         conductance, area = _measure(path, layout, recorded)
         print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")

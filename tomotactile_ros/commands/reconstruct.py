@@ -9,7 +9,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from tomotactile_ros.frames_file import load_frames, save_arrays
+from tomotactile_ros.devices.recording import load_recording
+from tomotactile_ros.frames_file import save_arrays
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -22,7 +23,7 @@ HELP = "make pressure images and contacts of frames"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("frames", help="file of frames (.npz)")
+    parser.add_argument("frames", help="recorded frames: .npz or rosbag2")
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
     parser.add_argument("--out", required=True, help="file to write (.npz)")
@@ -40,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
-    recorded = load_frames(args.frames, layout, args.drive_voltage)
+    recorded = load_recording(args.frames, layout, args.drive_voltage)
     check_folder(args.out)
     law = load_calibration(args.calibration) if args.calibration else recorded.contact_law
     settings = Settings(

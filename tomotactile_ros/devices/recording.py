@@ -7,19 +7,26 @@ from __future__ import annotations
 
 import os
 import sys
-import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tomotactile_ros import checks
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, load_arrays, load_frames
+from tomotactile_ros.layout import Layout
 
 MESSAGE = "tomotactile_ros/msg/VoltageFrame"
 
 
-def read_frames(path: str | os.PathLike[str], drive_voltage: float = 3.3) -> Iterator[Frame]:
+def read_frames(
+    path: str | os.PathLike[str],
+    drive_voltage: float = DEFAULT_DRIVE,
+    layout_id: str | None = None,
+) -> Iterator[Frame]:
     """Frames of a recording in its order, with their recorded stamps.
 
     Parameters
@@ -28,24 +35,62 @@ def read_frames(path: str | os.PathLike[str], drive_voltage: float = 3.3) -> Ite
         A ``.npz`` file, a bag's folder, or a ``.mcap`` or ``.db3`` file.
     drive_voltage : float, V
         For ``.npz`` files, which may hold their own as ``drive_voltage``.
+    layout_id : str
+        Of the layout that a bag's frames must be of; any if None.
 
     Raises
     ------
     InputError
-        Missing file, wrong keys or shapes, no frames, no library for bags.
+        Missing file, wrong keys or shapes, no frames, no library for bags, another layout.
     """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
-    return _npz_frames(path, drive_voltage) if path.suffix == ".npz" else _bag_frames(path)
+    if path.suffix == ".npz":
+        return _npz_frames(path, drive_voltage)
+    return _bag_frames(path, layout_id)
+
+
+def load_recording(
+    path: str | os.PathLike[str], layout: Layout, drive_voltage: float | None = None
+) -> FramesFile:
+    """All frames of a recording of a layout, for the commands; InputError for anything else.
+
+    `drive_voltage` (V) stands for the recording's own. The frames of a bag must agree in their
+    ground conditions and drive voltage.
+    """
+    if Path(path).suffix == ".npz":
+        return load_frames(path, layout, drive_voltage)
+    frames = list(read_frames(path, layout_id=layout.id))
+    if not frames:
+        raise InputError(f"{path}: holds no frame")
+    first = frames[0] if drive_voltage is None else replace(frames[0], drive_voltage=drive_voltage)
+    for frame in frames:
+        _check_alike(path, frame, first, layout.electrodes, any_drive=drive_voltage is not None)
+    voltages = np.array([frame.voltages for frame in frames])
+    return FramesFile(voltages, first.grounded, first.drive_voltage, truth=None, contact_law=None)
+
+
+def _check_alike(path: Path, frame: Frame, first: Frame, electrodes: int, any_drive: bool) -> None:
+    where = f"{path}: frame {frame.sequence}"
+    if frame.voltages.shape[1] != electrodes:
+        raise InputError(
+            f"{where} has {frame.voltages.shape[1]} electrodes, the layout {electrodes}"
+        )
+    if not np.array_equal(frame.grounded, first.grounded):
+        raise InputError(f"{where} has other ground conditions than the first one")
+    if frame.drive_voltage != first.drive_voltage and not any_drive:
+        raise InputError(
+            f"{where} was driven with {frame.drive_voltage:g} V, the first one with "
+            f"{first.drive_voltage:g} V"
+        )
+    checks.positive(first.drive_voltage, f"{where}: drive_voltage", "voltage in V")
+    if np.isinf(frame.voltages).any():
+        raise InputError(f"{where}: a voltage is infinite; NaN is what marks an invalid reading")
 
 
 def _npz_frames(path: Path, drive_voltage: float) -> Iterator[Frame]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {k: data[k] for k in data.files if k in _NPZ_SHAPES or k == "drive_voltage"}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable .npz file ({error})") from None
+    arrays = load_arrays(path)
     _check_npz(path, arrays)
     drive = float(arrays.get("drive_voltage", np.array(drive_voltage)))
     grounded = arrays["grounded"].astype(np.uint16)
@@ -79,7 +124,7 @@ def _check_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
         raise InputError(f"{path}: stamps: not all finite")
 
 
-def _bag_frames(path: Path) -> Iterator[Frame]:
+def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
     except ImportError:
@@ -89,7 +134,13 @@ def _bag_frames(path: Path) -> Iterator[Frame]:
             connections = [c for c in reader.connections if c.msgtype == MESSAGE]
             _check_topics(path, connections)
             for connection, _, data in reader.messages(connections):
-                yield _frame_of_message(path, reader.deserialize(data, connection.msgtype))
+                message = reader.deserialize(data, connection.msgtype)
+                if layout_id not in (None, message.layout_id):
+                    raise InputError(
+                        f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
+                        f"not of '{layout_id}'"
+                    )
+                yield _frame_of_message(path, message)
     except (AnyReaderError, OSError) as error:
         raise InputError(f"{path}: not a readable rosbag2 ({error})") from None
 
