@@ -18,7 +18,9 @@ OUTLINES = [
     Outline.rectangle(0.2, 0.2),
     Outline.rectangle(0.21, 0.1),
     Outline.circle(0.1),
-    Outline.rectangle(0.2, 0.2, holes=[[(-0.02, -0.02), (0.03, -0.02), (0.03, 0.03), (-0.02, 0.03)]]),
+    Outline.rectangle(
+        0.2, 0.2, holes=[[(-0.02, -0.02), (0.03, -0.02), (0.03, 0.03), (-0.02, 0.03)]]
+    ),
 ]
 
 
@@ -81,7 +83,9 @@ def test_a_weak_touch_is_one_contact(pipelines, profile):
 
 @pytest.mark.parametrize("profile", ["fast", "balanced"])
 def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, profile):
-    discs = [(x, y, r, None) for x, y in [(0, 0), (0.0857, 0.0857), (0.014, 0.03)] for r in (1e-3, 0.012)]
+    discs = [
+        (x, y, r, None) for x, y in [(0, 0), (0.0857, 0.0857), (0.014, 0.03)] for r in (1e-3, 0.012)
+    ]
     discs += [(0.099, 0.01, 1e-3, None), (-0.0995, -0.0995, 5e-4, None)]
     for frame in frames_of(pipelines[profile].layout, discs):
         contacts = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
