@@ -435,10 +435,14 @@ def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
     assert emulator.main(["--port", "usb"]) == 2
     assert emulator.main(["--layout", "no-such-layout"]) == 2
     assert emulator.main(["--port", "pty:/no/such/folder/port"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        emulator.main(["--speed", "9"])
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 4
+    assert all(line.startswith("emulator: ") for line in lines)
     assert "tcp:HOST:PORT" in lines[0]
     assert "no-such-layout" in lines[1]
+    assert "--speed" in lines[3]
 
 
 def test_a_device_that_never_answers_is_silent():

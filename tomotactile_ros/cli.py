@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import os
-import signal
 import sys
 
+from tomotactile_ros.command_line import Parser, end_of_pipe
 from tomotactile_ros.errors import InputError
 
 COMMANDS = ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "inspect", "bench")
-
-
-class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong with a command line."""
-
-    def error(self, message):
-        self.exit(2, f"{self.prog}: {message} (try --help)\n")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -46,15 +37,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"tomotactile {args.command}: stopped", file=sys.stderr)
         return 130
-
-
-def end_of_pipe() -> int:
-    """Exit status when the reader of standard output (`| head`) has had enough.
-
-    What is still buffered goes nowhere, so that it does not fail once more at the very end.
-    """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 128 + signal.SIGPIPE
 
 
 def _one_line(error: Exception) -> str:

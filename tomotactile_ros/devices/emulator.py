@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from tomotactile_ros.command_line import Parser
 from tomotactile_ros.devices.firmware import MAX_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
 from tomotactile_ros.errors import InputError
@@ -96,7 +97,7 @@ class Emulator:
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="emulator", description="A sensor without hardware, behind the real wire protocol."
     )
     parser.add_argument("--layout", default="equal-8x8", help="path or name of a layout")
@@ -141,10 +142,10 @@ def main(argv: list[str] | None = None) -> int:
         emulator = Emulator(_make_device(arguments), port_maker(arguments.port))
         emulator.run(lambda path: print(path, flush=True))
     except InputError as error:
-        print(error, file=sys.stderr)
+        print(f"emulator: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"port: {arguments.port}: {error.strerror or error}", file=sys.stderr)
+        print(f"emulator: port: {arguments.port}: {error.strerror or error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

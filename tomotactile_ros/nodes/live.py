@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from tomotactile_ros.cli import Parser, end_of_pipe
+from tomotactile_ros.command_line import Parser, end_of_pipe
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.processes import Child, stop_all
