@@ -65,6 +65,23 @@ def test_image_is_right_at_any_condition(setting, condition, missing):
     assert np.linalg.norm(found - expected) < 2e-4 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("side", [2, 3])
+@pytest.mark.parametrize("regularization", [0.0, 1e-6, 1e-3, 1.0])
+def test_more_pixels_than_readings(side, regularization):
+    layout = equal_grid(side, side, (0.2, 0.2), 0.005, 1e4)
+    grid = Grid.for_outline(layout.outline, 24)
+    transfer = make_sheet(layout).transfer(grid.pixels, 0.005)
+    dense = Sensitivity(transfer).dense()
+    voltages = np.nan_to_num(frame(transfer.at([70, 180]), np.array([3e3, 8e3]), 3.3)).ravel()
+    left, values, right = np.linalg.svd(dense, full_matrices=False)
+    level = max(regularization, values[0] ** 2 / 1e16)
+    expected = right.T @ (values / (values**2 + level) * (left.T @ voltages))
+    basis = FrameBasis(transfer, regularization)
+    assert len(basis.analysis) <= len(dense)
+    found = LinearImage(basis, regularization).image(voltages)
+    assert np.linalg.norm(found - expected) < 2e-4 * np.linalg.norm(expected)
+
+
 def test_basis_reproduces_the_sensitivity(setting):
     _, basis, dense, _ = setting
     again = basis.analysis.T @ basis.sensitivity

@@ -38,7 +38,7 @@ class FrameBasis:
         step = max(1, int(np.ceil(count / _MOST_PIXELS)))
         dense = Sensitivity(transfer.at(np.arange(0, count, step))).dense()
         squares, vectors = np.linalg.eigh(dense.T @ dense)
-        self._values = np.sqrt(step * np.maximum(squares[::-1], 0.0))
+        self._values = np.sqrt(step * np.maximum(squares[::-1], 0.0))[: len(dense)]
         directions = vectors[:, ::-1][:, : self.needed(regularization)]
         self.analysis = np.linalg.qr(dense @ directions)[0].T
         if step == 1:
