@@ -5,7 +5,7 @@
 
 Tables are Markdown on standard output, times go to standard error.
 
-Every figure of docs/layouts.md comes from here.
+Tables of docs/layouts.md come from here.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ FIGURES = (
 GOALS = {4: (0.73, 0.72, 0.74), 8: (0.81, 0.83, 0.70)}  # mean HWHM, worst tenth, mean PE
 OTHER_GOALS = (0.95, 0.95, 1.0)  # the same for lambda^2 / 10 and * 10
 ALLOWED = {4: (1.0, 1.1, 2.0), 8: (1.0, 2.0)}  # position errors there, relative to the equal grid
+LATTICES = (36, 38, 42, 44, 46, 48)  # contacts along a side; the goals are for 40
 CONDITIONS = (64, 48, 32, 24, 16, 12, 8, 6, 4)
 
 
@@ -108,6 +109,30 @@ def free_tables():
                     ratios = [f"{ratio:.3f}" for ratio in figures(found) / figures(base)]
                     noise = found["noise_gain"] / base["noise_gain"]
                     row(name, label, f"{regularization:g}", *ratios, f"{noise:.3f}")
+
+
+def lattice_table():
+    """What is left on other lattices of contact positions, lambda^2 scaled to mean the same."""
+    print("\nother lattices of contact positions, relative to the equal grid from rim to rim\n")
+    header("layout", "positions along a side", "mean HWHM", "worst tenth", "mean PE")
+    for count in COUNTS:
+        equal = load_layout(f"equal-{count}x{count}")
+        scale, scaled = best_scaled(equal)
+        free = load_layout(f"free-{count}x{count}")
+        for name, layout in ((f"grid scaled by {scale:.2f}", scaled), (free.name, free)):
+            at, *others = (
+                on_lattice(layout, each) / on_lattice(equal, each) for each in (40, *LATTICES)
+            )
+            row(name, 40, *(f"{ratio:.3f}" for ratio in at))
+            columns = zip(np.mean(others, 0), np.min(others, 0), np.max(others, 0))
+            cells = (f"{mean:.3f} ({low:.3f} to {high:.3f})" for mean, low, high in columns)
+            row(name, f"{LATTICES[0]} to {LATTICES[-1]}", *cells)
+
+
+def on_lattice(layout, count):
+    """(3,) mean HWHM, worst tenth and mean position error for count x count contacts."""
+    how = {"resolution": count, "regularization": LAMBDAS[0] * (count / 40) ** 2}
+    return figures(evaluate_layout(layout, **how).metrics)[[0, 2, 3]]
 
 
 def searched(count, allowed):
@@ -207,6 +232,7 @@ def main():
     parts = {
         "paper": paper_tables,
         "free": free_tables,
+        "lattice": lattice_table,
         "front": front,
         "grounding": grounding_table,
     }
