@@ -1,6 +1,7 @@
 """`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
 
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.request import processes
 from tomotactile_ros.optimizer.step import best_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -26,6 +28,13 @@ def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
     assert after < 0.9 * layout.provenance["metrics"]["before"]["hwhm"]["worst_region"]
     assert out.with_suffix(".png").read_bytes().startswith(PNG)
     assert "HWHM of the worst region" in capsys.readouterr().out
+
+
+def test_an_interrupt_is_for_the_program_alone_and_not_for_its_workers():
+    before = signal.getsignal(signal.SIGINT)
+    with processes(2) as pool:
+        assert pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
+        assert signal.getsignal(signal.SIGINT) == before
 
 
 def test_free_in_processes_improves_the_layout(tmp_path):

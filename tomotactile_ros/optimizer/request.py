@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -25,10 +26,19 @@ _OTHERS = 0.1, 10.0  # lambda^2 that a free layout has to carry over to, relativ
 
 
 def processes(workers: int) -> Executor:
-    """A pool of processes with one thread of linear algebra each: the matrices are small."""
+    """A pool of processes with one thread of linear algebra each: the matrices are small.
+
+    For the main thread. A worker that a Ctrl-C ends while it starts would leave the pool waiting.
+    """
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # read by new processes when they load numpy
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:  # all start now, and inherit this
+        list(pool.map(int, range(workers)))
+    finally:
+        signal.signal(signal.SIGINT, interrupted)
+    return pool
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
