@@ -140,7 +140,11 @@ def test_what_is_left_out_is_said(monkeypatch):
 
 def test_the_front_leaves_out_what_is_slower_and_worse():
     points = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (4.0, 2.0)]
-    rows = [{"frame": {"median": t}, "contact_error": {"mean": e}} for t, e in points]
+    rows = [
+        {"frame": {"median": t}, "hwhm": {"mean": 0.8 * e}, "position_error": {"mean": 0.6 * e}}
+        for t, e in points
+    ]
+    assert trade.blur(rows[0]) == pytest.approx(5.0)
     assert list(trade.front(rows)) == [rows[0], rows[2]]
 
 
@@ -239,8 +243,8 @@ def test_ratios_do_not_see_what_disturbs_single_calls():
 
 
 def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):
-    def measured(profile, time, error):
-        changes = {"frame": {"median": time}, "contact_error": {"mean": error}, "profile": profile}
+    def measured(profile, time, hwhm):
+        changes = {"frame": {"median": time}, "hwhm": {"mean": hwhm}, "profile": profile}
         return row | {"layout": cases.DEFAULT_LAYOUT, "resolution": 40} | changes
 
     class Accurate:

@@ -11,8 +11,8 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.yamlio import write_atomic
 
 _HEADER = (
-    "profile", "set-up", "frame, median", "frame, p99", "memory", "one contact: error, p95",
-    "with defects", "two contacts from", "force error, one and two",
+    "profile", "set-up", "frame, median", "frame, p99", "memory", "image: HWHM, PE",
+    "one contact: error, p95", "with defects", "two contacts from", "force error, one and two",
 )  # fmt: skip
 
 
@@ -72,6 +72,8 @@ def _cells(row):
         f"{tables.milliseconds(row['frame']['median'])} ms",
         f"{tables.milliseconds(row['frame']['p99'])} ms",
         f"{tables.megabytes(row['memory']['held'])} MB",
+        f"{tables.millimetres(row['hwhm']['mean'])} mm, "
+        + f"{tables.millimetres(row['position_error']['mean'])} mm",
         f"{tables.millimetres(error['mean'])} mm, {tables.millimetres(error['p95'])} mm",
         f"{tables.millimetres(row['defective']['contact_error']['mean'])} mm",
         "-" if row["two_contacts"] is None else f"{tables.millimetres(row['two_contacts'])} mm",

@@ -29,7 +29,7 @@ def lines(result: dict) -> Iterator[str]:
     yield tables.LEGEND
     yield from result["left_out"]
     yield ""
-    yield "What `profile: auto` takes, and the most accurate measured profile within the deadline"
+    yield "What `profile: auto` takes, and the measured profile with the sharpest image within the deadline"
     yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
     yield _agreement(result["auto"])
     yield ""
