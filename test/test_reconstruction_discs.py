@@ -95,6 +95,7 @@ def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, 
             assert max(abs(contact.x), abs(contact.y)) <= 0.1
 
 
+@pytest.mark.filterwarnings("error")
 def test_images_too_small_for_nine_pixels_still_give_forces():
     layout = equal_grid(3, 3, size=(0.2, 0.02), radius=1e-3, sheet_resistance=1e4)
     pipeline = Pipeline(layout, Settings("fast", resolution=12))

@@ -99,7 +99,8 @@ def _near(x, y, s, t, short, long, radius):
 
             def squared(near, gap=gap, chord=chord):
                 across = 2 * np.arcsin(np.minimum(np.sqrt(chord[near]) / 2, 1))
-                return np.log1p(-gap[near]) ** 2 + across**2
+                with np.errstate(divide="ignore"):  # q rounded to 0: as good as infinitely far
+                    return np.log1p(-gap[near]) ** 2 + across**2
 
             product = product * _soften(gap**2 + (1 - gap) * chord, radius_squared, squared)
     return ladder - np.log(product) / (4 * np.pi)
