@@ -7,7 +7,7 @@ sheet and with one that varies by 10 %. Prints a table; --out writes it as JSON,
     OMP_NUM_THREADS=1 python benchmark/reconstruction_accuracy.py [--singles 200] [--pairs 40] [--idle 10000]
 
 With --sizes N it only prints how the force of single discs depends on their radius, from N discs at each of five kinds
-of places for each of four pressures (11 s with N = 4), and with --contact-radius what that setting does.
+of places for each of four pressures (40 s with N = 4), and with --contact-radius what that setting does.
 
 Figures
 -------

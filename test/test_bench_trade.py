@@ -144,7 +144,7 @@ def test_the_front_leaves_out_what_is_slower_and_worse():
         {"frame": {"median": t}, "hwhm": {"mean": 0.8 * e}, "position_error": {"mean": 0.6 * e}}
         for t, e in points
     ]
-    assert trade.blur(rows[0]) == pytest.approx(5.0)
+    assert trade.image_error(rows[0]) == pytest.approx(5.0)
     assert list(trade.front(rows)) == [rows[0], rows[2]]
 
 

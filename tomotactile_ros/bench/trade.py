@@ -197,8 +197,8 @@ def _same_memory(case):
     return case.layout, case.profile, case.resolution
 
 
-def blur(row: dict) -> float:
-    """Of the image about the true position of one contact, m: HWHM and PE, root of the sum of squares.
+def image_error(row: dict) -> float:
+    """Of one contact's image, m: HWHM and PE, root of the sum of squares.
 
     HWHM is the spread about the image's own centre, PE the way from there to the true position.
     Places of small contacts would not do: all profiles fit discs to the same data for them.
@@ -207,9 +207,9 @@ def blur(row: dict) -> float:
 
 
 def front(rows: list[dict]) -> Iterator[dict]:
-    """Rows with less `blur` than all faster ones, by what is worth it."""
+    """Rows with less `image_error` than all faster ones, by what is worth it."""
     best = np.inf
     for row in sorted(rows, key=lambda row: row["frame"]["median"]):
-        if blur(row) < (1 - _WORTH) * best:
-            best = blur(row)
+        if image_error(row) < (1 - _WORTH) * best:
+            best = image_error(row)
             yield row

@@ -25,6 +25,7 @@ MESSAGE = "tomotactile_ros/msg/VoltageFrame"
 def read_frames(
     path: str | os.PathLike[str],
     drive_voltage: float = DEFAULT_DRIVE,
+    electrodes: int | None = None,
     layout_id: str | None = None,
 ) -> Iterator[Frame]:
     """Frames of a recording in its order, with their recorded stamps.
@@ -35,6 +36,8 @@ def read_frames(
         A ``.npz`` file, a bag's folder, or a ``.mcap`` or ``.db3`` file.
     drive_voltage : float, V
         For ``.npz`` files, which may hold their own as ``drive_voltage``.
+    electrodes : int
+        That every frame must have; any number if None.
     layout_id : str
         Of the layout that a bag's frames must be of; any if None.
 
@@ -46,9 +49,9 @@ def read_frames(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
-    if path.suffix == ".npz":
-        return _npz_frames(path, drive_voltage)
-    return _bag_frames(path, layout_id)
+    is_npz = path.suffix == ".npz"
+    frames = _npz_frames(path, drive_voltage) if is_npz else _bag_frames(path, layout_id)
+    return frames if electrodes is None else _with_electrodes(path, frames, electrodes)
 
 
 def load_recording(
@@ -61,30 +64,38 @@ def load_recording(
     """
     if Path(path).suffix == ".npz":
         return load_frames(path, layout, drive_voltage)
-    frames = list(read_frames(path, layout_id=layout.id))
+    frames = list(read_frames(path, electrodes=layout.electrodes, layout_id=layout.id))
     if not frames:
         raise InputError(f"{path}: holds no frame")
-    first = frames[0] if drive_voltage is None else replace(frames[0], drive_voltage=drive_voltage)
+    if drive_voltage is not None:
+        frames = [replace(frame, drive_voltage=drive_voltage) for frame in frames]
+    first = frames[0]
+    checks.positive(first.drive_voltage, f"{path}: drive_voltage", "voltage in V")
     for frame in frames:
-        _check_alike(path, frame, first, layout.electrodes, any_drive=drive_voltage is not None)
+        _check_alike(path, frame, first)
     voltages = np.array([frame.voltages for frame in frames])
     return FramesFile(voltages, first.grounded, first.drive_voltage, truth=None, contact_law=None)
 
 
-def _check_alike(path: Path, frame: Frame, first: Frame, electrodes: int, any_drive: bool) -> None:
+def _with_electrodes(path: Path, frames: Iterator[Frame], electrodes: int) -> Iterator[Frame]:
+    for frame in frames:
+        found = frame.voltages.shape[1]
+        if found != electrodes:
+            raise InputError(
+                f"{path}: frame {frame.sequence} has {found} electrodes, the layout {electrodes}"
+            )
+        yield frame
+
+
+def _check_alike(path: Path, frame: Frame, first: Frame) -> None:
     where = f"{path}: frame {frame.sequence}"
-    if frame.voltages.shape[1] != electrodes:
-        raise InputError(
-            f"{where} has {frame.voltages.shape[1]} electrodes, the layout {electrodes}"
-        )
     if not np.array_equal(frame.grounded, first.grounded):
         raise InputError(f"{where} has other ground conditions than the first one")
-    if frame.drive_voltage != first.drive_voltage and not any_drive:
+    if frame.drive_voltage != first.drive_voltage:
         raise InputError(
             f"{where} was driven with {frame.drive_voltage:g} V, the first one with "
             f"{first.drive_voltage:g} V"
         )
-    checks.positive(first.drive_voltage, f"{where}: drive_voltage", "voltage in V")
     if np.isinf(frame.voltages).any():
         raise InputError(f"{where}: a voltage is infinite; NaN is what marks an invalid reading")
 

@@ -56,14 +56,7 @@ class ReplayDevice(ThreadedDevice):
         return {"rounds": float(self._rounds)}
 
     def _frames(self) -> Iterator[Frame]:
-        for frame in read_frames(self._path, self._drive_voltage):
-            found = frame.voltages.shape[1]
-            if found != self._electrodes:
-                raise InputError(
-                    f"{self._path}: frame {frame.sequence} has {found} electrodes, "
-                    f"the layout {self._electrodes}"
-                )
-            yield frame
+        return read_frames(self._path, self._drive_voltage, self._electrodes)
 
     def _run(self) -> None:
         sequences = itertools.count()

@@ -58,7 +58,7 @@ def strengths(
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     """
-    wide = [_is_wide(blob, exact, local, point_area, radius) for blob in blobs]
+    radii, wide = _sizes(blobs, exact, local, point_area, radius)
     found, others, most = {}, [], LARGEST / local.resistance
     if any(wide):
         cores = [core_of(blob, values) for blob in blobs]
@@ -67,9 +67,7 @@ def strengths(
         others = [shares[i] * effective[i] for i in range(len(blobs)) if wide[i]]
         for i in range(len(blobs)):
             if wide[i]:
-                found[i] = _wide(
-                    blobs[i], cores[i][0], effective[i], exact, local, point_area, radius
-                )
+                found[i] = _wide(blobs[i], cores[i][0], effective[i], local, point_area, radii[i])
     small = [i for i in range(len(blobs)) if not wide[i]]
     if small:
         places = [tuple(blobs[i].position.tolist()) for i in small]
@@ -80,22 +78,23 @@ def strengths(
     return [found[i] for i in range(len(blobs))]
 
 
-def _wide(blob, pixels, effective, exact, local, point_area, radius):
+def _wide(blob, pixels, effective, local, point_area, radius):
     """`Strength` of a blob with the `pixels` in its upper half and the `effective` conductance, S."""
-    if exact is not None:
-        radius = seen_radius(blob.pixels, exact, local, radius)
     area = max(np.pi * radius**2, blob.area - point_area)
     conductance = effective / (1 - min(effective * _mean_impedance(pixels, local, area), _BARE))
     conductance = min(float(conductance), LARGEST / local.resistance)
     return Strength(blob.position, conductance, float(area))
 
 
-def _is_wide(blob, exact, local, point_area, radius):
-    if not shares_of(local.grid).usable:
-        return True
+def _sizes(blobs, exact, local, point_area, radius):
+    """Radius of each blob, m, as far as the image tells it, and whether it is too wide for a disc."""
     if exact is None:
-        return blob.area > WIDE * point_area
-    return seen_radius(blob.pixels, exact, local, radius) > DISC * local.spacing
+        radii = [radius] * len(blobs)
+        wide = [blob.area > WIDE * point_area for blob in blobs]
+    else:
+        radii = [seen_radius(blob.pixels, exact, local, radius) for blob in blobs]
+        wide = [seen > DISC * local.spacing for seen in radii]
+    return radii, wide if shares_of(local.grid).usable else [True] * len(blobs)
 
 
 def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
