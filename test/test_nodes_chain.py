@@ -59,12 +59,13 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
     from lifecycle_msgs.msg import State, Transition
     from lifecycle_msgs.srv import ChangeState, GetState
 
-    def change(node, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return probe.call(ChangeState, f"/{node}/change_state", request).success
-
     def state(node):
         return probe.call(GetState, f"/{node}/get_state").current_state.id
+
+    def change(node, transition, goal):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        probe.call(ChangeState, f"/{node}/change_state", request)
+        assert state(node) == goal
 
     nodes = {
         "driver": start("driver_lifecycle", {"scene": scene}),
@@ -72,21 +73,20 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
     }
     for node in nodes:
         assert state(node) == State.PRIMARY_STATE_UNCONFIGURED
-        assert change(node, Transition.TRANSITION_CONFIGURE)
-        assert state(node) == State.PRIMARY_STATE_INACTIVE
+        change(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
     assert "not active" in probe.call(Trigger, "/driver/restart").message
     for node in nodes:
-        assert change(node, Transition.TRANSITION_ACTIVATE)
+        change(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
     ros_checks.check_contact(probe)
-    assert change("driver", Transition.TRANSITION_DEACTIVATE)
+    change("driver", Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE)
     frames = probe.listen(VoltageFrame, "/voltage_frame")
     ros_checks.check_diagnostics(
         probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "nothing arrives"
     )
     assert not frames
-    assert change("driver", Transition.TRANSITION_CLEANUP)
-    assert change("driver", Transition.TRANSITION_CONFIGURE)
-    assert change("driver", Transition.TRANSITION_ACTIVATE)
+    change("driver", Transition.TRANSITION_CLEANUP, State.PRIMARY_STATE_UNCONFIGURED)
+    change("driver", Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
+    change("driver", Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
     ros_checks.check_contact(probe)
     for process in nodes.values():
         ends_cleanly(process)
