@@ -103,6 +103,18 @@ def test_a_managed_node_says_why_it_cannot_be_configured(probe, start):
     ends_cleanly(driver)
 
 
+def test_a_managed_node_refuses_a_transition_that_its_state_does_not_have(probe, start):
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    driver = start("driver_lifecycle")
+    for number in (Transition.TRANSITION_ACTIVATE, 200):
+        request = ChangeState.Request(transition=Transition(id=number))
+        assert not probe.call(ChangeState, "/driver/change_state", request).success
+        assert f"transition {number} is not possible in state unconfigured" in driver.output
+    ends_cleanly(driver)
+
+
 def test_a_managed_node_can_start_by_itself(probe, start, scene):
     start("driver_lifecycle", {"scene": scene, "autostart": "true"})
     start("reconstruction_lifecycle", {"autostart": "true"})

@@ -82,6 +82,23 @@ class ManagedNode(LifecycleNode):
             raise InputError(self._reason)
         self.trigger_activate()
 
+    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
+        """Refuse a transition that the state does not have, where rclpy would end the node.
+
+        The private method that this replaces has been mended since Jazzy (ros2/rclpy#1209).
+        """
+        possible = {
+            number: label for number, label, *_ in self._state_machine.available_transitions
+        }
+        if transition not in possible:
+            self.get_logger().error(
+                f"transition {transition} is not possible in state "
+                f"{self._state_machine.current_state[1]}, only "
+                + ", ".join(f"{label} ({number})" for number, label in possible.items())
+            )
+            return TransitionCallbackReturn.FAILURE
+        return super()._LifecycleNodeMixin__change_state(transition)
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
         try:
