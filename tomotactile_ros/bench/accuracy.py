@@ -16,6 +16,7 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     """Figures of merit with the ground conditions `conditions` (L,); lengths in m.
 
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
+    blur                  of the same image, see evaluation/metrics.py
     contact_error         distance of the strongest reported contact from the true one
     defective             position and contact error on the sensor with defects
     two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
@@ -34,6 +35,7 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     return {
         "hwhm": spread(images.hwhm),
         "position_error": spread(images.position_error),
+        "blur": spread(images.blur),
         "contact_error": spread(_contact_error(singles, trials.singles)),
         "defective": {
             "position_error": spread(

@@ -20,7 +20,7 @@ _QUANTITIES = (
 
 
 def save_front(path: str | Path, result: dict) -> None:
-    """Error of the image against the time of one frame, a panel for each number of electrodes.
+    """Blur of the image against the time of one frame, a panel for each number of electrodes.
 
     The choices on the front are named, the others are pale.
     """
@@ -33,7 +33,7 @@ def save_front(path: str | Path, result: dict) -> None:
         _draw_front(axes, rows)
         axes.set_title(f"{electrodes} electrodes")
         axes.set_xlabel("time of one frame, median / ms")
-    all_axes[0].set_ylabel("error of a contact's image, HWHM and PE / mm")
+    all_axes[0].set_ylabel("blur of a contact's image, mean / mm")
     all_axes[0].annotate(
         "better", (0.03, 0.03), (0.16, 0.12), "axes fraction", color="0.4", fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "0.4"},
@@ -102,7 +102,7 @@ def _plain_numbers(axis):
 
 
 def _place(row):
-    return 1e3 * row["frame"]["median"], 1e3 * trade.image_error(row)
+    return 1e3 * row["frame"]["median"], 1e3 * trade.blur(row)
 
 
 def _name(row):

@@ -23,11 +23,11 @@ from tomotactile_ros.bench.cases import (
     quick_cases,
 )
 from tomotactile_ros.bench.store import Store
-from tomotactile_ros.bench.trade import FULL, QUICK, Trade, image_error
+from tomotactile_ros.bench.trade import FULL, QUICK, Trade, blur
 from tomotactile_ros.progress import Progress
 from tomotactile_ros.reconstruction import Pipeline
 
-FORMAT = "tomotactile-bench/2"
+FORMAT = "tomotactile-bench/3"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
@@ -126,7 +126,7 @@ def _peak():
 
 
 def auto_choices(rows: list[dict]) -> list[dict]:
-    """What `profile: auto` takes, and the measured profile with the least `image_error` in time.
+    """What `profile: auto` takes, and the measured profile with the least blur in time.
 
     Deadlines (s) lie between the measured times of the profiles, where a busy machine does not
     decide.
@@ -138,7 +138,7 @@ def auto_choices(rows: list[dict]) -> list[dict]:
     for deadline in [times[0] / 3, *np.sqrt(times[1:] * times[:-1]), 3 * times[-1]]:
         in_time = [p for p, row in default.items() if row["frame"]["median"] <= deadline]
         fastest = min(default, key=lambda p: default[p]["frame"]["median"])
-        best = min(in_time, key=lambda p: image_error(default[p]), default=fastest)
+        best = min(in_time, key=lambda p: blur(default[p]), default=fastest)
         settings = replace(Case(DEFAULT_LAYOUT, "auto").settings, deadline=float(deadline))
         chosen = Pipeline(layout, settings).profile
         out.append({"deadline": float(deadline), "auto": chosen, "measured": best})

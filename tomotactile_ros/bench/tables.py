@@ -40,8 +40,8 @@ def percent(part: float | None) -> str:
 
 TRADE = (
     "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "frame ms", "p99 ms", "MB",
-    "HWHM mm", "PE mm", "p95", "contact mm", "p95", "defects mm", "two mm",
-    "force %", "two %", "noise", "lambda",
+    "HWHM mm", "PE mm", "p95", "blur mm", "contact mm", "p95", "defects mm", "two mm",
+    "force %", "two %", "noise",
 )  # fmt: skip
 
 
@@ -61,6 +61,7 @@ def trade_row(row: dict) -> Row:
         millimetres(row["hwhm"]["mean"]),
         millimetres(row["position_error"]["mean"]),
         millimetres(row["position_error"]["p95"]),
+        millimetres(row["blur"]["mean"]),
         millimetres(row["contact_error"]["mean"]),
         millimetres(row["contact_error"]["p95"]),
         millimetres(row["defective"]["contact_error"]["mean"]),
@@ -68,14 +69,14 @@ def trade_row(row: dict) -> Row:
         percent(force["one"]["mean"]),
         percent(force["two"]["mean"]),
         f"{row['noise_gain']:.2g}",
-        f"{row['regularization'] ** 0.5:.2g}",
     )
 
 
 LEGEND = """\
 contacts: measured single ones and pairs; frame: median, p99: 99th percentile, of one frame from
 voltages to contacts; MB: held by the pipeline; HWHM, PE: of the image of one contact, mean (p95:
-95th percentile); contact: reported place of one contact against the true one; defects: the same
-with dead channels, drift, hum, switch resistance and a sheet that varies by 20 %; two: smallest
-distance from which on 80 % of the pairs are told apart; force: mean error of one contact and of
-pairs told apart; noise: of a pixel per noise of a reading, V/V."""
+95th percentile); blur: way from the true place to the image squared, root mean square; contact:
+reported place of one contact against the true one; defects: the same with dead channels, drift,
+hum, switch resistance and a sheet that varies by 20 %; two: smallest distance from which on 80 % of
+the pairs are told apart; force: mean error of one contact and of pairs told apart; noise: of a
+pixel per noise of a reading, V/V."""

@@ -197,19 +197,19 @@ def _same_memory(case):
     return case.layout, case.profile, case.resolution
 
 
-def image_error(row: dict) -> float:
-    """Of one contact's image, m: HWHM and PE, root of the sum of squares.
+def blur(row: dict) -> float:
+    """Of one contact's image, m: the figure by which choices are compared.
 
-    HWHM is the spread about the image's own centre, PE the way from there to the true position.
-    Places of small contacts would not do: all profiles fit discs to the same data for them.
+    It grows with the width of the image and with the error of its position. Places of small
+    contacts would not do: all profiles fit discs to the same data for them.
     """
-    return float(np.hypot(row["hwhm"]["mean"], row["position_error"]["mean"]))
+    return row["blur"]["mean"]
 
 
 def front(rows: list[dict]) -> Iterator[dict]:
-    """Rows with less `image_error` than all faster ones, by what is worth it."""
+    """Rows with less blur than all faster ones, by what is worth it."""
     best = np.inf
     for row in sorted(rows, key=lambda row: row["frame"]["median"]):
-        if image_error(row) < (1 - _WORTH) * best:
-            best = image_error(row)
+        if blur(row) < (1 - _WORTH) * best:
+            best = blur(row)
             yield row
