@@ -300,22 +300,44 @@ def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
     names = ["trade a", "peers", "growth", "stability"]
     todo = [part(name, [name]) for name in names]
     monkeypatch.setattr(run, "auto_choices", lambda rows: [])
-    path = tmp_path / "bench.part.json"
+    path = tmp_path / "bench.quick.part.json"
     stopped = [*todo[:2], run.Part("growth", 1.0, _stopped), todo[3]]
     monkeypatch.setattr(run, "parts", lambda mode: stopped)
     with pytest.raises(KeyboardInterrupt):
-        run.measure("quick", store.Store(path, "quick"))
+        run.measure("quick", store.Store(path))
     monkeypatch.setattr(run, "parts", lambda mode: todo)
-    assert not store.Store(path, "full").parts
-    result = run.measure("quick", store.Store(path, "quick"))
+    result = run.measure("quick", store.Store(path))
     assert done == names
     assert (result["trade"], result["growth"]) == (["trade a"], ["growth"])
 
 
-def test_a_broken_store_is_begun_anew(tmp_path):
-    path = tmp_path / "bench.part.json"
-    path.write_text('{"made by"')
-    assert not store.Store(path, "quick").parts
+def test_parts_count_on_the_same_machine_with_the_same_code_only(tmp_path, monkeypatch):
+    path = tmp_path / "bench.quick.part.json"
+    store.Store(path).add("peers", [1.0])
+    described = store.machine.describe()
+    monkeypatch.setattr(store.machine, "describe", lambda: described | {"date": "2001-01-01"})
+    assert store.Store(path).parts == {"peers": [1.0]}
+    monkeypatch.setattr(store.machine, "describe", lambda: described | {"processor": "other"})
+    assert not store.Store(path).parts
+    monkeypatch.undo()
+    monkeypatch.setattr(store, "_code", lambda: "other")
+    assert not store.Store(path).parts
+
+
+@pytest.mark.parametrize("content", ['{"made by"', "[]", "{}", "1"])
+def test_a_broken_store_is_begun_anew(tmp_path, content):
+    path = tmp_path / "bench.quick.part.json"
+    path.write_text(content)
+    assert not store.Store(path).parts
+
+
+@pytest.mark.parametrize("out", ["", "file/bench.json", "folder"])
+def test_a_place_that_takes_no_file_is_told_before_anything_is_measured(tmp_path, monkeypatch, out):
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    monkeypatch.setattr(run, "measure", lambda *_: pytest.fail("measured"))
+    with pytest.raises((InputError, OSError)):
+        run_command("--out", tmp_path / out)
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "not json"])

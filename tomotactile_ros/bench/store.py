@@ -13,19 +13,23 @@ from tomotactile_ros.yamlio import plain, write_atomic
 
 
 class Store:
-    """Parts of a benchmark in `mode` by their names, kept in the file at `path`.
+    """Parts of a benchmark by their names, kept in the file at `path`.
 
-    Parts of another mode, machine, day or version of the code are forgotten.
+    Parts of another machine or version of the code are forgotten.
     """
 
-    def __init__(self, path: str | Path, mode: str):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._made_by = {"mode": mode, "machine": machine.describe(), "code": _code()}
+        self._made_by = {"machine": machine.describe() | {"date": None}, "code": _code()}
         self.parts: dict[str, Any] = self._load()
 
     def add(self, name: str, found: Any) -> None:
         """Keep a part, on disk too."""
         self.parts[name] = plain(found)
+        self.save()
+
+    def save(self) -> None:
+        """Write the file; InputError where that is not possible."""
         content = {"made by": self._made_by, "parts": self.parts}
         write_atomic(self.path, json.dumps(content, allow_nan=False).encode())
 
@@ -36,9 +40,9 @@ class Store:
     def _load(self):
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
+            return content["parts"] if content["made by"] == self._made_by else {}
+        except (FileNotFoundError, ValueError, KeyError, TypeError):
             return {}
-        return content["parts"] if content.get("made by") == self._made_by else {}
 
 
 def _code() -> str:

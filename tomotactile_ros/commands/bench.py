@@ -58,20 +58,25 @@ def _measure(args):
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.run import measure, parts
     from tomotactile_ros.bench.store import Store
-    from tomotactile_ros.yamlio import plain, write_atomic
+    from tomotactile_ros.yamlio import check_folder, plain, write_atomic
 
     use_one_thread()
     mode = "full" if args.full else "quick"
     out = Path(args.out)
     out.parent.mkdir(parents=True, exist_ok=True)
-    store = Store(out.with_suffix(".part.json"), mode)
+    check_folder(out)
+    store = Store(out.with_suffix(f".{mode}.part.json"))
+    count = len(parts(mode))
     if store.parts:
-        print(f"{store.path}: goes on, parts done: {len(store.parts)}", file=sys.stderr)
+        print(f"{store.path}: goes on, {len(store.parts)} of {count} parts done", file=sys.stderr)
+    elif store.path.exists():
+        print(f"{store.path}: of other code or another machine, begun anew", file=sys.stderr)
+    store.save()  # a folder that takes no file is told now, not after the first part
     try:
         result = plain(measure(mode, store))
     except KeyboardInterrupt:
         print(
-            f"{store.path}: keeps what is done, {len(store.parts)} of {len(parts(mode))} parts; "
+            f"{store.path}: keeps what is done, {len(store.parts)} of {count} parts; "
             "the same command goes on from there",
             file=sys.stderr,
         )
