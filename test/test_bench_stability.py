@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench import stability
+from tomotactile_ros.bench import report, stability
 from tomotactile_ros.errors import InputError
 
 
@@ -30,6 +30,11 @@ def test_precision_is_lost_as_the_condition_demands():
     double = [row["error"] for row in rows("condition, float64", 1.0, 1e4, 1e12)]
     assert single[0] < 1e-5 < single[1] < 0.1 < single[2]
     assert max(double) < 1e-4
+
+
+def test_the_table_says_where_float32_is_not_enough():
+    found = [*rows("condition, float32", 1.0, 1e6, 1e12), *rows("condition, as used", 1e6)]
+    assert "from 1e+06 on; as used" in report._precision(found)
 
 
 def test_a_refusal_is_a_row():

@@ -144,6 +144,17 @@ def test_the_front_leaves_out_what_is_slower_and_worse():
     assert list(trade.front(rows)) == [rows[0], rows[2]]
 
 
+def test_a_table_for_a_narrow_terminal_loses_nothing():
+    header, rows = ("name", "first", "second", "third"), [("a", "1", "22", "3" * 9)]
+    assert len(list(tables.text(header, rows))) == 3
+    lines = list(tables.text(header, rows, width=14))
+    assert lines == [
+        "name  first", "----  -----", "a     1", "",
+        "name  second", "----  ------", "a     22", "",
+        "name  third", "----  ---------", "a     333333333",
+    ]  # fmt: skip
+
+
 def test_fitted_exponent():
     sizes = np.array([4.0, 16.0, 64.0])
     assert growth.exponent(sizes, 3 * sizes**1.5) == pytest.approx(1.5)
@@ -287,6 +298,20 @@ def test_results_that_differ_are_told(tmp_path, row, key, capsys):
     ) in shown
 
 
+def test_results_of_two_machines_are_told(row):
+    one, other = _result(row), _result(row)
+    other["machine"] |= {"processor": "another CPU", "date": "2026-02-02"}
+    (told,) = [line for line in compare.lines(one, other) if line.startswith("not the same")]
+    assert told.startswith("not the same processor: ")
+
+
+def test_results_without_a_common_ratio_are_refused(row):
+    one, other = _result(row), _result(row)
+    other["trade"], other["peers"]["ratios"] = [], {}
+    with pytest.raises(InputError, match="no ratio in common"):
+        compare.agree(one, other)
+
+
 def _stopped(tick):
     raise KeyboardInterrupt
 
@@ -340,11 +365,22 @@ def test_a_place_that_takes_no_file_is_told_before_anything_is_measured(tmp_path
         run_command("--out", tmp_path / out)
 
 
-@pytest.mark.parametrize("content", ["{}", "[]", "not json"])
-def test_other_files_are_refused_as_results(tmp_path, content):
+@pytest.mark.parametrize(
+    "content, reason",
+    [
+        ("{}", "format: is missing"),
+        ("[]", "format: is missing"),
+        (
+            '{"format": "tomotactile-bench/1"}',
+            "format: 'tomotactile-bench/1' is of another version",
+        ),
+        ("not json", "not valid JSON"),
+    ],
+)
+def test_other_files_are_refused_as_results(tmp_path, content, reason):
     path = tmp_path / "bench.json"
     path.write_text(content)
-    with pytest.raises(InputError, match="bench.json: not"):
+    with pytest.raises(InputError, match=f"bench.json: {reason}"):
         run_command("--from", path)
 
 
@@ -362,9 +398,10 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run, "QUICK_GROWTH", ((3, 4), (20, 30)))
     monkeypatch.setattr(growth, "_DEFAULT", (4, 20))
     monkeypatch.setattr(libraries, "PyeitOneStep", _not_installed)
+    monkeypatch.setenv("COLUMNS", "1000")
     for module in (peers, growth):
         monkeypatch.setattr(module, "_SECONDS", 0.0)
-    some = stability.trials()[-2:]
+    some = stability.trials()[-3:]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
     text.write_text("<!-- bench:profiles -->\n<!-- /bench:profiles -->\n")

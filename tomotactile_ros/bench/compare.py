@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.cases import Case
+from tomotactile_ros.errors import InputError
 
 MOST = 0.1  # by which ratios may differ
 _MEASURED = ("setup", "frame", "memory")  # all else in a row of the trade is accuracy
@@ -18,13 +19,11 @@ _CHOICE = ("layout", "profile", "resolution", "conditions")
 
 def lines(one: dict, other: dict) -> Iterator[str]:
     """The ratios of both, and how far they are apart."""
-    found = ratios(one), ratios(other)
-    rows = [
-        (name, f"{a:.3g}", f"{b:.3g}", f"{100 * (b / a - 1):+.1f} %")
-        for name, a, b in _common(*found)
-    ]
+    common = _common(one, other)
+    rows = [(name, f"{a:.3g}", f"{b:.3g}", f"{100 * (b / a - 1):+.1f} %") for name, a, b in common]
     yield from tables.text(("ratio", "first", "second", "change"), rows)
-    apart = {name: abs(b / a - 1) for name, a, b in _common(*found)}
+    yield from _different_machine(one["machine"], other["machine"])
+    apart = {name: abs(b / a - 1) for name, a, b in common}
     name = max(apart, key=apart.get)
     yield (
         f"{sum(each <= MOST for each in apart.values())} of {len(apart)} ratios are the same "
@@ -39,8 +38,7 @@ def lines(one: dict, other: dict) -> Iterator[str]:
 
 def agree(one: dict, other: dict) -> bool:
     """Whether all ratios are the same within `MOST`, and accuracy exactly."""
-    common = _common(ratios(one), ratios(other))
-    same = all(abs(b / a - 1) <= MOST for _, a, b in common)
+    same = all(abs(b / a - 1) <= MOST for _, a, b in _common(one, other))
     return same and not any(different_accuracy(one, other))
 
 
@@ -64,7 +62,18 @@ def different_accuracy(one: dict, other: dict) -> Iterator[str]:
 
 
 def _common(one, other):
-    return [(name, one[name], other[name]) for name in one if name in other]
+    """Name and both values of the ratios that are in both results."""
+    first, second = ratios(one), ratios(other)
+    found = [(name, first[name], second[name]) for name in first if name in second]
+    if not found:
+        raise InputError("the two results have no ratio in common")
+    return found
+
+
+def _different_machine(one, other):
+    keys = [key for key in one if key != "date" and one[key] != other[key]]
+    if keys:
+        yield f"not the same {', '.join(keys)}: ratios and last digits may differ for that"
 
 
 def _name(row):

@@ -68,6 +68,12 @@ def exponent(sizes, values) -> float:
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
+def exponents(by: str, points: Sequence[dict]) -> dict[str, float]:
+    """Of all QUANTITIES, with the number of what `by` names."""
+    sizes = [point[by] for point in points]
+    return {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
+
+
 def _sizes(electrodes, resolutions):
     """Each once."""
     each = [(n, _DEFAULT[1]) for n in electrodes] + [(_DEFAULT[0], m) for m in resolutions]
@@ -79,9 +85,7 @@ def _work(size):
 
 
 def _fitted(by, points):
-    sizes = [point[by] for point in points]
-    exponents = {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
-    return {"points": points, "exponents": exponents}
+    return {"points": points, "exponents": exponents(by, points)}
 
 
 def _maker(side, resolution):

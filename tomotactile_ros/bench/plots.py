@@ -12,6 +12,7 @@ from tomotactile_ros.errors import InputError
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}
+_LABEL = 7  # points
 _QUANTITIES = (
     ("setup", "set-up / s", 1.0),
     ("frame", "frame / ms", 1e3),
@@ -29,10 +30,15 @@ def save_front(path: str | Path, result: dict) -> None:
         panels.setdefault(find_layout(row["layout"]).electrodes, []).append(row)
     figure = _figure(max(6.5, 4.4 * len(panels)), 5.2)
     all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    fronts = []
     for axes, (electrodes, rows) in zip(all_axes, sorted(panels.items())):
-        _draw_front(axes, rows)
+        fronts.append(list(trade.front(rows)))
+        _draw_front(axes, rows, fronts[-1])
         axes.set_title(f"{electrodes} electrodes")
         axes.set_xlabel("time of one frame, median / ms")
+    all_axes[0].set_xlim(left=all_axes[0].get_xlim()[0] / 2)
+    for axes, best in zip(all_axes, fronts):
+        _name_front(axes, best)
     all_axes[0].set_ylabel("blur of a contact's image, mean / mm")
     all_axes[0].annotate(
         "better", (0.03, 0.03), (0.16, 0.12), "axes fraction", color="0.4", fontsize=9,
@@ -45,8 +51,7 @@ def save_front(path: str | Path, result: dict) -> None:
     _write(figure, path)
 
 
-def _draw_front(axes, rows):
-    best = list(trade.front(rows))
+def _draw_front(axes, rows, best):
     for row in rows:
         colour = _COLOURS[row["profile"]]
         axes.plot(
@@ -57,16 +62,26 @@ def _draw_front(axes, rows):
             markersize=7,
             alpha=1.0 if row in best else 0.3,
         )
-    axes.step(*np.transpose([_place(row) for row in best]), where="post", color="0.3", zorder=0)
-    for row in best:
-        axes.annotate(
-            _name(row), _place(row), (6, 6), textcoords="offset points", fontsize=7, rotation=25
-        )
-    axes.set(xscale="log", yscale="log")
+    axes.step(*np.transpose([_place(row) for row in best]), where="post", color="0.3", zorder=1)
+    axes.set(xscale="log", yscale="log", axisbelow=True)
     axes.margins(0.12, 0.15)
     for axis in (axes.xaxis, axes.yaxis):
         _plain_numbers(axis)
     axes.grid(which="both", color="0.93")
+
+
+def _name_front(axes, best):
+    """Names left of their points, below the front, where no other point is; each lower than the
+    one before."""
+    above = np.inf
+    for row in best:
+        place = _place(row)
+        height = axes.transData.transform(place)[1] * 72 / axes.figure.dpi
+        above = min(height, above - _LABEL - 1)
+        axes.annotate(
+            _name(row), place, (-8, above - height), textcoords="offset points",
+            fontsize=_LABEL, horizontalalignment="right", verticalalignment="center",
+        )  # fmt: skip
 
 
 def save_growth(path: str | Path, result: dict) -> None:

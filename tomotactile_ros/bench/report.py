@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.growth import exponents
 
 _MODES = {
     "quick": "quick: equal-8x8, and of the other choices one at a time; --full: all with all",
@@ -12,8 +14,11 @@ _MODES = {
 }
 
 
-def lines(result: dict) -> Iterator[str]:
-    """Everything that was measured, as tables."""
+_TOLERABLE = 0.01  # error of an image, in parts of its norm
+
+
+def lines(result: dict, width: float = inf) -> Iterator[str]:
+    """Everything that was measured, as tables for a terminal of `width` characters."""
     machine = result["machine"]
     cores = f"{machine['processor']}, {machine['cores']} cores"
     yield f"{cores}, {machine['system']}, {machine['date']}"
@@ -25,11 +30,11 @@ def lines(result: dict) -> Iterator[str]:
     yield _MODES[result["mode"]]
     yield ""
     yield "Speed and accuracy"
-    yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]))
+    yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]), width, fixed=4)
     yield tables.LEGEND
     yield from result["left_out"]
     yield ""
-    yield "What `profile: auto` takes, and the measured profile with the sharpest image within the deadline"
+    yield "What `profile: auto` takes, and the profile with the least blur as measured, in time"
     yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
     yield _agreement(result["auto"])
     yield ""
@@ -40,10 +45,9 @@ def lines(result: dict) -> Iterator[str]:
     yield from _growth(result["growth"])
     yield ""
     yield "Stability"
-    yield from tables.text(
-        ("what", "value", "error of", "error", "refusal, warnings"),
-        map(_extreme, result["stability"]),
-    )
+    header = ("what", "value", "error of", "error, refusal")
+    yield from tables.text(header, map(_extreme, result["stability"]))
+    yield _precision(result["stability"])
 
 
 def _choice(row):
@@ -91,11 +95,12 @@ def _growth(growth):
     header = ("electrodes", "pixels", "set-up s", "frame ms", "MB")
     for by, found in growth.items():
         yield from tables.text(header, map(_cost, found["points"]))
-        exponents = found["exponents"]
-        yield (
-            f"with n {by}: set-up n^{exponents['setup']:.2f}, frame n^{exponents['frame']:.2f}, "
-            f"memory n^{exponents['memory']:.2f}"
+        last = exponents(by, found["points"][-2:])
+        powers = (
+            f"{name} n^{found['exponents'][key]:.2f} (last step n^{last[key]:.2f})"
+            for key, name in (("setup", "set-up"), ("frame", "frame"), ("memory", "memory"))
         )
+        yield f"with n {by}: {', '.join(powers)}"
 
 
 def _cost(point):
@@ -109,7 +114,25 @@ def _cost(point):
 
 
 def _extreme(row):
-    error = row["error"]
-    text = "-" if error is None else error if isinstance(error, str) else f"{error:.1e}"
-    remarks = [row["refusal"] or "", *(f"warning: {each}" for each in row["warnings"])]
-    return row["what"], f"{float(row['value']):g}", row["measure"], text, " ".join(remarks).strip()
+    text = row["refusal"] or f"{float(row['error']):.1e}"
+    remarks = "; ".join([text, *(f"warning: {each}" for each in row["warnings"])])
+    return row["what"], f"{float(row['value']):g}", row["measure"], remarks
+
+
+def _precision(rows):
+    """Where float32 is not enough."""
+    lost = [each["value"] for each in rows if _is_lost(each)]
+    used = [
+        float(each["error"])
+        for each in rows
+        if each["what"] == "condition, as used" and not each["refusal"]
+    ]
+    return (
+        f"eq. 1 in float32 is more than {100 * _TOLERABLE:g} % off at condition numbers from "
+        f"{min(lost):g} on; as used, in float64 there, {max(used):.1e} at most"
+    )
+
+
+def _is_lost(row):
+    in_single = row["what"] == "condition, float32"
+    return in_single and (row["refusal"] or float(row["error"]) > _TOLERABLE)

@@ -12,11 +12,7 @@ import numpy as np
 from tomotactile_ros.bench import extremes, one_step
 from tomotactile_ros.errors import InputError
 
-VOLTAGE, PLACE, IMAGE = (
-    "voltage, parts of drive",
-    "place, parts of side",
-    "image, parts of its norm",
-)
+VOLTAGE, PLACE, IMAGE = "voltage / drive", "place / side", "image / its norm"
 _RESISTANCES = tuple(10.0**n for n in range(-3, 10, 2))
 _CONDUCTANCES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf)
 _LAMBDAS = (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30)

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from math import inf
 
 Row = Sequence[str]
 
 
-def text(header: Row, rows: Iterable[Row]) -> list[str]:
-    """Lines with aligned columns."""
-    rows = [list(header), *map(list, rows)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(header))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows
-    ]
-    return [lines[0], "  ".join("-" * width for width in widths), *lines[1:]]
+def text(header: Row, rows: Iterable[Row], width: float = inf, fixed: int = 1) -> Iterator[str]:
+    """Lines with aligned columns; those for which `width` characters are too few stand below the
+    others, beside the first `fixed` columns again."""
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip(header, *rows)]
+    for number, part in enumerate(_fitting(widths, width, fixed)):
+        if number:
+            yield ""
+        for row in (header, ["-" * each for each in widths], *rows):
+            yield "  ".join(row[i].ljust(widths[i]) for i in part).rstrip()
+
+
+def _fitting(widths, width, fixed):
+    """Numbers of the columns that stand beside each other, for each part of a table."""
+    parts = [list(range(fixed))]
+    for column in range(fixed, len(widths)):
+        wider = [*parts[-1], column]
+        fits = sum(widths[i] + 2 for i in wider) - 2 <= width
+        if fits or len(wider) == fixed + 1:
+            parts[-1] = wider
+        else:
+            parts.append([*range(fixed), column])
+    return parts
 
 
 def markdown(header: Row, rows: Iterable[Row]) -> list[str]:

@@ -4,7 +4,9 @@ cost."""
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+from math import inf
 from pathlib import Path
 
 from tomotactile_ros.errors import InputError
@@ -31,7 +33,8 @@ def run(args):
     from tomotactile_ros.bench import readme, report
 
     result = load(args.source) if args.source else _measure(args)
-    print("\n".join(report.lines(result)))
+    width = shutil.get_terminal_size((0, 0)).columns or inf
+    print("\n".join(report.lines(result, width)))
     if not args.source:
         print(f"\n{args.out}, with plots of the front and of growth beside it")
     if args.readme:
@@ -48,8 +51,10 @@ def load(path):
         result = json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise InputError(f"{path}: not valid JSON: {error}") from None
-    if not isinstance(result, dict) or result.get("format") != FORMAT:
-        raise InputError(f"{path}: not a result of `tomotactile bench` ({FORMAT})")
+    found = result.get("format") if isinstance(result, dict) else None
+    if found != FORMAT:
+        was = "is missing" if found is None else f"{found!r} is of another version"
+        raise InputError(f"{path}: format: {was}, `tomotactile bench` reads {FORMAT}")
     return result
 
 
