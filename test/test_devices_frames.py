@@ -1,6 +1,7 @@
 """Frames from rows, host time from device time, dead channels: no line needed."""
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
@@ -177,6 +178,37 @@ def test_seconds_of_delayed_packets_do_not_move_the_clock():
         clock.fit()
     assert clock.jumps == 0
     assert abs(clock.to_host(40.0) - (1000.0 + 40.0 / (1 + 2e-5) + 2e-4)) < 2e-4
+
+
+@pytest.mark.parametrize("catching_up", [0.3, 6.0])
+def test_a_backlog_of_ten_seconds_does_not_move_the_clock(catching_up):
+    """The host stands still at 3 s, goes on at 13 s and takes that long to read what has come."""
+    clock, device = DeviceClock(), np.arange(0.0, 25.0, 0.016)
+    host = 1000.0 + device + 2e-4
+    backlog = (device > 3.0) & (device < 13.0 + catching_up)
+    host[backlog] = np.linspace(1013.0, 1013.0 + catching_up, backlog.sum())
+    for d, h in zip(device, host, strict=True):
+        clock.update(d, h)
+        clock.fit()
+    assert clock.jumps == 0
+    assert abs(clock.to_host(25.0) - 1025.0002) < 2e-4
+
+
+def test_the_drift_can_be_read_at_any_moment():
+    """Diagnostics do, from another thread: here between any two lines of the first update."""
+    clock, read = DeviceClock(), []
+
+    def trace(*_):
+        read.append(clock.drift)
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        clock.update(1.0, 2.0)
+    finally:
+        sys.settrace(before)
+    assert set(read) == {0.0}
 
 
 @given(st.lists(st.sampled_from([0.004, 0.5, 3.0, -2.0, -0.1, 100.0, -1e4]), max_size=60))

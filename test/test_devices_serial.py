@@ -615,7 +615,7 @@ def test_a_device_of_another_protocol_version_is_refused():
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])
 def test_a_device_clock_that_jumps(jump):
     offset = [1e5]
-    device = sensor(clock=lambda: time.monotonic() + offset[0])
+    device = sensor(clock=lambda now: now + offset[0])
     with connected(device) as (_, watch):
         watch.wait_for_frames(10)
         offset[0] += jump

@@ -3,7 +3,7 @@
 A packet can arrive late, never early: of each second only the smallest difference between arrival
 and device time is used.  A line through the minima of the last 30 s, with the median of the
 pairwise slopes (Theil 1950, Sen 1968), gives offset and drift; a few seconds of delayed packets do
-not move it.
+not move it, nor does what has piled up while the host stood still.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ class DeviceClock:
     tolerance : float
         An arrival this much before its predicted time, or all arrivals of two seconds this much
         after, mean that the device clock has jumped.  In the first second an early arrival only
-        says that the ones before were late, unless it is early by more than a second.
+        says that the ones before were late, unless it is early by more than a second.  Delays that
+        melt away are those of a backlog and no jump.
     """
 
     MAX_DRIFT = 2e-3
@@ -35,12 +36,13 @@ class DeviceClock:
         self._tolerance = tolerance
         self._minima: deque[tuple[float, float]] = deque(maxlen=window)
         self._device0: float | None = None
+        self._slope = self._intercept = 0.0
         self._last_mapped = -np.inf
 
     @property
     def drift(self) -> float:
         """Relative speed of the device clock: 1e-6 means 1 µs per second too fast."""
-        return -self._slope / (1.0 + self._slope) if self._device0 is not None else 0.0
+        return -self._slope / (1.0 + self._slope)
 
     def update(self, device: float, host: float) -> None:
         """Take in that what happened at `device` arrived at `host`."""
@@ -53,6 +55,8 @@ class DeviceClock:
             self._begin(device, host)
             return
         self._last_device = device
+        if late > self._tolerance:
+            return
         self._intercept += min(late, 0.0)
         elapsed = device - self._device0
         difference = (host - self._host0) - elapsed
@@ -94,19 +98,19 @@ class DeviceClock:
     def _has_jumped(self, device: float, host: float, late: float) -> bool:
         if late <= self._tolerance:
             self._late_since = None
-        elif self._late_since is None:
-            self._late_since = host
+        elif self._late_since is None or late < self._late_since[1] - self._tolerance:
+            self._late_since = host, late
         settled = device - self._device0 >= 1.0 or late < -1.0
         return (
             device < self._last_device
             or (settled and late < -self._tolerance)
-            or (self._late_since is not None and host - self._late_since > self.LATE_PERIOD)
+            or (self._late_since is not None and host - self._late_since[0] > self.LATE_PERIOD)
         )
 
     def _begin(self, device: float, host: float) -> None:
         self._device0 = self._last_device = device
         self._host0 = host
-        self._late_since: float | None = None
+        self._late_since: tuple[float, float] | None = None
         self._slope = self._intercept = 0.0
         self._minima.clear()
         self._least = (0.0, 0.0)

@@ -5,7 +5,6 @@ Bytes of the host go in, bytes for the host come out, and time is told from outs
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -35,7 +34,7 @@ class EmulatedDevice:
     haste : float
         How many times faster than told it scans (a fault).
     clock : callable
-        Device time, s.
+        Device time at a time as of `rows_due`, s.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class EmulatedDevice:
         name: str = "emulator",
         serial: str = "0",
         haste: float = 1.0,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[float], float] = float,
     ) -> None:
         self.electrodes, self.rows = electrodes, rows or electrodes
         self.rate, self.max_rate = rate, max_rate
@@ -80,7 +79,7 @@ class EmulatedDevice:
         packets = []
         while self.streaming:
             done = min(self.rows, int((now - self._start) / self._period * self.rows + 1e-6))
-            packets += [self._row_packet(row, now) for row in range(self._row, done)]
+            packets += [self._row_packet(row) for row in range(self._row, done)]
             self._row = max(done, self._row)
             if self._row < self.rows:
                 break
@@ -107,9 +106,9 @@ class EmulatedDevice:
             self._rate_changed = False
             self._begin_rate()
 
-    def _row_packet(self, row: int, now: float) -> bytes:
+    def _row_packet(self, row: int) -> bytes:
         if row == 0:
-            self._sample(now)
+            self._sample()
         row_end = round(1e6 * (row + 1) * self._period / self.rows)
         packet = protocol.Row(
             self.electrodes,
@@ -125,8 +124,8 @@ class EmulatedDevice:
         )
         return protocol.encode(packet)
 
-    def _sample(self, now: float) -> None:
-        self._frame_time = max(0, round(1e6 * (self._clock() - (now - self._start))))
+    def _sample(self) -> None:
+        self._frame_time = max(0, round(1e6 * self._clock(self._start)))
         voltages = self._source(self._start - self._started, self.sequence)
         if voltages is self._voltages:
             return
