@@ -1,6 +1,7 @@
 """Layout files: round trip, one clear line for every mistake, atomic saving, installed names."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros import yamlio
+from tomotactile_ros import files
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, Outline, equal_grid, load_layout
 from tomotactile_ros.surface import Surface
@@ -239,11 +240,22 @@ def test_a_failing_write_leaves_the_old_file(tmp_path, monkeypatch, step):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(yamlio.os, step, full)
+    monkeypatch.setattr(files.os, step, full)
     with pytest.raises(InputError, match="layout.yaml: cannot be written: No space left"):
         equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save(path)
     assert path.read_text() == GOOD
     assert os.listdir(tmp_path) == ["layout.yaml"]
+
+
+def test_a_device_is_not_replaced_by_a_file():
+    with pytest.raises(InputError, match="/dev/null: cannot be written: is a device"):
+        equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save("/dev/null")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_name_that_no_file_can_have_is_one_line():
+    with pytest.raises(InputError, match="^'xxx.*…: cannot be read: File name too long$"):
+        load_layout("x" * 5000)
 
 
 def test_saving_into_a_missing_folder_or_what_yaml_cannot_hold(tmp_path):

@@ -13,10 +13,10 @@ import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, complaints_at
+from tomotactile_ros.files import write_atomic
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
-from tomotactile_ros.yamlio import write_atomic
 
 DEFAULT_DRIVE = 3.3  # V
 
@@ -139,10 +139,8 @@ def _contact_law(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> Cont
     if "contact_law" not in arrays or not arrays["contact_law"].size:
         return None
     numbers = _numbers(path, "contact_law", arrays["contact_law"], 2)
-    try:
+    with complaints_at(f"{path}: contact_law: "):
         return ContactLaw(*numbers)
-    except InputError as error:
-        raise InputError(f"{path}: contact_law: {error}") from None
 
 
 def _numbers(path: str | os.PathLike, key: str, value: object, count: int) -> list:

@@ -9,9 +9,10 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import find_config
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.surface import Surface
-from tomotactile_ros.yamlio import Reader, find_config, write_mapping
+from tomotactile_ros.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-layout/1"
 MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16

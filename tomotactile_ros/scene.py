@@ -14,8 +14,9 @@ from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact, ContactLaw, read_contact
 from tomotactile_ros.defects import Adc, Defects, Noise, read_adc, read_defects, read_section
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import find_config
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.yamlio import Reader, find_config, write_mapping
+from tomotactile_ros.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-scene/1"
 

@@ -9,8 +9,6 @@ import difflib
 import math
 import os
 import re
-import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +17,8 @@ import numpy as np
 import yaml
 
 from tomotactile_ros.checks import show
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, complaints_at
+from tomotactile_ros.files import write_atomic
 
 MAX_BYTES = 1_000_000
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -183,10 +182,8 @@ class Reader:
 
     def build(self, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
         """``make(...)``, with this mapping's place put before the complaint of a failure."""
-        try:
+        with complaints_at(self.place):
             return make(*args, **kwargs)
-        except InputError as error:
-            raise InputError(f"{self.place}{error}") from None
 
     def refuse(self, key: str, value: object, reason: str) -> None:
         """Raise the InputError for a value."""
@@ -269,64 +266,3 @@ def write_mapping(path: str | os.PathLike, content: dict) -> None:
     except yaml.YAMLError as error:
         raise InputError(f"{path}: cannot be written as YAML: {error.args[0]}") from None
     write_atomic(path, text.encode())
-
-
-def check_folder(path: str | os.PathLike) -> None:
-    """Refuse a file whose folder does not exist, before long work whose result goes there."""
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path}: cannot be written: is a folder")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
-
-
-def write_atomic(path: str | os.PathLike, data: bytes) -> None:
-    """Write to a temporary file beside ``path`` and move it into place."""
-    path = Path(path)
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            temporary = file.name
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def config_folders(kind: str) -> list[Path]:
-    """Existing folders with installed ``layouts`` or ``scenes``: ROS, source tree, pip."""
-    share = Path("share/tomotactile_ros/config")
-    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
-    folders = [Path(prefix) / share for prefix in prefixes]
-    folders.append(Path(__file__).resolve().parent.parent / "config")
-    folders.append(Path(sys.prefix) / share)
-    return [folder / kind for folder in folders if (folder / kind).is_dir()]
-
-
-def find_config(kind: str, name: str | os.PathLike) -> Path:
-    """The file of a layout or scene.
-
-    Parameters
-    ----------
-    kind : ``"layouts"`` or ``"scenes"``.
-    name : a path, or the name of an installed file with or without ``.yaml``.
-    """
-    text = os.fspath(name)
-    if text and Path(text).is_file():
-        return Path(text)
-    folders = config_folders(kind)
-    for folder in folders:
-        for candidate in (folder / text, folder / f"{text}.yaml"):
-            if text and candidate.is_file():
-                return candidate
-    installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
-    raise InputError(
-        f"{text!r}: no such file, and none of the installed {kind}: {', '.join(installed) or '-'}"
-    )

@@ -9,7 +9,8 @@ from typing import Any
 
 import tomotactile_ros.bench
 from tomotactile_ros.bench import machine
-from tomotactile_ros.yamlio import plain, write_atomic
+from tomotactile_ros.files import write_atomic
+from tomotactile_ros.yamlio import plain
 
 
 class Store:

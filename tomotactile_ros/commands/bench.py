@@ -63,7 +63,8 @@ def _measure(args):
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.run import measure, parts
     from tomotactile_ros.bench.store import Store
-    from tomotactile_ros.yamlio import check_folder, plain, write_atomic
+    from tomotactile_ros.files import check_folder, write_atomic
+    from tomotactile_ros.yamlio import plain
 
     use_one_thread()
     mode = "full" if args.full else "quick"

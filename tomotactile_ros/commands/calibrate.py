@@ -6,14 +6,14 @@ from argparse import ArgumentParser, Namespace
 
 from tomotactile_ros import checks
 from tomotactile_ros.devices.recording import load_recording
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, complaints_at
+from tomotactile_ros.files import check_folder
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.reconstruction.calibration import (
     fit_contact_law,
     measure_conductance,
     save_calibration,
 )
-from tomotactile_ros.yamlio import check_folder
 
 HELP = "fit the contact law to presses of known force"
 
@@ -54,12 +54,10 @@ def run(args: Namespace) -> None:
 
 
 def _measure(path, layout, recorded):
-    try:
+    with complaints_at(f"{path}: "):
         return measure_conductance(
             layout, recorded.voltages, recorded.grounded, recorded.drive_voltage
         )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _split(press):

@@ -10,13 +10,14 @@ import numpy as np
 
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import find_config
 from tomotactile_ros.frames_file import contacts_of, load_arrays
 from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.scene import FORMAT as SCENE_FORMAT
 from tomotactile_ros.scene import load_scene
-from tomotactile_ros.yamlio import find_config, read_mapping
+from tomotactile_ros.yamlio import read_mapping
 
 HELP = "show what a layout, scene, frames or result file holds"
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide

@@ -11,13 +11,13 @@ from pathlib import Path
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import RESOLUTION
+from tomotactile_ros.files import check_folder
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
 from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished
 from tomotactile_ros.progress import Progress, track
-from tomotactile_ros.yamlio import check_folder
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 

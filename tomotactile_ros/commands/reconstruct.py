@@ -10,6 +10,8 @@ from dataclasses import asdict
 import numpy as np
 
 from tomotactile_ros.devices.recording import load_recording
+from tomotactile_ros.errors import complaints_at
+from tomotactile_ros.files import check_folder
 from tomotactile_ros.frames_file import save_arrays
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
@@ -17,7 +19,6 @@ from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.sheet import MODELS
-from tomotactile_ros.yamlio import check_folder
 
 HELP = "make pressure images and contacts of frames"
 
@@ -58,7 +59,8 @@ def run(args: Namespace) -> None:
     results, latency = [], []
     for voltages in track(recorded.voltages, "reconstructing frames"):
         start = time.perf_counter()
-        results.append(pipeline.process(voltages, recorded.grounded, recorded.drive_voltage))
+        with complaints_at(f"{args.frames}: "):
+            results.append(pipeline.process(voltages, recorded.grounded, recorded.drive_voltage))
         latency.append(time.perf_counter() - start)
     save_results(args.out, results, latency)
     left_out = sorted({e for result in results for e in result.excluded})

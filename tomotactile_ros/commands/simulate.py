@@ -7,13 +7,13 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import check_folder
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.yamlio import check_folder
 
 HELP = "simulate the voltage frames of a scene"
 

@@ -6,7 +6,6 @@ Bags are read with `rosbags`, which needs no ROS; the message is described by ms
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import shared_folders
 from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, load_arrays, load_frames
 from tomotactile_ros.layout import Layout
 
@@ -192,11 +192,8 @@ def _typestore():
 
 
 def _definition() -> str:
-    """Text of msg/VoltageFrame.msg: in the source tree, or where ament installed it."""
-    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    folders = [Path(__file__).resolve().parents[2]]
-    folders += [Path(p, "share", "tomotactile_ros") for p in [*prefixes, sys.prefix]]
-    for folder in folders:
+    """Text of msg/VoltageFrame.msg."""
+    for folder in shared_folders():
         file = folder / "msg" / "VoltageFrame.msg"
         if file.is_file():
             return file.read_text(encoding="utf-8")

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import check_folder
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
@@ -21,7 +22,6 @@ from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.optimizer.request import METHODS, Request
 from tomotactile_ros.optimizer.step import Step, finished
-from tomotactile_ros.yamlio import check_folder
 
 SPECS = (
     Spec(
