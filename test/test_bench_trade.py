@@ -201,11 +201,14 @@ def test_readme_is_rewritten_between_the_comments_only(tmp_path, row):
 
 
 @pytest.mark.parametrize("content", ["nothing here", "<!-- bench:profiles --> without an end"])
-def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content):
+def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content, monkeypatch):
     path = tmp_path / "README.md"
     path.write_text(content, encoding="utf-8")
     with pytest.raises(InputError, match="README.md: .*/bench:profiles"):
         readme.rewrite(path, _result(row))
+    monkeypatch.setattr(run, "measure", lambda *_: pytest.fail("measured"))
+    with pytest.raises(InputError, match="README.md: .*/bench:profiles"):
+        run_command("--out", tmp_path / "bench.json", "--readme", path)
     assert path.read_text(encoding="utf-8") == content
 
 

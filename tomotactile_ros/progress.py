@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,9 @@ _QUIET = 2.0  # s before anything is shown
 _PLAIN = 10.0  # s between two plain lines
 
 
-def track(items: Iterable[Item], label: str, total: int | None = None, stream=None) -> Iterator[Item]:
+def track(
+    items: Iterable[Item], label: str, total: int | None = None, stream=None
+) -> Iterator[Item]:
     """Hand `items` through, with progress on `stream` (standard error) once it takes long."""
     total = len(items) if total is None else total
     with Progress(label, total, stream) as progress:
@@ -42,12 +45,17 @@ class Progress:
         self._next = now + (0.1 if self._bar else _PLAIN)
         left = (now - self._start) / max(done, 1) * (self.total - done)
         text = f"{self.label}: {done} of {self.total}, {left:.0f} s left"
-        if self._bar:
-            filled = round(_WIDTH * done / max(self.total, 1))
-            text = f"\r\x1b[K[{'#' * filled}{'.' * (_WIDTH - filled)}] {text}"
-        self._stream.write(text + (f", {note}" if note else "") + ("" if self._bar else "\n"))
+        text += f", {note}" if note else ""
+        self._stream.write(self._beside_bar(text, done) if self._bar else f"{text}\n")
         self._stream.flush()
         self._shown = True
+
+    def _beside_bar(self, text, done):
+        """One line of the terminal, in place of the one before."""
+        columns = shutil.get_terminal_size().columns - 1
+        width = max(min(_WIDTH, columns - len(text) - 3), 0)
+        filled = round(width * done / max(self.total, 1))
+        return f"\r\x1b[K[{'#' * filled}{'.' * (width - filled)}] {text}"[: columns + 4]
 
     def __enter__(self):
         return self

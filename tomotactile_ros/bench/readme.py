@@ -19,30 +19,39 @@ _HEADER = (
 def rewrite(path: str | Path, result: dict) -> None:
     """Fill the file at `path` between each `<!-- bench:NAME -->` and `<!-- /bench:NAME -->`.
 
-    NAME is `profiles` or `report`. Raises InputError where the file or the end of a block is
-    missing, and where there is no block at all.
+    NAME is `profiles` or `report`. Raises InputError as `check` does.
     """
     path = Path(path)
+    check(path)
+    content = path.read_text(encoding="utf-8")
+    for name, make in _blocks().items():
+        before, begin, rest = content.partition(f"<!-- bench:{name} -->")
+        _, end, after = rest.partition(f"<!-- /bench:{name} -->")
+        if begin:
+            content = f"{before}{begin}\n" + "\n".join(make(result)) + f"\n{end}{after}"
+    write_atomic(path, content.encode())
+
+
+def check(path: str | Path) -> None:
+    """InputError where the file at `path` is no text, or has no block or one without an end."""
     try:
-        content = path.read_text(encoding="utf-8")
+        content = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8") from None
-    blocks = {"profiles": profile_table, "report": _whole_report}
-    found = [name for name in blocks if f"<!-- bench:{name} -->" in content]
+    found = [name for name in _blocks() if f"<!-- bench:{name} -->" in content]
     if not found:
         raise InputError(
             f"{path}: needs a line <!-- bench:profiles --> and below it <!-- /bench:profiles -->"
         )
     for name in found:
-        before, begin, rest = content.partition(f"<!-- bench:{name} -->")
-        _, end, after = rest.partition(f"<!-- /bench:{name} -->")
-        if not end:
-            raise InputError(
-                f"{path}: <!-- bench:{name} --> has no <!-- /bench:{name} --> below it"
-            )
-        text = "\n".join(blocks[name](result))
-        content = f"{before}{begin}\n{text}\n{end}{after}"
-    write_atomic(path, content.encode())
+        _, begin, rest = content.partition(f"<!-- bench:{name} -->")
+        end = f"<!-- /bench:{name} -->"
+        if end not in rest:
+            raise InputError(f"{path}: {begin} has no {end} below it")
+
+
+def _blocks():
+    return {"profiles": profile_table, "report": _whole_report}
 
 
 def _whole_report(result):

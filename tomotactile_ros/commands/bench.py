@@ -32,6 +32,8 @@ def run(args):
         return _compare(*map(load, args.compare))
     from tomotactile_ros.bench import readme, report
 
+    if args.readme:
+        readme.check(args.readme)  # before anything is measured
     result = load(args.source) if args.source else _measure(args)
     width = shutil.get_terminal_size((0, 0)).columns or inf
     print("\n".join(report.lines(result, width)))
