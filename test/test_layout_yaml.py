@@ -61,6 +61,8 @@ def test_good_file_is_read(tmp_path):
         ("name: square", "name: ''", "name: '' is not a text"),
         ("name:", "nam:", "nam: unknown key; did you mean 'name'? allowed are format, name,"),
         ("name: square", "name: a\nname: b", "line 3: not valid YAML: key 'name' appears twice"),
+        ("1e4", "1e31", "sheet_resistance: 1e+31 is too large, at most 1e+30 works"),
+        ("1e4", "1e-31", "sheet_resistance: 1e-31 is no number in ohm/sq from 1e-30 to 1e+30"),
         ("1e4", "-5.0", "sheet_resistance: -5.0 is not a positive number in ohm/sq"),
         ("1e4", "many", "sheet_resistance: 'many' is not a number"),
         ("1e4", "true", "sheet_resistance: True is not a number"),
@@ -87,8 +89,16 @@ def test_good_file_is_read(tmp_path):
         ("[0.2, 0.2]}", "[0.2, 0]}", "outline.rectangle[1]: 0.0 is not a positive length in m"),
         ("[0.2, 0.2]}", "[0.2]}", "outline.rectangle: [0.2] is not a list of 2 numbers"),
         ("rectangle: [0.2, 0.2]", "circle: -1", "outline.circle: -1.0 is not a positive length"),
-        ("rectangle: [0.2, 0.2]", "circle: 1e300", "outline.circle: 1e+300 m is no length of a"),
-        ("[0.2, 0.2]}", "[0.2, 1e-300]}", "outline.rectangle[1]: 1e-300 m is no length of a"),
+        (
+            "rectangle: [0.2, 0.2]",
+            "circle: 1e300",
+            "outline.circle: 1e+300 is too large, at most 1e+30 works",
+        ),
+        (
+            "[0.2, 0.2]}",
+            "[0.2, 1e-300]}",
+            "outline.rectangle[1]: 1e-300 is no length in m from 1e-09 to 1e+06",
+        ),
         (
             "rectangle: [0.2, 0.2]",
             "polygon: [[0, 0], [1, 0], [0, 1]]",

@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros.errors import InputError
 
 SHORTEST, LONGEST = 1e-9, 1e6  # m
+LARGEST = 1e30  # of any quantity: products of a few such numbers, or of their inverses, stay finite
 
 
 def show(value: object, width: int = 40) -> str:
@@ -27,34 +28,35 @@ def show(value: object, width: int = 40) -> str:
 
 
 def number(value: object, key: str, kind: str) -> float:
-    """A finite number."""
+    """A finite number, at most `LARGEST` either way."""
+    result = math.nan
     if isinstance(value, Real) and not isinstance(value, (bool, np.bool_)):
         try:
             result = float(value)
         except OverflowError:
             result = math.inf
-        if math.isfinite(result):
-            return result
-    raise InputError(f"{key}: {show(value)} is not a finite {kind}")
+    if not math.isfinite(result):
+        raise InputError(f"{key}: {show(value)} is not a finite {kind}")
+    if abs(result) > LARGEST:
+        raise InputError(f"{key}: {show(value)} is too large, at most {LARGEST:g} works")
+    return result
 
 
-def positive(value: object, key: str, kind: str) -> float:
-    """A finite number above 0."""
+def positive(
+    value: object, key: str, kind: str, least: float = 1 / LARGEST, most: float = LARGEST
+) -> float:
+    """A finite number above 0, from ``least`` to ``most``."""
     result = number(value, key, kind)
     if result <= 0:
         raise InputError(f"{key}: {show(value)} is not a positive {kind}")
+    if not least <= result <= most:
+        raise InputError(f"{key}: {show(value)} is no {kind} from {least:g} to {most:g}")
     return result
 
 
 def length(value: object, key: str) -> float:
     """A length in m, not so small or large that areas and squares of it lose their meaning."""
-    result = positive(value, key, "length in m")
-    if not SHORTEST <= result <= LONGEST:
-        raise InputError(
-            f"{key}: {show(value)} m is no length of a sensor, "
-            f"it must be from {SHORTEST:g} m to {LONGEST:g} m"
-        )
-    return result
+    return positive(value, key, "length in m", SHORTEST, LONGEST)
 
 
 def not_negative(value: object, key: str, kind: str) -> float:

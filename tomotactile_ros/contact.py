@@ -265,7 +265,7 @@ def _unit_disc_cells(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Contact conductance per area against pressure, g = c p^m (Holm).
+    """Contact conductance per area against pressure, g = c p^m (Holm); both end at `checks.LARGEST`.
 
     Parameters
     ----------
@@ -282,11 +282,15 @@ class ContactLaw:
 
     def conductance(self, pressure: np.ndarray | float) -> np.ndarray:
         """g in S/m² of a pressure in Pa; 0 where the pressure is not above 0."""
-        return self.coefficient * np.maximum(pressure, 0.0) ** self.exponent
+        with np.errstate(over="ignore"):
+            g = self.coefficient * np.maximum(pressure, 0.0) ** self.exponent
+        return np.minimum(g, checks.LARGEST)
 
     def pressure(self, conductance: np.ndarray | float) -> np.ndarray:
         """Pressure in Pa that belongs to g in S/m²; 0 where g is not above 0."""
-        return (np.maximum(conductance, 0.0) / self.coefficient) ** (1 / self.exponent)
+        with np.errstate(over="ignore"):
+            p = (np.maximum(conductance, 0.0) / self.coefficient) ** (1 / self.exponent)
+        return np.minimum(p, checks.LARGEST)
 
 
 def read_contact(reader: Reader) -> Contact:
