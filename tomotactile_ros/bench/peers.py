@@ -37,31 +37,21 @@ def compare(trials: Trials) -> dict:
     forward : times of the untouched sheet, solved for all electrodes by both models here and by
         scikit-fem
     """
-    layout, settings = trials.layout, Case(trials.layout.name, resolution=_CELLS).settings
-    everything = np.arange(layout.electrodes)
-    frame = trials.singles.frames[0]
-    pipelines, setups = _pipelines(layout, settings)
+    layout, frame = trials.layout, trials.singles.frames[0]
+    pipelines, setups = _pipelines(layout)
     grid = pipelines[0].grid
-    calls = {
-        "fast": [partial(each.process, frame, everything, DRIVE) for each in pipelines],
-        "fast, image alone": [_image_alone(layout, grid, frame) for _ in range(_SENSORS)],
-        "dense": _products(frame, len(grid.pixels)),
-    }
-    images = accuracy.process(pipelines[0], trials.singles, everything)
-    images = np.array([grid.gather(result.potential) for result in images])
+    calls = _calls(pipelines, frame)
     found = {name: {} for name in calls}
     try:
         peer = libraries.PyeitOneStep(layout, grid, _CELLS)
     except ImportError:
-        peer, found["pyeit"] = None, _skip("pyeit")
+        found["pyeit"] = _skip("pyeit")
     else:
         calls["pyeit"] = [peer.solver(frame)]
         found["pyeit"] = {"setup": peer.setup} | _best(peer, trials, grid)
-    setup = min(setups + _pipelines(layout, settings)[1])
-    found["fast"] = {"setup": setup} | _merit(images, trials, grid)
+    setups += _pipelines(layout)[1]
+    found["fast"] = {"setup": min(setups)} | _merit(_images(pipelines[0], trials), trials, grid)
     times = timing.in_turn(calls, least=20, seconds=_SECONDS, turn=0.01)
-    both = {name: calls[name] for name in ("dense", "fast, image alone")}
-    emptied = timing.in_turn(both, least=20, seconds=_SECONDS / 4)
     for name, each in times.items():
         found[name]["frame"] = timing.summary(each)
     ratios = {
@@ -70,16 +60,34 @@ def compare(trials: Trials) -> dict:
         for other in ("fast", "fast, image alone")
         if one in times
     }
-    ratios["dense / fast, image alone, caches emptied"] = timing.ratio(*emptied.values())
-    if peer is not None:
-        ratios["pyeit / fast, set-up"] = {"ratio": peer.setup / setup}
+    ratios["dense / fast, image alone, caches emptied"] = _with_empty_caches(calls)
+    if "setup" in found["pyeit"]:
+        ratios["pyeit / fast, set-up"] = {"ratio": found["pyeit"]["setup"] / min(setups)}
     return {"problem": found, "ratios": ratios, "forward": _forward(layout)}
 
 
-def _pipelines(layout, settings):
+def _pipelines(layout):
     """One for each sensor, and the seconds that each took."""
+    settings = Case(layout.name, resolution=_CELLS).settings
     made = [timing.timed(lambda: Pipeline(layout, settings)) for _ in range(_SENSORS)]
     return [list(each) for each in zip(*made)]
+
+
+def _calls(pipelines, frame):
+    """What is timed for `frame`, by name: a function for each sensor."""
+    layout, grid = pipelines[0].layout, pipelines[0].grid
+    everything = np.arange(layout.electrodes)
+    return {
+        "fast": [partial(each.process, frame, everything, DRIVE) for each in pipelines],
+        "fast, image alone": [_image_alone(layout, grid, frame) for _ in pipelines],
+        "dense": _products(frame, len(grid.pixels)),
+    }
+
+
+def _with_empty_caches(calls):
+    """The ratio of both methods that do the same, one pass of each in turn."""
+    both = {name: calls[name] for name in ("dense", "fast, image alone")}
+    return timing.ratio(*timing.in_turn(both, least=20, seconds=_SECONDS / 4).values())
 
 
 def _products(frame, pixels):
@@ -94,6 +102,13 @@ def _image_alone(layout, grid, frame):
     local = Model(layout, grid, "auto", NOISE).local(np.arange(layout.electrodes))
     single = frame.astype(np.float32)
     return lambda: local.image(local.meter.read(single, DRIVE))
+
+
+def _images(pipeline, trials):
+    """(N, K) of single contacts, V."""
+    everything = np.arange(trials.layout.electrodes)
+    results = accuracy.process(pipeline, trials.singles, everything)
+    return np.array([pipeline.grid.gather(result.potential) for result in results])
 
 
 def _skip(name):

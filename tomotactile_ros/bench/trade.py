@@ -87,20 +87,10 @@ class Trade:
         """
         setups = defaultdict(list)
         self._add_setups(setups, cases)
-        for case in cases:
-            if case.layout not in self._trials:
-                self.trials(case.layout)
-                tick(_SIMULATION)
-            grounded(case)
-        if self._reference is None:
-            self._reference = self._subject(REFERENCE, {})
-        pipelines: dict = {(REFERENCE.layout, REFERENCE.resolution): self._reference.pipeline}
-        subjects = [self._subject(case, pipelines) for case in cases]
-        rows = []
+        subjects = self._subjects(cases, tick)
+        merits = []
         for subject in subjects:
-            merit = accuracy.measure(subject.pipeline, subject.trials, subject.grounded)
-            trials = subject.trials
-            rows.append(merit | {"contacts": [len(trials.singles), len(trials.pairs)]})
+            merits.append(_merit(subject))
             tick(self._work(subject.case))
         self._add_setups(setups, cases)
         tick(self.effort.seconds)
@@ -118,8 +108,8 @@ class Trade:
                 "frame": frame,
                 "memory": memories[_same_memory(case)],
             }
-            | row
-            for case, frame, row in zip(cases, frames, rows, strict=True)
+            | merit
+            for case, frame, merit in zip(cases, frames, merits, strict=True)
         ]
 
     def work(self, cases: list[Case], new: set[str]) -> float:
@@ -132,6 +122,19 @@ class Trade:
         size = self.effort.few if case.is_slow else self.effort.size
         frames = 2 * size.side**2 + 9 * size.pairs + 12
         return _OTHER + frames * _FRAME[case.profile] * (case.resolution / 40) ** 1.5
+
+    def _subjects(self, cases, tick):
+        """One for each of `cases`, with what takes long made once: frames, choices of ground
+        conditions, pipelines."""
+        for case in cases:
+            if case.layout not in self._trials:
+                self.trials(case.layout)
+                tick(_SIMULATION)
+            grounded(case)
+        if self._reference is None:
+            self._reference = self._subject(REFERENCE, {})
+        pipelines = {(REFERENCE.layout, REFERENCE.resolution): self._reference.pipeline}
+        return [self._subject(case, pipelines) for case in cases]
 
     def _subject(self, case, pipelines):
         """`pipelines` by layout and resolution lend what they have in common."""
@@ -177,6 +180,13 @@ class Trade:
             return pipeline
 
         return timing.memory(make)[1]
+
+
+def _merit(subject):
+    """Accuracy, and the number of contacts that it was measured with."""
+    trials = subject.trials
+    found = accuracy.measure(subject.pipeline, trials, subject.grounded)
+    return found | {"contacts": [len(trials.singles), len(trials.pairs)]}
 
 
 def _compared(times):
