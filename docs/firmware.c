@@ -15,6 +15,7 @@ enum { UNKNOWN_COMMAND = 1, BAD_VALUE, UNSUPPORTED_VERSION };
 #define RANGE 3.3f
 #define BITS 12
 #define FASTEST 200.0f
+#define SLOWEST 0.001f   /* row_end has 32 bits of microseconds */
 
 void board_send(const uint8_t *data, size_t length);
 uint64_t board_time(void);                                    /* µs since power-up */
@@ -124,7 +125,7 @@ static int set_rate(const uint8_t *f32)
     memcpy(&rate, &bits, 4);
     if (!(rate > 0.0f && rate <= FASTEST))
         return 0;
-    scan.next_rate = rate;
+    scan.next_rate = rate < SLOWEST ? SLOWEST : rate;
     return 1;
 }
 

@@ -134,7 +134,8 @@ def test_a_final_code_behind_a_full_block_may_be_absent():
 SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(min_value=2.0**-120, max_value=2.0**120, width=32)
 U16, U32 = st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFFFF)
-TEXT = st.text(max_size=50)
+SCALES = st.floats(min_value=2.0**-120, max_value=2.0**19, width=32)
+TEXT = st.text(max_size=50).map(lambda text: "".join(filter(str.isprintable, text)))
 
 
 @st.composite
@@ -147,7 +148,7 @@ def rows(draw) -> protocol.Row:
         draw(U32),
         draw(U32),
         draw(st.integers(0, 2**64 - 1)),
-        draw(POSITIVE),
+        draw(SCALES),
         draw(POSITIVE),
         draw(st.integers(0, count - 1)),
         np.random.default_rng(draw(U32)).bytes(2 * count),
@@ -160,9 +161,9 @@ PACKETS = st.one_of(
     rows(),
     st.builds(
         protocol.Identity, U16, st.integers(1, 0xFFFF), st.integers(1, 0xFFFF),
-        st.integers(0, 255), POSITIVE, SINGLE, U32, SINGLE, TEXT, TEXT, TEXT,
+        st.integers(0, 255), POSITIVE, POSITIVE, U32, SINGLE, TEXT, TEXT, TEXT,
     ),
-    st.builds(protocol.Ack, U16, st.integers(0, 255), st.booleans(), SINGLE),
+    st.builds(protocol.Ack, U16, st.integers(0, 255), st.booleans(), POSITIVE),
     st.builds(protocol.Error, U16, st.integers(0, 255), st.integers(0, 255), TEXT),
 )  # fmt: skip
 
@@ -188,25 +189,36 @@ def an_example(**changes) -> protocol.Row:
     return MEANINGS["ROW, 4"]._replace(**changes)
 
 
-NOT_A_ROW = {
+WRONG = {
     "row index": an_example(row=4),
     "grounded electrode": an_example(grounded=4),
     "scale zero": an_example(scale=0.0),
     "scale negative": an_example(scale=-1.0),
     "scale not a number": an_example(scale=math.nan),
     "scale infinite": an_example(scale=math.inf),
+    "readings that are not finite": an_example(scale=3e38),
     "drive voltage": an_example(drive_voltage=-1.0),
     "drive voltage not a number": an_example(drive_voltage=math.nan),
     "too few readings": an_example(count=5),
     "half a reading": an_example(readings=b"\1\2\3\4\5\6\7"),
+    "rate of an identity": MEANINGS["IDENTITY"]._replace(rate=math.nan),
+    "rate infinite": MEANINGS["ACK"]._replace(rate=math.inf),
+    "rate zero": MEANINGS["ACK"]._replace(rate=0.0),
 }
 
 
-@pytest.mark.parametrize("what", NOT_A_ROW)
+@pytest.mark.parametrize("what", WRONG)
 def test_right_checksum_does_not_excuse_wrong_content(what):
     parser = protocol.Parser()
-    assert parser.feed(protocol.encode(NOT_A_ROW[what])) == []
+    assert parser.feed(protocol.encode(WRONG[what])) == []
     assert parser.counters.malformed == 1
+
+
+def test_texts_of_a_device_are_fit_for_one_line():
+    identity = MEANINGS["IDENTITY"]._replace(name="skin\n\0", serial="\x1b[31mµ")
+    error = MEANINGS["ERROR"]._replace(message="no\r\nADC")
+    found = protocol.Parser().feed(protocol.encode(identity) + protocol.encode(error))
+    assert (found[0].name, found[0].serial, found[1].message) == ("skin??", "?[31mµ", "no??ADC")
 
 
 @pytest.mark.parametrize(

@@ -70,8 +70,10 @@ class Conversation:
         deadline = time.monotonic() + ANSWER_TIME
         while not self._closing.is_set() and (left := deadline - time.monotonic()) > 0:
             for packet in self.listen(min(left, 0.1)):
-                if isinstance(packet, (protocol.Identity, protocol.Error)) and packet.tag == tag:
-                    return packet if isinstance(packet, protocol.Identity) else None
+                if isinstance(packet, protocol.Identity) and packet.tag == tag:
+                    return packet
+                if isinstance(packet, protocol.Error) and packet.tag == tag:
+                    raise LineFault("refused", f"port: device on {self.line.name}: {packet}")
         return None
 
     def _why_no_identity(self, before: dict[str, int]) -> LineFault:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tomotactile_ros.devices import protocol
 
-MAX_RATE = 1000.0
+MIN_RATE, MAX_RATE = 0.001, 1000.0
 
 Source = Callable[[float, int], np.ndarray]
 """(time since START in s, sequence) -> voltages (L, E) in V, NaN where there is no reading."""
@@ -162,8 +162,9 @@ class EmulatedDevice:
             return protocol.encode(
                 protocol.Error(packet.tag, protocol.SET_RATE, protocol.BAD_VALUE, text)
             )
-        self._rate_changed = self._rate_changed or packet.rate != self.rate
-        self.rate = packet.rate
+        rate = max(packet.rate, MIN_RATE)
+        self._rate_changed = self._rate_changed or rate != self.rate
+        self.rate = rate
         return self._ack(packet.tag, protocol.SET_RATE)
 
     def _ack(self, tag: int, command: int) -> bytes:

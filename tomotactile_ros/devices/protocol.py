@@ -27,6 +27,7 @@ ROW, IDENTITY, ACK, ERROR = 0x10, 0x11, 0x12, 0x13
 UNKNOWN_COMMAND, BAD_VALUE, UNSUPPORTED_VERSION, HARDWARE_FAULT = 1, 2, 3, 4
 
 _CRC_RESIDUE = 0x2144DF1C  # CRC-32 of any message followed by its own CRC-32
+_MAX_SCALE = 1e6  # V per count; far above it, readings would not be finite
 _COMMAND = struct.Struct("<BBH")
 _SET_RATE = struct.Struct("<BBHf")
 _ROW = struct.Struct("<BBHHHIIQffH")
@@ -109,6 +110,9 @@ class Error(NamedTuple):
     code: int
     message: str
 
+    def __str__(self) -> str:
+        return self.message or f"error {self.code}"
+
 
 Packet = Command | SetRate | Row | Identity | Ack | Error
 
@@ -188,7 +192,7 @@ def _decode_row(data: bytes) -> Row:
         raise Malformed(f"row with {len(row.readings)} bytes for {row.count} readings")
     if row.row >= row.rows or row.grounded >= row.count:
         raise Malformed("row or grounded electrode out of range")
-    if not (0.0 < row.scale < math.inf and 0.0 <= row.drive_voltage < math.inf):
+    if not (0.0 < row.scale <= _MAX_SCALE and 0.0 <= row.drive_voltage < math.inf):
         raise Malformed("scale or drive voltage out of range")
     return row
 
@@ -200,22 +204,34 @@ def _decode_identity(data: bytes) -> Identity:
         end = position + 1 + data[position]
         if end > len(data):
             raise Malformed("identity ends within a string")
-        strings.append(data[position + 1 : end].decode())
+        strings.append(_text(data[position + 1 : end]))
         position = end
     identity = Identity(*fields[2:], *strings)
     if not (identity.electrodes > 0 and identity.rows > 0 and 0.0 < identity.range < math.inf):
         raise Malformed("identity without electrodes, rows or range")
+    _check_rate(identity.rate)
     return identity
 
 
 def _decode_ack(data: bytes) -> Ack:
     _, _, tag, command, streaming, rate = _ACK.unpack(data)
+    _check_rate(rate)
     return Ack(tag, command, bool(streaming), rate)
 
 
 def _decode_error(data: bytes) -> Error:
     _, _, tag, command, code = _ERROR.unpack_from(data)
-    return Error(tag, command, code, data[_ERROR.size :].decode())
+    return Error(tag, command, code, _text(data[_ERROR.size :]))
+
+
+def _text(data: bytes) -> str:
+    """What is fit for one line of a log: everything else becomes a question mark."""
+    return "".join(c if c.isprintable() else "?" for c in data.decode())
+
+
+def _check_rate(rate: float) -> None:
+    if not 0.0 < rate < math.inf:
+        raise Malformed(f"{rate:g} is no rate")
 
 
 _DECODE = {

@@ -9,13 +9,13 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import AssemblyCounters, FrameAssembler, RowsOfFrame
 from tomotactile_ros.devices.base import Frame, Status, ThreadedDevice, unix_time
 from tomotactile_ros.devices.clock import DeviceClock
-from tomotactile_ros.devices.conversation import Conversation, check_identity
+from tomotactile_ros.devices.conversation import ANSWER_TIME, Conversation, check_identity
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 
 FIRST_RETRY, LAST_RETRY = 0.05, 0.5
@@ -89,12 +89,10 @@ class SerialDevice(ThreadedDevice):
         if status.state != "streaming":
             return status
         seen, due = status.counters["rate_seen"], self._device_rate
-        remarks = [status.message, self._note]
+        hurry = ""
         if 0 < RATE_TOLERANCE * due < seen:
-            remarks.append(f"sends {seen:.4g} frames/s instead of {due:.4g}")
-        return Status(
-            status.state, "; ".join(r for r in remarks if r), status.counters, status.dead
-        )
+            hurry = f"sends {seen:.4g} frames/s instead of {due:.4g}"
+        return replace(status, message=_joined(status.message, self._note, hurry))
 
     def _counters(self) -> dict[str, float]:
         counted = {**asdict(self._parser.counters), **asdict(self._lost)}
@@ -178,25 +176,30 @@ class SerialDevice(ThreadedDevice):
         while not self._stop.is_set():
             if self._changed.is_set():
                 self._apply_settings(talk)
+            elif self._unanswered and time.monotonic() - self._told > ANSWER_TIME:
+                self._tell_settings(talk)
             packets, arrival = talk.listen(0.1), talk.arrival
             for packet in packets:
                 self._take(packet, arrival)
             if packets:
                 self._heard, bytes_then = arrival, counters.bytes
                 self._report_rows_without_frames(arrival)
-            elif self._started and arrival - self._heard > self._patience():
+            elif self._waiting() and arrival - self._heard > self._patience():
                 self._report_silence(counters.bytes - bytes_then)
                 return
         talk.command(protocol.STOP)
 
+    def _waiting(self) -> bool:
+        return self._started or bool(self._unanswered)
+
     def _patience(self) -> float:
-        return max(SILENCE, SILENT_FRAMES / self._device_rate if self._device_rate > 0 else 0.0)
+        return max(SILENCE, SILENT_FRAMES / self._device_rate)
 
     def _report_silence(self, garbage: int) -> None:
         if garbage:
             self._set_state("garbled", f"port: {garbage} bytes from {self._port}, no valid packet")
         else:
-            self._set_state("silent", f"port: {self._port} stopped sending")
+            self._set_state("silent", _joined(f"port: {self._port} sends nothing", self._note))
 
     def _report_rows_without_frames(self, now: float) -> None:
         if not self._started or now - self._framed <= self._patience():
@@ -212,12 +215,16 @@ class SerialDevice(ThreadedDevice):
         self._changed.clear()
         self._note = ""
         self._heard = self._framed = time.monotonic()
-        if self._rate > 0:
-            talk.set_rate(self._rate)
         self._started = self._streaming
-        talk.command(protocol.START if self._started else protocol.STOP)
+        self._tell_settings(talk)
         if not self._started:
             self._set_state("stopped", f"{self._describe()}; stopped on request")
+
+    def _tell_settings(self, talk: Conversation) -> None:
+        """Send the settings; again, as long as one of them is without an answer."""
+        self._told = time.monotonic()
+        self._unanswered = {talk.set_rate(self._rate)} if self._rate > 0 else set()
+        self._unanswered.add(talk.command(protocol.START if self._started else protocol.STOP))
 
     def _agree_on_rate(self, rate: float) -> None:
         if rate != self._device_rate:
@@ -231,13 +238,16 @@ class SerialDevice(ThreadedDevice):
     def _take(self, packet: protocol.Packet, arrival: float) -> None:
         if isinstance(packet, protocol.Row):
             for rows in self._assembler.feed(packet):
-                self._publish(rows, arrival, len(packet.readings))
+                if self._started:
+                    self._publish(rows, arrival, len(packet.readings))
         elif isinstance(packet, protocol.Ack):
+            self._unanswered.discard(packet.tag)
             self._agree_on_rate(packet.rate)
             if not packet.streaming:
                 self._assembler.abandon()
         elif isinstance(packet, protocol.Error):
-            self._note = f"device: {packet.message or f'error {packet.code}'}"
+            self._unanswered.discard(packet.tag)
+            self._note = f"device: {packet}"
 
     def _publish(self, rows: RowsOfFrame, arrival: float, row_bytes: int) -> None:
         line_rate = self.identity.line_rate
@@ -245,10 +255,14 @@ class SerialDevice(ThreadedDevice):
         self._clock.update(1e-6 * rows.last_sample, arrival - on_the_line)
         stamp = unix_time(self._clock.stamp(1e-6 * rows.frame_time))
         self._framed = arrival
-        if self._state[0] != "streaming" and self._started:
+        if self._state[0] != "streaming":
             self._set_state("streaming", self._describe())
         self._deliver(
             Frame(rows.voltages, rows.grounded, rows.sequence, stamp, rows.drive_voltage),
             self._clock.to_host(1e-6 * rows.last_sample),
         )
         self._clock.fit()
+
+
+def _joined(*remarks: str) -> str:
+    return "; ".join(filter(None, remarks))
