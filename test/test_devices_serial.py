@@ -32,6 +32,7 @@ from tomotactile_ros.devices.serial import (
     SerialDevice,
     retry_delays,
 )
+from tomotactile_ros.errors import InputError
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PATIENCE = 30.0
@@ -277,6 +278,10 @@ def test_the_firmware_written_from_the_document_speaks_with_the_driver(firmware)
     watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
     device.set_streaming(False)
     watch.wait_for(lambda s: s.state == "stopped")
+    device.set_rate(1e-6)
+    watch.wait_for(lambda s: s.counters["rate_device"] == pytest.approx(1e-3))
+    device.set_rate(50.0)
+    watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
     device.set_streaming(True)
     watch.wait_for_frames(5)
     counters = device.status().counters
@@ -304,6 +309,61 @@ def test_rate_stop_and_start_at_run_time():
         watch.wait_for_frames(5)
         counters = watch.device.status().counters
         assert counters["packets_lost"] == counters["frames_incomplete"] == 0
+
+
+class HardOfHearing(emulator.EmulatedDevice):
+    """A device that does not get all that it is told."""
+
+    deaf_for = 0
+
+    def receive(self, data, now):
+        if self.deaf_for > 0:
+            self.deaf_for -= 1
+            return b""
+        return super().receive(data, now)
+
+
+def test_commands_lost_on_the_line_are_sent_again():
+    device = HardOfHearing(counted, E, rate=100.0)
+    with connected(device) as (_, watch):
+        for deaf_for in (1, 3):
+            watch.wait_for_frames(1)
+            device.deaf_for = deaf_for
+            watch.device.set_streaming(False)
+            watch.wait_for(lambda s: s.state == "stopped")
+            watch.wait_for(lambda s: not device.streaming)
+            device.deaf_for = deaf_for
+            watch.device.set_rate(50.0 * deaf_for)
+            watch.wait_for(lambda s, rate=50.0 * deaf_for: s.counters["rate_device"] == rate)
+            device.deaf_for = deaf_for
+            watch.device.set_streaming(True)
+            watch.wait_for(lambda s: s.state == "streaming")
+
+
+def test_frames_of_a_device_that_does_not_stop_are_kept_back():
+    device = HardOfHearing(counted, E, rate=100.0)
+    with connected(device) as (_, watch):
+        watch.wait_for_frames(1)
+        device.deaf_for = 10**6
+        watch.device.set_streaming(False)
+        watch.wait_for(lambda s: s.state == "stopped")
+        seen, frames = watch.device.status().counters["packets"], len(watch.frames)
+        watch.wait_for(lambda s: s.counters["packets"] > seen + 10 * E)
+        assert len(watch.frames) == frames
+
+
+@pytest.mark.parametrize("command", [protocol.IDENTIFY, protocol.START])
+def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
+    class Broken(emulator.EmulatedDevice):
+        def _answer(self, packet, now):
+            if getattr(packet, "type", None) != command:
+                return super()._answer(packet, now)
+            fault = protocol.Error(packet.tag, command, protocol.HARDWARE_FAULT, "no ADC")
+            return protocol.encode(fault)
+
+    state = "refused" if command == protocol.IDENTIFY else "silent"
+    with connected(Broken(counted, E)) as (_, watch):
+        watch.wait_for(lambda s: s.state == state and "no ADC" in s.message)
 
 
 def test_a_long_pause_is_no_silence():
@@ -429,6 +489,20 @@ def test_the_emulator_killed_in_mid_frame_and_started_again(tmp_path):
     for frame in whole.frames:
         assert np.array_equal(np.isnan(frame.voltages), np.eye(E, dtype=bool))
         assert np.nanmax(np.abs(frame.voltages)) == 0.0
+
+
+def test_a_link_is_made_and_removed_but_nothing_else_is(tmp_path):
+    link = tmp_path / "port"
+    link.write_text("precious")
+    with pytest.raises(InputError, match="no link"):
+        emulator.PtyPort(str(link))
+    assert link.read_text() == "precious"
+    link.unlink()
+    old, new = emulator.PtyPort(str(link)), emulator.PtyPort(str(link))
+    old.close()
+    assert link.is_symlink()
+    new.close()
+    assert not link.is_symlink()
 
 
 def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
@@ -625,6 +699,17 @@ def test_a_device_clock_that_jumps(jump):
     assert max(ages) < 2 * PATIENCE
 
 
+def test_a_second_host_on_the_network_does_not_disturb_the_first():
+    with connected(make_port=emulator.TcpPort) as (port, first):
+        first.wait_for_frames(1)
+        with watched(SerialDevice(port.path, E)) as second:
+            second.wait_for(lambda s: "connection lost" in s.message)
+            first.wait_for_frames(10)
+            assert second.frames == []
+            first.device.close()
+            second.wait_for_frames(1)
+
+
 def test_a_port_in_use_is_told():
     with plugged(sensor()) as port:
         other = serial.Serial(port.path, exclusive=True)
@@ -657,6 +742,8 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
         ("usb:2341:0010", "refused", "/dev/a, /dev/b"),
         ("usb:9999:0010", "disconnected", "plugged in"),
         ("usb:hello", "refused", "VID:PID"),
+        ("socket://far.away", "refused", "socket://HOST:PORT"),
+        ("rfc2217://far.away:70000", "refused", "rfc2217://HOST:PORT"),
         (f"{tmp_path}/no-*", "disconnected", "plugged in"),
     ):
         with pytest.raises(line.LineFault, match=words) as raised:

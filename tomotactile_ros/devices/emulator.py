@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 
 from tomotactile_ros.command_line import Parser
-from tomotactile_ros.devices.firmware import MAX_RATE, EmulatedDevice, idle_source
+from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
@@ -111,8 +111,10 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
 
 def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
     layout = load_layout(arguments.layout)
-    if not 0.0 < arguments.rate <= MAX_RATE:
-        raise InputError(f"rate: {arguments.rate:g}, expected up to {MAX_RATE:g} frames/s")
+    if not MIN_RATE <= arguments.rate <= MAX_RATE:
+        raise InputError(
+            f"rate: {arguments.rate:g}, expected {MIN_RATE:g} to {MAX_RATE:g} frames/s"
+        )
     if arguments.scene is None:
         return EmulatedDevice(
             idle_source(layout.electrodes), layout.electrodes, rate=arguments.rate

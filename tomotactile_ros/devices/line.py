@@ -10,6 +10,7 @@ import glob
 import os
 import select
 import time
+from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports
@@ -40,11 +41,22 @@ def find_port(port: str) -> str:
     if port.lower().startswith("usb:"):
         return _the_only(_usb_ports(port), port)
     if "://" in port:
-        return port
+        return _checked_url(port)
     path = port if os.sep in port else os.path.join("/dev", port)
     if any(c in path for c in "*?["):
         return _the_only(sorted(glob.glob(path)), port)
     return path
+
+
+def _checked_url(url: str) -> str:
+    scheme = url.partition(":")[0].lower()
+    try:
+        complete = scheme not in ("socket", "rfc2217") or urlsplit(url).port is not None
+    except ValueError:
+        complete = False
+    if not complete:
+        raise LineFault("refused", f"port: {url!r} is not {scheme}://HOST:PORT")
+    return url
 
 
 def _usb_ports(port: str) -> list[str]:
@@ -125,7 +137,7 @@ class Line:
             return b""
         length = os.readv(self._fd, [self._buffer])
         if not length:
-            raise OSError(errno.EIO, "end of the stream")
+            raise OSError(errno.EIO, "the other end has closed it")
         self._behind = length >= self.MUCH
         return self._buffer[:length].tobytes()
 

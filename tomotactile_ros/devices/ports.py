@@ -47,14 +47,14 @@ class PtyPort:
 
     def close(self) -> None:
         """Pull the plug: the host's end fails with an I/O error."""
-        if self._link and os.path.islink(self._link):
+        if self._link and _target(self._link) == os.ttyname(self._slave):
             os.unlink(self._link)
         os.close(self._master)
         os.close(self._slave)
 
 
 class TcpPort:
-    """A TCP server for one host at a time; `path` is the URL that a host opens."""
+    """A TCP server for one host at a time, others are turned away; `path` is the URL for it."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         self._server = socket.create_server((host, port))
@@ -66,10 +66,7 @@ class TcpPort:
         peer = [self._peer] if self._peer else []
         readable = select.select([self._server, *peer], peer if sending else [], [], timeout)[0]
         if self._server in readable:
-            self._drop_peer()
-            self._peer = self._server.accept()[0]
-            self._peer.setblocking(False)
-            self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._meet(self._server.accept()[0])
         return self._peer in readable
 
     def receive(self) -> bytes:
@@ -101,13 +98,30 @@ class TcpPort:
         self._drop_peer()
         self._server.close()
 
+    def _meet(self, host: socket.socket) -> None:
+        if self._peer is not None:
+            host.close()
+            return
+        self._peer = host
+        host.setblocking(False)
+        host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
     def _drop_peer(self) -> None:
         if self._peer is not None:
             self._peer.close()
             self._peer = None
 
 
+def _target(link: str) -> str | None:
+    try:
+        return os.readlink(link)
+    except OSError:
+        return None
+
+
 def _replace_link(target: str, link: str) -> None:
+    if os.path.lexists(link) and _target(link) is None:
+        raise InputError(f"port: {link} is there already and no link")
     temporary = f"{link}.{os.getpid()}"
     try:
         os.symlink(target, temporary)
