@@ -32,8 +32,7 @@ def contact_lines(contacts: Sequence, truth: Sequence[dict] | None = None) -> li
         _line(i, contact) + ("  nothing is there" if j is None else _compare(contact, truth[j]))
         for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1)
     ]
-    missed = [t for j, t in enumerate(truth) if j not in partner]
-    lines += [f"not found: {_true(t)}" for t in missed]
+    lines += [_missed(true) for j, true in enumerate(truth) if j not in partner]
     return lines or ["no contact"]
 
 
@@ -46,11 +45,15 @@ def _line(number: int, contact) -> str:
 
 def _compare(contact, true: dict) -> str:
     distance = np.hypot(contact.x - true["x"], contact.y - true["y"])
-    return f"  off by {1e3 * distance:4.1f} mm, {_true(true)}"
+    return f"  off by {1e3 * distance:4.1f} mm{_strength(true)}"
 
 
-def _true(true: dict) -> str:
-    text = f"true ({1e3 * true['x']:+6.1f}, {1e3 * true['y']:+6.1f}) mm"
-    if true["force"] is not None:
-        text += f" {true['force']:.2f} N {true['pressure'] / 1e3:.1f} kPa"
-    return text
+def _missed(true: dict) -> str:
+    return f"not found: ({1e3 * true['x']:+6.1f}, {1e3 * true['y']:+6.1f}) mm{_strength(true)}"
+
+
+def _strength(true: dict) -> str:
+    """Nothing for a bare conductor."""
+    if true["force"] is None:
+        return ""
+    return f", true {true['force']:.2f} N {true['pressure'] / 1e3:.1f} kPa"
