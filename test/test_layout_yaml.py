@@ -124,7 +124,7 @@ def test_good_file_is_read(tmp_path):
             "name: square",
             "name: s\nsurface: {cylinder: {radius: 0.01}}",
             (
-                "cylinder.radius: 0.01 is too small for a sheet 0.2 m wide, "
+                "layout.yaml: surface.cylinder.radius: 0.01 is too small for a sheet 0.2 m wide, "
                 "it must be at least 0.03183 m"
             ),
         ),

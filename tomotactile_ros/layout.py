@@ -64,13 +64,13 @@ class Layout:
         """What a voltage frame names to say which layout it was measured with."""
         return self.name
 
-    @property
-    def pitch(self) -> float:
-        """Distance between the two nearest electrodes, m."""
-        return float(self._tree.query(self.positions, k=2)[0][:, 1].min())
+    @cached_property
+    def pitches(self) -> np.ndarray:
+        """(E,) distance from each electrode to the next one, m, between centres."""
+        return self._tree.query(self.positions, k=2)[0][:, 1]
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) distance, m, and number of the electrode whose centre is nearest to each of (P, 2) points."""
+        """Which electrode's centre is nearest to each of (P, 2) points: (P,) distance, m; (P,) number."""
         return self._tree.query(points)
 
     @cached_property
@@ -109,12 +109,12 @@ class Layout:
             raise InputError(
                 f"electrodes.positions: {self.electrodes} electrodes, at most {MAX_ELECTRODES} work"
             )
-        distance, neighbour = self._tree.query(self.positions, k=2)
-        first = int(np.argmin(distance[:, 1]))
-        nearest = distance[first, 1]
+        first = int(np.argmin(self.pitches))
+        nearest = self.pitches[first]
         if nearest <= 2 * self.radius:
             # coinciding points may each list the other or themselves first
-            second = int(next(n for n in neighbour[first] if n != first))
+            neighbours = self._tree.query(self.positions[first], k=2)[1]
+            second = int(next(n for n in neighbours if n != first))
             low, high = sorted((first, second))
             raise InputError(
                 f"electrodes.positions: electrodes {low} and {high} overlap: {1e3 * nearest:.4g} mm"

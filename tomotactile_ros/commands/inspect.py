@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tomotactile_ros.checks import show
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
@@ -15,6 +16,7 @@ from tomotactile_ros.frames_file import contacts_of, load_arrays
 from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region
 from tomotactile_ros.scene import FORMAT as SCENE_FORMAT
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.yamlio import read_mapping
@@ -44,7 +46,7 @@ def run(args: Namespace) -> None:
         print("\n".join(_describe_scene(scene, load_layout(scene.layout or args.layout))))
     else:
         raise InputError(
-            f"{path}: format: {kind!r} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
+            f"{path}: format: {show(kind)} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
             "and the file is no .npz"
         )
 
@@ -55,18 +57,17 @@ def _find(name):
             return find_config(kind, name)
         except InputError:
             continue
-    raise InputError(f"{name}: no such file, layout or scene")
+    raise InputError(f"{show(name)}: no such file, layout or scene")
 
 
 def _describe_layout(layout):
     a, b = layout.outline.size
-    apart = np.linalg.norm(layout.positions[:, None] - layout.positions, axis=2)
-    nearest = np.where(apart > 0, apart, np.inf).min(axis=1)
+    pitches = layout.pitches
     yield f"layout {layout.name}: {layout.electrodes} electrodes, {layout.outline.kind}"
     yield f"  outline          {a * 1e3:g} mm x {b * 1e3:g} mm, {layout.outline.area * 1e4:.4g} cm2"
     yield f"  sheet resistance {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius {layout.radius * 1e3:g} mm"
-    yield f"  nearest pitch    {nearest.min() * 1e3:.4g} to {nearest.max() * 1e3:.4g} mm"
+    yield f"  nearest pitch    {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
     for key, value in layout.provenance.items():
         yield f"  {key:16} {_short(value)}"
     yield "  electrode 0 is marked 0, the last one $"
@@ -187,8 +188,6 @@ class _Canvas:
             self._put(positions[0], "0")
 
     def contact(self, contact):
-        from tomotactile_ros.region import Region
-
         inside = Region(contact.vertices).contains(self._cells.reshape(-1, 2))
         self._text[inside.reshape(self._text.shape)] = "#"
         self._put(contact.centroid, "#")

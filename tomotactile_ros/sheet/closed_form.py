@@ -43,7 +43,7 @@ class ClosedFormSheet:
         self.shunting = shunting
         self._size = layout.outline.size
         if shunting:
-            ring = ring or (4 if layout.pitch > _CLOSE * layout.radius else 16)
+            ring = ring or (4 if layout.pitches.min() > _CLOSE * layout.radius else 16)
             self._charges, owner = _rings(layout, ring)
             self._radius = layout.radius / ring
             self._tie(owner, self._green(self._charges, self._charges, self._radius))

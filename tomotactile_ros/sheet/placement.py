@@ -31,14 +31,13 @@ class LocalSize:
     def __init__(self, layout, h, ring, inner):
         self.h = h
         self.ring = 4 * int(np.ceil(max(ring, 4 * np.pi * layout.radius / h) / 4 - _TINY))
-        self.positions = layout.positions
         self.step = 2 * np.pi / self.ring
         self.radius = layout.radius
         self.inner = self.radius * (1 + self.step) ** -np.arange(1.0, inner + 1)
-        self.tree = cKDTree(layout.positions)
+        self._nearest = layout.nearest
 
     def __call__(self, points):
-        return self.at(self.tree.query(points)[0])
+        return self.at(self._nearest(points)[0])
 
     def at(self, distance):
         """Element size at a distance from the nearest electrode's centre."""
@@ -50,7 +49,7 @@ def _rim(layout, size):
     """Nodes on the rim: corners and crossings with electrodes; and nodes between them by local size."""
     pieces = []  # curve, samples of its parameter
     for curve in curves(layout.outline):
-        crossings = np.sort(curve.crossings(size.positions, size.radius))
+        crossings = np.sort(curve.crossings(layout.positions, size.radius))
         crossings = crossings[(crossings > 1e-9) & (crossings < 1 - 1e-9)]
         for start, end in pairwise([0.0, *crossings, 1.0]):
             samples = 4 * (end - start) * curve.length / (size.radius * size.step)
@@ -74,22 +73,22 @@ def _rings(layout, size):
     """
     angle = size.step * np.arange(size.ring)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    half_way = size.tree.query(size.positions, k=2)[0][:, 1] / 2
-    points = [size.positions]
+    centres, half_way = layout.positions, layout.pitches / 2
+    points = [centres]
     for inner in size.inner:
-        points.append((size.positions[:, None] + inner * circle).reshape(-1, 2))
+        points.append((centres[:, None] + inner * circle).reshape(-1, 2))
     last = np.full(len(half_way), size.radius)
     radius, growing = size.radius, np.full(len(half_way), True)
     while growing.any():
         last[growing] = radius
-        points.append((size.positions[growing, None] + radius * circle).reshape(-1, 2))
+        points.append((centres[growing, None] + radius * circle).reshape(-1, 2))
         finest = radius == size.radius
         radius *= 1 + size.step
         spacing = radius * size.step
         growing = (radius < half_way - spacing / 3) & (finest or spacing < size.h)
     points = np.concatenate(points)
-    apart, owner = size.tree.query(points)
-    to_rim = layout.outline.rim_distance(size.positions)[owner] - apart  # at least
+    apart, owner = layout.nearest(points)
+    to_rim = layout.outline.rim_distance(centres)[owner] - apart  # at least
     doubtful = np.flatnonzero(to_rim < size.h)
     to_rim[doubtful] = layout.outline.rim_distance(points[doubtful])
     kept = (to_rim > _CROWDED * size.at(apart)) | (apart < size.radius * (1 + 1e-9))
@@ -104,7 +103,7 @@ def _background(layout, size, last):
         np.linspace(-side / 2, side / 2, int(np.ceil(side / size.h - _TINY)) + 1) for side in (a, b)
     )
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    distance, nearest = size.tree.query(points)
+    distance, nearest = layout.nearest(points)
     spacing = 0.6 * size.at(distance)
     clear = distance - last[nearest] > spacing
     clear &= layout.outline.rim_distance(points) > spacing
