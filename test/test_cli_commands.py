@@ -1,4 +1,4 @@
-"""The command line as its users meet it: a process, its exit status and one line for every mistake."""
+"""The command line as its users meet it: a process, an exit status, a line for every mistake."""
 
 import json
 import os
@@ -10,6 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from tomotactile_ros.cli import COMMANDS
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -27,7 +28,8 @@ def run(*words, env=None, stdout=subprocess.PIPE):
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     path = tmp_path_factory.mktemp("cli") / "frames.npz"
-    done = run("simulate", "--layout", "equal-4x4", "--scene", "default", "--frames", 3, "--out", path)
+    layout, scene = ("--layout", "equal-4x4"), ("--scene", "default")
+    done = run("simulate", *layout, *scene, "--frames", 3, "--out", path)
     assert done.returncode == 0, done.stderr
     return path
 
@@ -100,38 +102,30 @@ def test_inspect_names_what_a_file_lacks(frames, tmp_path):
     assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
+SIMULATE = "simulate --layout equal-4x4"
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["simulate", "--layout", "nowhere", "--scene", "default", "--frames", "1"], "nowhere"),
-        (["simulate", "--layout", "equal-4x4", "--scene", "nowhere", "--frames", "1"], "nowhere"),
-        (["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "0"], "--frames"),
-        (["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "x"], "--frames"),
-        (
-            ["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "1", "--rate", "-1"],
-            "--rate",
-        ),
-        (
-            ["simulate", "--layout", "equal-4x4", "--scene", "defects", "--frames", "1"],
-            "equal-4x4",
-        ),
-        (
-            ["simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", "1", "--rate", "0"],
-            "--rate",
-        ),
-        (["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--model", "fem"], "--model"),
-        (
-            ["optimize", "--layout", "equal-4x4", "--rows", "4", "--method", "free", "--out", "x"],
-            "--rows",
-        ),
-        (["dance"], "dance"),
-        ([], "COMMAND"),
-        (["inspect", "nowhere"], "nowhere"),
+        ("simulate --layout nowhere --scene default --frames 1", "nowhere"),
+        (f"{SIMULATE} --scene nowhere --frames 1", "nowhere"),
+        (f"{SIMULATE} --scene defects --frames 1", "equal-4x4"),
+        (f"{SIMULATE} --scene idle --frames 0", "--frames"),
+        (f"{SIMULATE} --scene idle --frames x", "--frames"),
+        (f"{SIMULATE} --scene idle --frames 1 --rate -1", "--rate"),
+        (f"{SIMULATE} --scene idle --frames 1 --rate 0", "--rate"),
+        ("evaluate --layout equal-4x4 --profile fast --model fem", "--model"),
+        ("optimize --layout equal-4x4 --rows 4 --method free --out x", "--rows"),
+        ("dance", "dance"),
+        ("", "COMMAND"),
+        ("inspect nowhere", "nowhere"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
-    if words and words[0] == "simulate":
-        words = [*words, "--out", tmp_path / "out.npz"]
+    words = words.split()
+    if "simulate" in words:
+        words += ["--out", tmp_path / "out.npz"]
     done = run(*words)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and said in done.stderr and "Traceback" not in done.stderr
@@ -149,12 +143,14 @@ def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
         ({"voltages": np.full((1, 16, 16), np.inf)}, "voltages: one is infinite"),
         ({"voltages": np.empty((0, 16, 16))}, "voltages"),
         ({"grounded": np.zeros(3, int)}, "grounded"),
+        ({"grounded": np.arange(16) + 1}, "grounded"),
     ],
 )
 def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said):
     with np.load(frames) as file:
         np.savez(tmp_path / "bad.npz", **{**file, **changed})
-    done = run("reconstruct", tmp_path / "bad.npz", "--layout", "equal-4x4", "--out", tmp_path / "r")
+    bad, out = tmp_path / "bad.npz", tmp_path / "r"
+    done = run("reconstruct", bad, "--layout", "equal-4x4", "--out", out)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and f"bad.npz: {said}" in done.stderr
 
@@ -208,6 +204,6 @@ def test_a_folder_that_cannot_be_written(tmp_path):
 def test_every_command_has_help():
     done = run("--help")
     assert done.returncode == 0
-    for name in ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "inspect", "bench"):
+    for name in COMMANDS:
         assert name in done.stdout
         assert run(name, "--help").returncode == 0

@@ -55,7 +55,7 @@ discs = st.builds(lambda at, r: Contact("disc", center=at, radius=r), places, st
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(MODELS), st.lists(st.tuples(discs, conductances), min_size=1, max_size=4))
 def test_any_contacts(model, contacts):
-    """Between ground and drive; up to 5 % over where a bare conductor's edge runs along an electrode."""
+    """Between ground and drive; up to 5 % over where a bare edge runs along an electrode."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check(press(sheet_of(model), contacts), over=0.05)

@@ -49,7 +49,7 @@ def test_a_regular_lattice_has_the_same_triangles_each_time():
 
 @pytest.mark.parametrize("kind", OUTLINES)
 def test_points_are_found_in_their_triangle(kind):
-    """Whatever lies between them and the nearest triangle: a hole, a slit narrower than an element."""
+    """Whatever lies between: a hole, a slit narrower than an element."""
     mesh, outline = mesh_of(kind), OUTLINES[kind]
     points = np.random.default_rng(1).uniform(-0.1, 0.1, (3000, 2))
     points = points[outline.contains(points) & (outline.rim_distance(points) > 1e-3)]

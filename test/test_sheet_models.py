@@ -77,7 +77,7 @@ def test_self_term_is_the_mean_over_a_circle():
 @pytest.mark.parametrize("radius", [0.001, 0.0025, 0.005, 0.01])
 @pytest.mark.parametrize("count", [4, 8])
 def test_fem_agrees_with_closed_form_like_with_like(radius, count):
-    """Point electrodes with a radius, default mesh: 0.3 % of the impedance of the two electrodes."""
+    """Point electrodes with a radius, default mesh: 0.3 % of the two electrodes' impedance."""
     layout = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
     exact = transfer_impedances(ClosedFormSheet(layout, shunting=False).electrode_electrode)
     meshed = transfer_impedances(FemSheet(layout, shunting=False).electrode_electrode)
@@ -89,7 +89,7 @@ def test_fem_agrees_with_closed_form_like_with_like(radius, count):
 
 
 def test_fem_converges_with_order_two():
-    """Potential differences between points away from electrodes, of current between two electrodes."""
+    """Differences of potential between points away from electrodes."""
     layout = equal_grid(2, 2, (0.2, 0.15), 0.005, 1.0, margin=0.03)
     points = points_away(layout, 0.04)
 
@@ -212,7 +212,7 @@ def test_a_disc_with_a_hole_against_the_exact_resistance():
     feed = np.concatenate([np.full(48, 1 / 48), np.full(48, -1 / 48)])
     seen = transfer.among(np.arange(96)) @ feed
     mean = seen[:48].mean() - seen[48:].mean()
-    # rings of points at 0.035 and 0.095 m; between them nothing is fed in; each ring of n points adds
+    # rings of points at 0.035 and 0.095 m; between them nothing is fed in; a ring of n points adds
     # ln(ring radius / (n point radius)) / (2 pi n) of its own
     own = sum(np.log(r / (48 * 1e-4)) / (2 * np.pi * 48) for r in (0.035, 0.095))
     assert mean - own == pytest.approx(np.log(95 / 35) / (2 * np.pi), rel=0.02)

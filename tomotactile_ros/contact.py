@@ -155,11 +155,12 @@ class Contact:
         return self.center + points, areas
 
     def patches(self, across: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where the contact meets a sheet: points on its rim and inside, about ``across`` to its width.
+        """Where it meets a sheet: points on its rim and inside, about ``across`` to its width.
 
-        A good conductor feeds the sheet from its rim, a poor one evenly: with both, the same patches
-        serve every conductance. A patch is as good as a disc around its point; on the rim, points at
-        the distance d stand for a line, and a line of charge d long for a disc of radius d / (2 pi).
+        A good conductor feeds the sheet from its rim, a poor one evenly: with both, the same
+        patches serve every conductance. A patch is as good as a disc around its point; on the rim,
+        points at the distance d stand for a line, and a line of charge d long for a disc of radius
+        d / (2 pi).
 
         Returns
         -------
@@ -236,7 +237,7 @@ def _patches(contact: Contact, spacing: float) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _along(vertices: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 2) along a closed line, evenly on each piece between corners, and what each stands for."""
+    """Points (P, 2) along a closed line, even between corners, and the length (P,) of each, m."""
     into, out = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
     turn = np.abs(np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], (into * out).sum(1)))
     corners = np.flatnonzero(turn > _CORNER)
@@ -265,7 +266,9 @@ def _unit_disc_cells(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Contact conductance per area against pressure, g = c p^m (Holm); both end at `checks.LARGEST`.
+    """Contact conductance per area against pressure, g = c p^m (Holm).
+
+    Both end at `checks.LARGEST`.
 
     Parameters
     ----------

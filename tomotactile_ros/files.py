@@ -68,5 +68,6 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
     installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
     raise InputError(
-        f"{show(text)}: no such file, and none of the installed {kind}: {', '.join(installed) or '-'}"
+        f"{show(text)}: no such file, and none of the installed {kind}: "
+        f"{', '.join(installed) or '-'}"
     )

@@ -70,7 +70,7 @@ class Layout:
         return self._tree.query(self.positions, k=2)[0][:, 1]
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which electrode's centre is nearest to each of (P, 2) points: (P,) distance, m; (P,) number."""
+        """(P,) distance, m, and (P,) number of the electrode nearest to each of (P, 2) points."""
         return self._tree.query(points)
 
     @cached_property

@@ -1,8 +1,8 @@
 """Frames of a scene on a layout, with everything that the scene says is wrong.
 
-Physics first (`sheet`), then the measurement in the order in which hardware does it: wiring, noise and
-hum on the wire, drift of the amplifier, conversion, dead channels. What a scene does not name costs nothing.
-The same scene, seed, time and sequence number give the same frame on every machine.
+Physics first (`sheet`), then the measurement in the order in which hardware does it: wiring, noise
+and hum on the wire, drift of the amplifier, conversion, dead channels. What a scene does not name
+costs nothing. The same scene, seed, time and sequence number give the same frame on every machine.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Simulator:
     Parameters
     ----------
     layout, scene : what to simulate
-    model : `fem` by default, so that data and reconstruction never share a model; `closed_form` or `auto`
+    model : `fem` by default, so that data and images never share a model; or of `sheet.MODELS`
     h : element size of the mesh, m
 
     Raises InputError where the scene does not fit the layout or the model cannot do what it names.
@@ -152,8 +152,8 @@ def random_sheet(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Sheet resistance (ohm/sq) at points (n, 2): log-normal with the given mean.
 
-    Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves with
-    random directions, lengths and phases: the same field at every point of every mesh.
+    Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves
+    with random directions, lengths and phases: the same field at every point of every mesh.
     """
     random = np.random.default_rng(variation.seed)
     waves = random.standard_normal((_WAVES, 2)) / variation.length

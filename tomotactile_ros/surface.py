@@ -28,8 +28,8 @@ class Surface:
         """Refuse a sheet of this width (m) that would go around the cylinder more than once."""
         if width > 2 * np.pi * self.radius:
             raise InputError(
-                f"surface.cylinder.radius: {self.radius:g} is too small for a sheet {width:g} m wide, "
-                f"it must be at least {width / (2 * np.pi):.4g} m"
+                f"surface.cylinder.radius: {self.radius:g} is too small for a sheet {width:g} m "
+                f"wide, it must be at least {width / (2 * np.pi):.4g} m"
             )
 
     def to_3d(self, points: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "presses",
         nargs="+",
         metavar="FRAMES=FORCE",
-        help="frames (.npz or rosbag2) of one contact and its force in N; the file's own truth without '='",
+        help="frames (.npz or rosbag2) of one contact, its force in N; without '=' its truth",
     )
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument(

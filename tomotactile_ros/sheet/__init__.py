@@ -15,7 +15,7 @@ def make_sheet(layout, model: str = "auto", *, resistance=None, shunting: bool =
     layout : Layout
     model : `auto` takes the closed form for a uniform rectangle and finite elements otherwise
     resistance : function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
-    shunting : electrodes as equipotentials; without it, points with a radius as in Kojima et al. 2023
+    shunting : electrodes as equipotentials; without it, points with a radius (Kojima et al. 2023)
     h : element size of the mesh, m
 
     Returns

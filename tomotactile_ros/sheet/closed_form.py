@@ -1,13 +1,14 @@
 """The uniform rectangle with electrodes of finite radius, without a mesh.
 
-Each electrode is a ring of point charges on its rim. A floating electrode is an equipotential without
-net current, so its charges move: to leading order an induced dipole, which shunts the sheet (64 discs of
-radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 = 5 %). The charges are
-eliminated once; four to a ring give dipole moments within 4 %, sixteen serve electrodes that nearly
-touch. Without shunting every electrode is a point with a radius.
+Each electrode is a ring of point charges on its rim. A floating electrode is an equipotential
+without net current, so its charges move: to leading order an induced dipole, which shunts the sheet
+(64 discs of radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 =
+5 %). The charges are eliminated once; four to a ring give dipole moments within 4 %, sixteen serve
+electrodes that nearly touch. Without shunting every electrode is a point with a radius.
 
-A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the potential
-of the continuous ring, because the distances between n points on a circle multiply to n r^(n - 1).
+A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the
+potential of the continuous ring, because the distances between n points on a circle multiply to
+n r^(n - 1).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
 
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
-    ring           charges on the rim of each electrode; by default 4, or 16 where electrodes are close
+    ring           charges on the rim of each electrode; by default 4, or 16 where some are close
     """
 
     model = "closed_form"

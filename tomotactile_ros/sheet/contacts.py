@@ -1,4 +1,4 @@
-"""Contacts of finite size as points of a `Transfer`, each with a resistance to the driving layer."""
+"""Contacts of finite size as points of a `Transfer`, with resistances to the driving layer."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, 
 
     Returns
     -------
-    Transfer of n points; (n,) resistance of each to the driving layer, ohm. Patches outside the outline are
-    left out; a patch that overlaps an electrode feeds it; patches in the same place conduct side by side.
+    Transfer of n points; (n,) resistance of each to the driving layer, ohm. Patches outside the
+    outline are left out; a patch that overlaps an electrode feeds it; patches in the same place
+    conduct side by side.
     """
     points = np.asarray(points, float).reshape(-1, 2)
     inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))

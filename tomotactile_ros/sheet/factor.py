@@ -1,10 +1,11 @@
 """Factorisation of a sparse symmetric positive definite matrix by levels.
 
-Breadth-first levels of the matrix graph couple only to their neighbours: the matrix is block tridiagonal,
-with blocks about as large as the mesh is wide. Block elimination keeps the dense inverse X of each level's
-Schur complement; couplings C to the next level stay sparse. The rest is products of whole blocks: many
-right-hand sides at once, and, which a general sparse solver does not offer, the entries of the inverse
-between coupled unknowns (block form of Takahashi, Fagan and Chin 1973).
+Breadth-first levels of the matrix graph couple only to their neighbours: the matrix is block
+tridiagonal, with blocks about as large as the mesh is wide. Block elimination keeps the dense
+inverse X of each level's Schur complement; couplings C to the next level stay sparse. The rest is
+products of whole blocks: many right-hand sides at once, and, which a general sparse solver does not
+offer, the entries of the inverse between coupled unknowns (block form of Takahashi, Fagan and Chin
+1973).
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from tomotactile_ros.errors import InputError
 
 
 class LevelFactor:
-    """Factorisation of `matrix` (CSR, symmetric positive definite), levels starting at `start` (indices).
+    """Factorisation of `matrix` (CSR, positive definite), levels starting at `start` (indices).
 
-    Raises InputError where some unknowns are not connected to `start`, LinAlgError where the matrix is
-    not positive definite.
+    Raises InputError where some unknowns are not connected to `start`, LinAlgError where the matrix
+    is not positive definite.
     """
 
     def __init__(self, matrix, start):
@@ -57,7 +58,7 @@ class LevelFactor:
         return found[self._place]
 
     def inverse_entries(self, rows, columns) -> np.ndarray:
-        """(n,) entries of the inverse at (rows, columns), pairs in the same or in neighbouring levels."""
+        """(n,) entries of the inverse at (rows, columns), in the same or neighbouring levels."""
         rows, columns = np.asarray(rows), np.asarray(columns)
         swap = self._level[rows] < self._level[columns]
         rows, columns = np.where(swap, columns, rows), np.where(swap, rows, columns)
@@ -110,7 +111,7 @@ def _invert(block):
 
 
 def _levels(matrix, start):
-    """(N,) breadth-first level of each unknown in the matrix graph, counted from those of `start`."""
+    """(N,) breadth-first level of each unknown in the matrix graph, that of `start` being 0."""
     steps = dijkstra(abs(matrix), indices=np.unique(start), unweighted=True, min_only=True)
     lost = np.count_nonzero(np.isinf(steps))
     if lost:

@@ -1,20 +1,21 @@
-"""Finite-element model of a sheet: any outline, holes, any sheet resistance, electrodes of finite size.
+"""Finite-element model of a sheet: any outline and resistance, electrodes of finite size.
 
     -div((1/R) grad phi) = f in the sheet,    (1/R) dphi/dn = 0 on the rim
 
-with linear triangles. Each electrode is an equipotential: its nodes share one unknown, and a floating
-electrode carries no net current. One unknown is held at 0 V (any will do, see `transfer`), which makes the
-stiffness matrix positive definite; one factorisation serves all ground conditions and contacts.
+with linear triangles. Each electrode is an equipotential: its nodes share one unknown, and a
+floating electrode carries no net current. One unknown is held at 0 V (any will do, see `transfer`),
+which makes the stiffness matrix positive definite; one factorisation serves all ground conditions
+and contacts.
 
-Close to a source the field is -(R / 2 pi) ln |x|, which linear elements round off: a source on node k acts
-like a disc whose radius follows from the stiffness matrix alone. Node k and its neighbours j obey
-sum_j w_j (G_kk - G_jk) = 1 / K_kk with w_j = -K_jk / K_kk, therefore
+Close to a source the field is -(R / 2 pi) ln |x|, which linear elements round off: a source on node
+k acts like a disc whose radius follows from the stiffness matrix alone. Node k and its neighbours j
+obey sum_j w_j (G_kk - G_jk) = 1 / K_kk with w_j = -K_jk / K_kk, therefore
 
     ln radius_k = sum_j w_j ln |x_j - x_k| - 2 pi / (R K_kk)          (0.208 h on a square lattice)
 
-Points between nodes feed and read by the weights of their triangle. The logarithm as the mesh has it,
-ln |x_i - x_j| between the nodes and ln radius_k on one, weighted likewise, is then exchanged for the true one:
-contacts may be smaller and closer than elements.
+Points between nodes feed and read by the weights of their triangle. The logarithm as the mesh has
+it, ln |x_i - x_j| between the nodes and ln radius_k on one, weighted likewise, is then exchanged
+for the true one: contacts may be smaller and closer than elements.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ class FemSheet:
         self.electrode_of[:tied] = np.arange(tied)
 
     def _node_radius(self, ends, conductance, angles):
-        """(M,) radius of the disc as which a source on each unknown acts, m; the electrodes' own there."""
+        """(M,) radius of the disc as which each unknown acts, m; of an electrode its own."""
         points, nodes = self.mesh.points, self.mesh.triangles.ravel()
         local = np.bincount(nodes, np.repeat(self._resistance, 3)) / np.bincount(nodes)
         total = at_ends(ends, conductance, len(points))

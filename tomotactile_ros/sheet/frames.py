@@ -5,8 +5,9 @@ For each ground condition l, contacts C with resistances r_C to the driving laye
     (Z_l(C, C) + diag(r_C)) I_C = V0 1,        v_n = Z_l(n, C) I_C  (+ r_s sum(I_C) behind a switch)
 
 `Z_l` differs from the ungrounded `G` by a matrix of rank two, so one factorisation of
-`A = G(C, C) + diag(r_C)` serves all l but those under a contact. With `a = A^-1 1`, `B = A^-1 G(C, E)`, `alpha = sum(a)`,
-`beta = G(E, C) a` and `gamma = G(E, C) B` the remaining 2 x 2 system is solved by hand.
+`A = G(C, C) + diag(r_C)` serves all l but those under a contact. With `a = A^-1 1`,
+`B = A^-1 G(C, E)`, `alpha = sum(a)`, `beta = G(E, C) a` and `gamma = G(E, C) B` the remaining 2 x 2
+system is solved by hand.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ that is a short sum of products, `exp(-pi long/short) < 0.05` to the power of th
 
 A point with a radius is a small round cloud of charge. Two clouds see each other with
 `ln |x|^2 + E1(|x|^2 / (e^gamma r^2))` in place of `ln |x|^2`, r^2 being the mean of their squared
-radii: Gaussian clouds, which act on themselves like discs of these radii, and from a distance of two
-radii on like points. This holds for mirror images behind a near rim as well. Because it is the energy
-of real charges, matrices of it are positive definite however clouds overlap.
+radii: Gaussian clouds, which act on themselves like discs of these radii, and from a distance of
+two radii on like points. This holds for mirror images behind a near rim as well. Because it is the
+energy of real charges, matrices of it are positive definite however clouds overlap.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ def green_rectangle(points, sources, size, radius=0.0):
 
 
 def green_rectangle_self(points, size, radius):
-    """(P,) the diagonal of `green_rectangle(points, points, size, radius)`; `radius` (P,) or scalar, m."""
+    """(P,) diagonal of `green_rectangle(points, points, size, radius)`, `radius` scalar or (P,)."""
     (x, y), (s, t), short, long = _oriented(points, points, size)
     left, right = _remainder(x, y, s, t, short, long)
     return _near(x, y, s, t, short, long, radius) + np.einsum("pm,pm->p", left, right)
 
 
 def mutual_radius(first, second):
-    """(P, Q) radius r that two clouds of radii (P,) and (Q,) have for each other; scalars broadcast."""
+    """(P, Q) radius r that clouds of radii (P,) and (Q,) have for each other; scalars broadcast."""
     first, second = np.atleast_1d(first), np.atleast_1d(second)
     return np.sqrt(np.add.outer(first**2, second**2) / 2)
 
@@ -61,7 +61,7 @@ def softened(squared, radius_squared):
 
 
 def _soften(measure, radius_squared, squared_distance):
-    """`measure`, nearly x^2 where that is small, for clouds; x^2 there by `squared_distance(near)`."""
+    """`measure` for clouds, nearly x^2 where small; there x^2 is `squared_distance(near)`."""
     reach = _CLOUD * np.broadcast_to(radius_squared, measure.shape)
     near = measure < _FAR * reach
     out = np.array(measure)

@@ -11,7 +11,7 @@ _COLUMNS = 128  # solved at a time
 
 
 class KeptGreen:
-    """Blocks of a symmetric matrix (count, count), of which `solve(feed)` gives columns for unit feeds."""
+    """Blocks of a symmetric matrix (count, count); `solve(feed)` gives columns for unit feeds."""
 
     def __init__(self, solve: Callable[[np.ndarray], np.ndarray], count: int):
         self._solve = solve

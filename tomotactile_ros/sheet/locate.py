@@ -9,11 +9,13 @@ _INSIDE = -1e-9  # least barycentric weight of a point that counts as inside
 
 
 class Locator:
-    """Finds triangles by walking: from the one with the nearest centre, always across the side that the
-    point lies beyond most. In a Delaunay triangulation such a walk ends, here after a step or two.
+    """Finds triangles by walking, from the one with the nearest centre.
 
-    points (N, 2); triangles (T, 3), counter-clockwise, of their convex hull; neighbours (T, 3) triangle
-    opposite each corner, -1 for none; kept (T,) which triangles belong to the mesh.
+    A step goes across the side that the point lies beyond most. In a Delaunay triangulation such a
+    walk ends, here after a step or two.
+
+    points (N, 2); triangles (T, 3), counter-clockwise, of their convex hull; neighbours (T, 3)
+    triangle opposite each corner, -1 for none; kept (T,) which triangles belong to the mesh.
     """
 
     def __init__(self, points, triangles, neighbours, kept):
@@ -23,7 +25,7 @@ class Locator:
         self._tree = cKDTree(self._corners[kept, :3].sum(axis=1) / 3, balanced_tree=False)
 
     def __call__(self, where) -> tuple[np.ndarray, np.ndarray]:
-        """Number of the triangle among those kept, (Q,), and barycentric weights (Q, 3) of (Q, 2) points.
+        """(Q,) triangle, numbered among those kept, (Q, 3) barycentric weights of (Q, 2) points.
 
         A point in none of them gets the weights of the nearest corner of the nearest triangle.
         """
@@ -46,7 +48,7 @@ class Locator:
         return self._number[found], parts / whole[:, None]
 
     def _parts(self, triangle, where):
-        """(Q, 3) twice the areas between each point and the sides of its triangle, and their sum (Q,)."""
+        """(Q, 3) twice the areas between points and sides of their triangles; (Q,) their sums."""
         corner = self._corners[triangle] - where[:, None]
         ahead, back = corner[:, 1:4], corner[:, 2:5]
         parts = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]

@@ -1,7 +1,8 @@
 """Delaunay mesh that follows the outline and the electrodes.
 
-The nodes of `placement` are joined to triangles; those outside the outline are left out. A regular polygon
-of n corners has the capacity of a slightly smaller disc; that of its rings is known exactly (`log_excess`).
+The nodes of `placement` are joined to triangles; those outside the outline are left out. A regular
+polygon of n corners has the capacity of a slightly smaller disc; that of its rings is known exactly
+(`log_excess`).
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.locate import Locator
 from tomotactile_ros.sheet.placement import LocalSize, place_nodes
 
-# Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which spares
-# Qhull more than half of its time; the triangles then join the nodes where they are.
+# Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which
+# spares Qhull more than half of its time; the triangles then join the nodes where they are.
 _JOGGLE = "QJ1e-9"
-_FLAT = 1e-7  # area of a triangle, in parts of its longest edge squared, that only joggled nodes on a line have
+# area of a triangle, in parts of its longest edge squared, that only joggled nodes on a line have
+_FLAT = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,8 @@ class Mesh:
     rims        for each electrode how many of these lie on its rim
     ring        nodes on the rim of an electrode that lies wholly inside the outline
     last        (E,) radius of the outermost ring of nodes around each electrode, m
-    locate      locate(points (Q, 2)) -> triangle (Q,) and barycentric weights (Q, 3); those of a corner
-                of the nearest triangle where a point is outside
+    locate      locate(points (Q, 2)) -> triangle (Q,) and barycentric weights (Q, 3); outside,
+                those of a corner of the nearest triangle
     """
 
     points: np.ndarray
@@ -45,10 +47,11 @@ class Mesh:
     locate: Locator
 
     def log_excess(self) -> float:
-        """What the rings lack in the field of their electrode, per unit of ln(distance) and sheet resistance.
+        """What the rings lack in their electrode's field, per ln(distance) and sheet resistance.
 
-        Between regular polygons of n corners, each q times as large as the one before, linear elements pass
-        n tan(pi/n) (q + 1) / (q - 1) siemens at unit conductance; a ring of a true disc 2 pi / ln q.
+        Between regular polygons of n corners, each q times as large as the one before, linear
+        elements pass n tan(pi/n) (q + 1) / (q - 1) siemens at unit conductance; a ring of a true
+        disc 2 pi / ln q.
         """
         n, q = self.ring, 1 + 2 * np.pi / self.ring
         return 1 / (2 * np.pi) - (q - 1) / (q + 1) / (n * np.tan(np.pi / n) * np.log(q))
@@ -78,8 +81,8 @@ def make_mesh(layout: Layout, h: float, ring: int = 16, *, inner: int = 0) -> Me
     covered, wanted = area[kept].sum(), layout.outline.area
     if abs(covered - wanted) > 0.01 * wanted:
         raise InputError(
-            f"layout {layout.name!r}: a mesh of {h * 1e3:.3g} mm covers {covered / wanted:.1%} of the "
-            f"outline; narrow parts need elements of {h * 5e2:.3g} mm or less"
+            f"layout {layout.name!r}: a mesh of {h * 1e3:.3g} mm covers {covered / wanted:.1%} of "
+            f"the outline; narrow parts need elements of {h * 5e2:.3g} mm or less"
         )
     locate = Locator(points, triangles, neighbours, kept)
     used = np.zeros(len(points), bool)

@@ -1,8 +1,9 @@
-"""Where the nodes of a mesh lie: on the outline, on rings around the electrodes, on a lattice between.
+"""Where the nodes of a mesh lie: on the rim, on rings around electrodes, on a lattice between.
 
-The local element size is `h` far from electrodes and shrinks in proportion to the distance near one:
-rings of nodes around each electrode, the first on its rim, each further out by as much as its nodes are
-apart, so that the logarithmic field of a small electrode is resolved as well as that of a large one.
+The local element size is `h` far from electrodes and shrinks in proportion to the distance near
+one: rings of nodes around each electrode, the first on its rim, each further out by as much as its
+nodes are apart, so that the logarithmic field of a small electrode is resolved as well as that of a
+large one.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ _TINY = 1e-6  # keeps counts of elements from rounding either way
 _CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
 
 
-def place_nodes(layout, size) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (N, 2) and the radius (E,) of each electrode's outermost ring, m; `size` is a `LocalSize`."""
+def place_nodes(layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (N, 2) and radius (E,) of the outermost ring around each electrode, m."""
     corners, along = _rim(layout, size)
     rings, last = _rings(layout, size)
     return _thin([corners, rings, along, _background(layout, size, last)], size), last
@@ -46,7 +47,7 @@ class LocalSize:
 
 
 def _rim(layout, size):
-    """Nodes on the rim: corners and crossings with electrodes; and nodes between them by local size."""
+    """Corners of the rim and its crossings with electrodes; nodes between them, by local size."""
     pieces = []  # curve, samples of its parameter
     for curve in curves(layout.outline):
         crossings = np.sort(curve.crossings(layout.positions, size.radius))

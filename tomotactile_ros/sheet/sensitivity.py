@@ -2,9 +2,9 @@
 
     J[(l, n), k] = Z_l(n, k) / Z_l(k, k),    0 where point k lies on the grounded electrode l
 
-One contact at a time: the potential of electrode n when point k is held at 1 V and l is grounded. It has
-no unit and does not depend on the sheet resistance. Both products need one matrix product of the size
-(L x E)(E x K) and elementwise weights 1 / Z_l(k, k).
+One contact at a time: the potential of electrode n when point k is held at 1 V and l is grounded.
+It has no unit and does not depend on the sheet resistance. Both products need one matrix product of
+the size (L x E)(E x K) and elementwise weights 1 / Z_l(k, k).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tomotactile_ros.sheet.transfer import Transfer
 
 
 class Sensitivity:
-    """J and its adjoint for the ground conditions `grounded` (L,), all electrodes in turn without it.
+    """J and its adjoint for the ground conditions `grounded` (L,), by default all in turn.
 
     Frames are (L, E); the entry of the grounded electrode is 0 in products and ignored in adjoints.
     """

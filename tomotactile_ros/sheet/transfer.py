@@ -1,12 +1,14 @@
 """The one seam between the physics and everything that uses it.
 
-A `Transfer` holds the Green function `G` of the ungrounded sheet between its electrodes and the points
-at which current may enter. With electrode `l` grounded the transfer impedance of two points is
+A `Transfer` holds the Green function `G` of the ungrounded sheet between its electrodes and the
+points at which current may enter. With electrode `l` grounded the transfer impedance of two points
+is
 
     Z_l(a, b) = G(a, b) - G(a, l) - G(l, b) + G(l, l)
 
-so one `Transfer` serves all ground conditions, frames, sensitivities, images and metrics. `G` is known up
-to a term u(a) + u(b), which cancels in `Z_l`: each model is free to choose its own reference.
+so one `Transfer` serves all ground conditions, frames, sensitivities, images and metrics. `G` is
+known up to a term u(a) + u(b), which cancels in `Z_l`: each model is free to choose its own
+reference.
 """
 
 from __future__ import annotations
@@ -63,7 +65,7 @@ class Transfer:
         )
 
     def self_impedance(self, grounded=None) -> np.ndarray:
-        """(L, K) Z_l(k, k): from a contact at point k to the grounded electrode l of each condition."""
+        """(L, K) Z_l(k, k): from a contact at point k to the electrode l that is grounded."""
         rows = slice(None) if grounded is None else np.asarray(grounded)
         own = np.diagonal(self.electrode_electrode)[rows, None]
         return self.point_self - 2 * self.electrode_point[rows] + own

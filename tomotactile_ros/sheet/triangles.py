@@ -1,7 +1,7 @@
-"""Linear triangles: what they conduct between their nodes, and the stiffness matrix that this adds up to.
+"""Linear triangles: what they conduct between their nodes, and the stiffness matrix of it all.
 
-A triangle of conductance s conducts s cot(a) / 2 siemens between two of its nodes, a being its angle at
-the third. All of it, triangle by triangle, is the list of *links* of a mesh.
+A triangle of conductance s conducts s cot(a) / 2 siemens between two of its nodes, a being its
+angle at the third. All of it, triangle by triangle, is the list of *links* of a mesh.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def corner_angles(points, triangles) -> tuple[np.ndarray, np.ndarray]:
 
 
 def links(triangles, cotangents, conductance):
-    """Nodes at both ends (2, n) and S (n,) of all links; `conductance` (T,) of triangles, S per square."""
+    """Nodes at both ends (2, n) and S (n,) of all links; `conductance` (T,) is S per square."""
     ends = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()])
     return ends, (conductance[:, None] / 2 * cotangents).ravel()
 
@@ -31,7 +31,7 @@ def at_ends(ends, values, count) -> np.ndarray:
 
 
 def stiffness(ends, conductance, count) -> sparse.csr_matrix:
-    """(count, count) matrix of links; what is linked has an entry even where it conducts nothing."""
+    """(count, count) matrix of links, with an entry even where one conducts nothing."""
     apart = ends[0] != ends[1]
     (first, second), conductance = ends[:, apart], conductance[apart]
     own = np.arange(count)
