@@ -1,5 +1,6 @@
 """Driver and reconstruction as processes of their own over DDS, plain, composed and managed."""
 
+import os
 import signal
 
 import numpy as np
@@ -9,10 +10,16 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import ends_cleanly
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes.life import ManagedNode
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):
@@ -53,6 +60,11 @@ def test_two_sensors_by_namespace_with_names_changed(probe, start, scene):
     left = probe.wait_for(ContactArray, "/left/contacts")
     assert left.header.frame_id == "left_skin"
     assert probe.call(Trigger, "/right/imaging/tare").success
+    for markers, suits in (
+        ("/left/layout_markers", lambda m: m.markers[0].header.frame_id == "left_skin"),
+        ("/right/layout_markers", lambda m: m.markers[0].header.frame_id == "tactile_link"),
+    ):
+        probe.wait_for(MarkerArray, markers, suits, LATCHED)
 
 
 def test_managed_nodes_follow_their_transitions(probe, start, scene):
@@ -121,6 +133,33 @@ def test_a_managed_node_can_start_by_itself(probe, start, scene):
     ros_checks.check_contact(probe)
     refused = start("driver_lifecycle", {"scene": "no-such-scene", "autostart": "true"})
     assert refused.wait() == 2
+    (line,) = refused.output.splitlines()
+    assert "no-such-scene" in line
+
+
+def test_a_managed_node_says_what_broke_in_a_transition(domain, capfd):
+    class Broken:
+        name = "broken"
+
+        def __init__(self, node):
+            pass
+
+        def configure(self):
+            raise ArithmeticError("two is not three")
+
+        def deactivate(self):
+            pass
+
+        cleanup = deactivate
+
+    rclpy.init(args=[], domain_id=domain)
+    try:
+        node = ManagedNode(Broken)
+        assert node.trigger_configure() == TransitionCallbackReturn.ERROR
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert "ArithmeticError: two is not three" in capfd.readouterr().err
 
 
 def test_a_killed_driver_leaves_the_reconstruction_alive_and_both_recover(probe, start, scene):
@@ -149,6 +188,9 @@ def test_a_killed_reconstruction_leaves_the_driver_alive_and_both_recover(probe,
 def test_simulated_time_stamps_everything(probe, start, scene):
     from rosgraph_msgs.msg import Clock
 
+    start("tactile", {"scene": scene, "use_sim_time": "true"})
+    timeless = probe.wait_for(VoltageFrame, "/voltage_frame").header.stamp
+    assert (timeless.sec, timeless.nanosec) == (0, 0)
     clock = probe.node.create_publisher(Clock, "/clock", 10)
     message = Clock()
     message.clock.sec = 1000
@@ -159,7 +201,19 @@ def test_simulated_time_stamps_everything(probe, start, scene):
         clock.publish(message)
 
     probe.node.create_timer(0.02, tick)
-    start("tactile", {"scene": scene, "use_sim_time": "true"})
     contacts = probe.wait_for(ContactArray, "/contacts", lambda m: m.header.stamp.sec > 990)
     assert contacts.header.stamp.sec < 10_000
     assert np.isfinite(contacts.contacts[0].force)
+
+
+def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
+    start, probe, tmp_path, monkeypatch
+):
+    stub = "import time\nprint('here', flush=True)\ntry:\n    time.sleep(600)\nexcept: pass\n"
+    (tmp_path / "shapely.py").write_text(stub)
+    paths = (str(tmp_path), os.environ.get("PYTHONPATH", ""))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    driver = start("driver")
+    probe.until(lambda: "here" in driver.output, "import")
+    assert driver.stop() == -signal.SIGINT
+    assert driver.output == "here\n"

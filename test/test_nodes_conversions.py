@@ -52,7 +52,8 @@ def round_trip(message):
 def test_a_frame_survives_its_message(voltages, sequence, stamp):
     grounded = np.arange(len(voltages), dtype=np.uint16)[::-1]
     frame = Frame(voltages, grounded, sequence, stamp, 5.0)
-    message = round_trip(conversions.frame_to_message(frame, "a layout", "skin"))
+    header = conversions.make_header(stamp, "skin")
+    message = round_trip(conversions.frame_to_message(frame, "a layout", header))
     back = conversions.message_to_frame(message)
     np.testing.assert_array_equal(back.voltages, voltages)
     np.testing.assert_array_equal(back.grounded, grounded)
@@ -64,7 +65,7 @@ def test_a_frame_survives_its_message(voltages, sequence, stamp):
 
 
 def test_a_frame_is_not_copied_element_by_element():
-    message = conversions.frame_to_message(a_frame(), "x", "y")
+    message = conversions.frame_to_message(a_frame(), "x", HEADER)
     assert message.voltages.typecode == "f" and message.grounded.typecode == "H"
     shared = conversions.message_to_frame(message).voltages
     message.voltages[5] = 42.0
@@ -73,7 +74,7 @@ def test_a_frame_is_not_copied_element_by_element():
 
 @pytest.mark.parametrize("voltages, grounded", [(7, 2), (0, 0), (5, 0), (0, 3)])
 def test_a_message_of_a_wrong_size_is_refused(voltages, grounded):
-    message = conversions.frame_to_message(a_frame(), "x", "y")
+    message = conversions.frame_to_message(a_frame(), "x", HEADER)
     message.voltages = message.voltages[:voltages]
     message.grounded = message.grounded[:grounded]
     with pytest.raises(InputError, match="voltages do not fit"):

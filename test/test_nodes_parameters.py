@@ -10,6 +10,7 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
@@ -28,6 +29,8 @@ BAD_STARTS = [
     ("driver", {"rate": ".nan"}, "rate"),
     ("driver", {"baud": "12"}, "baud"),
     ("driver", {"device": "serial"}, "port: missing"),
+    ("driver", {"use_sim_time": "maybe"}, "use_sim_time"),
+    ("driver", {"qos_overrides./voltage_frame.publisher.reliability": "much"}, "much"),
     ("driver", {"device": "replay", "recording": "/none.npz"}, "/none.npz"),
     ("reconstruction", {"profile": "best"}, "profile: 'best' is none of fast"),
     ("reconstruction", {"resolution": "4.5"}, "resolution"),
@@ -126,8 +129,13 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
     image = probe.wait_for(Image, "/pressure")
     assert (image.height, image.width) == (20, 20)
 
+    get = GetParameters.Request(names=["excluded"])
+    (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
+    assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
+
     for name, value, reason in [
         ("frame_id", "x", "read-only"),
+        ("excluded", None, "not a list of whole numbers"),
         ("profile", "best", "none of"),
         ("resolution", 1000, "out of range"),
         ("excluded", [64], "electrode 64 does not exist"),
@@ -154,6 +162,7 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
 
 
 def test_a_misspelt_parameter_is_pointed_out(probe, start):
-    driver = start("driver", {"scene": "idle", "rat": "20.0"})
+    both = start("tactile", {"scene": "idle", "rat": "20.0", "partial_frames": "true"})
     probe.wait_for(VoltageFrame, "/voltage_frame")
-    assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in driver.output
+    assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in both.output
+    assert "partial_frames" not in both.output  # the other node's

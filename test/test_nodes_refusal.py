@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.conversions import frame_to_message
+from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 
 LAYOUT = load_layout("equal-4x4")
 STATUS = "reconstruction: reconstruction"
@@ -31,7 +31,7 @@ class Source:
             VoltageFrame, "/voltage_frame", QoSProfile(depth=2, **qos)
         )
         self._message = None
-        self.stamp = 1000
+        self.stamp = 1_700_000_000  # s
         probe.node.create_timer(0.1, self._publish)
 
     def send(self, layout_id="equal-4x4", **changes):
@@ -40,10 +40,17 @@ class Source:
         voltages = np.full((16, 16), 0.5, np.float32)
         np.fill_diagonal(voltages, np.nan)
         frame = Frame(voltages, np.arange(16, dtype=np.uint16), self.stamp, self.stamp, 3.3)
-        self._message = frame_to_message(frame, layout_id, "skin")
+        header = make_header(self.stamp, "skin")
+        header.stamp.nanosec = 123_456_789  # more digits than a float has
+        self._message = frame_to_message(frame, layout_id, header)
         for name, value in changes.items():
             setattr(self._message, name, value)
         return self.stamp
+
+    def close(self):
+        """Publish nothing any more."""
+        self._message = None
+        self._probe.node.destroy_publisher(self._publisher)
 
     def _publish(self):
         if self._message is not None:
@@ -68,8 +75,13 @@ def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
             ContactArray, "/contacts", lambda m, stamp=stamp: m.header.stamp.sec == stamp
         )
         assert contacts.header.frame_id == "skin"
+        assert contacts.header.stamp.nanosec == 123_456_789
     warnings = [line for line in reconstruction.output.splitlines() if "frame refused" in line]
     assert warnings
+    source.send(**changes)
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, reason)
+    source.close()
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, "nobody publishes")
     ends_cleanly(reconstruction)
 
 

@@ -35,10 +35,10 @@ def stamp_of(header: Header) -> float:
     return header.stamp.sec + header.stamp.nanosec / _NANO
 
 
-def frame_to_message(frame: Frame, layout_id: str, frame_id: str) -> VoltageFrame:
+def frame_to_message(frame: Frame, layout_id: str, header: Header) -> VoltageFrame:
     """A device's frame as a message."""
     message = VoltageFrame(
-        header=make_header(frame.stamp, frame_id),
+        header=header,
         sequence=frame.sequence % 2**32,
         layout_id=layout_id,
         drive_voltage=float(frame.drive_voltage),

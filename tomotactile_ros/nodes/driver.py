@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
@@ -15,7 +16,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
-from tomotactile_ros.nodes.conversions import frame_to_message
+from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
@@ -50,7 +51,7 @@ _LEVELS = {
 class Driver:
     """What the driver does, in whichever node it is put.
 
-    `listeners` are called with each frame, its layout's id and its frame_id, in the device's thread,
+    `listeners` are called with each frame, its layout's id and its header, in the device's thread,
     before it is published.
     """
 
@@ -60,7 +61,7 @@ class Driver:
         self._node = node
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, self._change)
-        self.listeners: list[Callable[[Frame, str, str], None]] = []
+        self.listeners: list[Callable[[Frame, str, Header], None]] = []
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
@@ -160,17 +161,18 @@ class Driver:
         return response
 
     def _on_frame(self, frame: Frame) -> None:
-        frame_id = self.parameters["frame_id"]
         if self._node.get_clock().ros_time_is_active:
             frame = replace(frame, stamp=self._simulated(frame.stamp))
+        header = make_header(frame.stamp, self.parameters["frame_id"])
         for listener in self.listeners:
-            listener(frame, self._layout.id, frame_id)
+            listener(frame, self._layout.id, header)
         if self._publisher.get_subscription_count() > 0:
-            self._publisher.publish(frame_to_message(frame, self._layout.id, frame_id))
+            self._publisher.publish(frame_to_message(frame, self._layout.id, header))
 
     def _simulated(self, stamp: float) -> float:
-        """The stamp in simulated time: as long ago there as it is in real time."""
-        return self._node.get_clock().now().nanoseconds * 1e-9 - (time.time() - stamp)
+        """The stamp in simulated time: as long ago there as it is in real time, if it was begun."""
+        now = self._node.get_clock().now().nanoseconds * 1e-9
+        return max(0.0, now - (time.time() - stamp))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.errors import InputError
@@ -19,7 +20,7 @@ except ImportError:  # Humble
 
 def subscribe_to_frames(
     node: Node,
-    accept: Callable[[Frame, str, str], None],
+    accept: Callable[[Frame, str, Header], None],
     refuse: Callable[[str], None],
     incompatible: Callable[[str], None],
 ) -> None:
@@ -28,7 +29,7 @@ def subscribe_to_frames(
     Parameters
     ----------
     node : the node that listens.
-    accept : called with each frame, its layout's id and its frame_id.
+    accept : called with each frame, its layout's id and its header.
     refuse : called with the reason where a message holds no frame.
     incompatible : called with the policy by which a publisher's quality of service does not suit.
     """
@@ -39,7 +40,7 @@ def subscribe_to_frames(
         except InputError as error:
             refuse(str(error))
         else:
-            accept(frame, message.layout_id, message.header.frame_id)
+            accept(frame, message.layout_id, message.header)
 
     node.create_subscription(
         VoltageFrame,

@@ -7,10 +7,13 @@ managed one (rclpy.lifecycle).
 
 import signal
 import sys
-from collections.abc import Callable, Iterable
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -44,10 +47,12 @@ class PlainNode(Node):
     """A node that works from its creation to its destruction."""
 
     def __init__(self, make_part: Callable[[Node], Part]):
-        super().__init__(make_part.name)
+        with _settings_of_ros():
+            super().__init__(make_part.name)
         self.part: Part | None = None
         try:
-            self.part = make_part(self)
+            with _settings_of_ros():
+                self.part = make_part(self)
             self.part.configure()
             self.part.activate()
         except BaseException:
@@ -71,16 +76,18 @@ class ManagedNode(LifecycleNode):
     """
 
     def __init__(self, make_part: Callable[[Node], Part]):
-        super().__init__(make_part.name)
-        self._reason = ""
-        self.part = make_part(self)
+        with _settings_of_ros():
+            super().__init__(make_part.name)
+            self.part = make_part(self)
         if Parameters(self, (AUTOSTART,), _read_only)["autostart"]:
             self._start()
 
     def _start(self) -> None:
-        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
-            raise InputError(self._reason)
-        self.trigger_activate()
+        for transition in (self.trigger_configure, self.trigger_activate):
+            result = transition()
+            if result != TransitionCallbackReturn.SUCCESS:  # the reason is in the log
+                self.destroy_node()
+                raise SystemExit(BAD_INPUT if result == TransitionCallbackReturn.FAILURE else 1)
 
     def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
         """Refuse a transition that the state does not have, where rclpy would end the node.
@@ -101,38 +108,27 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
-        try:
-            self.part.configure()
-        except InputError as error:
-            self._reason = str(error)
-            self.get_logger().error(self._reason)
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
+        return self._do(self.part.configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to work."""
-        self.part.activate()
-        return super().on_activate(state)
+        return self._do(self.part.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop working."""
-        self.part.deactivate()
-        return super().on_deactivate(state)
+        return self._do(self.part.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of everything."""
-        self.part.cleanup()
-        return super().on_cleanup(state)
+        return self._do(self.part.cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and let go."""
-        self._stop()
-        return super().on_shutdown(state)
+        return self._do(self._stop)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured after an error in a transition."""
-        self._stop()
-        return TransitionCallbackReturn.SUCCESS
+        return self._do(self._stop)
 
     def destroy_node(self) -> None:
         """Stop the work, then the node."""
@@ -142,6 +138,18 @@ class ManagedNode(LifecycleNode):
     def _stop(self) -> None:
         self.part.deactivate()
         self.part.cleanup()
+
+    def _do(self, work: Callable[[], None]) -> TransitionCallbackReturn:
+        """Whether it worked; if not, the log says why, which rclpy would keep to itself."""
+        try:
+            work()
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception:  # noqa: BLE001 - a defect, which must not be taken for bad input
+            self.get_logger().error(traceback.format_exc())
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
 
 
 def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None) -> int:
@@ -158,19 +166,18 @@ def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None)
     """
     nodes: list[Node] = []
     try:
-        rclpy.init(args=args)
+        _init(args)
         executor = SingleThreadedExecutor()
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
         executor.spin()
     except InputError as error:
-        return _refuse(str(error))
+        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        return BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except Exception as error:
-        if _is_bad_command_line(error):
-            return _refuse(" ".join(str(error).split()))
+    except Exception:
         if rclpy.ok():
             raise
         return 0  # stopped while the nodes were being made
@@ -183,18 +190,27 @@ def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None)
     return 0
 
 
+def _init(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        raise InputError(f"ROS does not start: {_one_line(error)}") from None
+
+
+@contextmanager
+def _settings_of_ros() -> Iterator[None]:
+    """Bad input, too: use_sim_time, qos_overrides and others that ROS itself reads."""
+    try:
+        yield
+    except (ParameterException, RuntimeError) as error:
+        if not rclpy.ok():
+            raise
+        raise InputError(_one_line(error)) from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
 def _read_only(changed: set[str], values: dict[str, Any]) -> None:
     """Nothing changes at run time."""
-
-
-def _refuse(reason: str) -> int:
-    print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {reason}", file=sys.stderr)
-    return BAD_INPUT
-
-
-def _is_bad_command_line(error: Exception) -> bool:
-    return not rclpy.ok() and type(error).__name__ in (
-        "RCLInvalidROSArgsError",
-        "UnknownROSArgsError",
-        "RCLError",
-    )

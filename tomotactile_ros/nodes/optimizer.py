@@ -4,6 +4,7 @@ It ends by itself; a stop (Ctrl-C) ends it after the step under way and keeps th
 """
 
 import threading
+from dataclasses import replace
 
 import rclpy
 from rclpy.node import Node
@@ -71,6 +72,7 @@ class Optimizer:
         values = self.parameters
         check_folder(values["out"])
         layout = load_layout(values["layout"])
+        replace(layout, name=values["name"])  # refuses a name that the best layout cannot have
         steps = values["steps"] or None
         self._request = Request(layout, values["method"], steps=steps, seed=values["seed"])
 
@@ -116,10 +118,13 @@ class Optimizer:
     def _show(self, step: Step) -> None:
         self._history.append(step)
         self._log.info(_progress(step))
-        if rclpy.ok():
-            stamp = self._node.get_clock().now().to_msg()
-            header = Header(stamp=stamp, frame_id=self.parameters["frame_id"])
+        header = Header(stamp=self._node.get_clock().now().to_msg())
+        header.frame_id = self.parameters["frame_id"]
+        try:
             self._publisher.publish(image_to_message(step.hwhm_map, header))
+        except RuntimeError:
+            if rclpy.ok():
+                raise  # otherwise nobody listens any more
 
     def _write(self) -> None:
         best = [step for step in self._history if step.best][-1]
@@ -158,4 +163,4 @@ def main(args: list[str] | None = None) -> int:
 
     make_part.name = Optimizer.name
     status = run(lambda: [PlainNode(make_part)], args)
-    return status or parts[0].status
+    return status or (parts[0].status if parts else 0)

@@ -39,17 +39,17 @@ class Outputs:
         self._markers = self._publisher(MarkerArray, "contact_markers")
         self._layout_markers = self._publisher(MarkerArray, "layout_markers", latched=True)
         self._surface: Publisher | None = None
+        self._frame_id = "tactile_link"
 
-    def configure(self, layout: Layout, grid: Grid, frame_id: str, values: dict[str, Any]) -> None:
+    def configure(self, layout: Layout, grid: Grid, values: dict[str, Any]) -> None:
         """Prepare for images of this layout and grid, drawn as the parameters say."""
         self._range, self._draw = values["view_range"], values["view_overlay"]
         zoom = max(1, round(values["view_size"] / max(grid.shape)))
         self._overlay = Overlay(grid, zoom, layout.positions, layout.radius)
         palette()  # loads the colours now and not with the first frame
         self._contact_markers = ContactMarkers(layout)
-        stamp = self._node.get_clock().now().to_msg()
-        self._layout_markers.publish(layout_markers(layout, Header(stamp=stamp, frame_id=frame_id)))
-        self._grid, self._points = grid, None
+        self._layout, self._grid, self._points = layout, grid, None
+        self._show_layout(values["frame_id"] or self._frame_id)
         if layout.surface is not None:
             if self._surface is None:
                 self._surface = self._publisher(PointCloud2, "surface")
@@ -59,6 +59,8 @@ class Outputs:
         """Publish an (H, W) image, Pa, and its contacts, strongest first."""
         self._pressure.publish(image_to_message(pressure, header))
         self._contacts.publish(contacts_to_message(contacts, header))
+        if header.frame_id != self._frame_id:  # the driver has another than was thought
+            self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
             self._markers.publish(self._contact_markers.of(contacts, header))
         if self._view.get_subscription_count() > 0:
@@ -66,6 +68,11 @@ class Outputs:
         if self._points is not None and self._surface.get_subscription_count() > 0:
             values = self._grid.gather(pressure)
             self._surface.publish(cloud_to_message(self._points, values, header))
+
+    def _show_layout(self, frame_id: str) -> None:
+        self._frame_id = frame_id
+        header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=frame_id)
+        self._layout_markers.publish(layout_markers(self._layout, header))
 
     def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:
         rgb = colour(pressure, full_scale(pressure, self._range, LEAST_SCALE))

@@ -5,6 +5,8 @@ parameters are declared with dynamic typing and converted here. Everything else 
 """
 
 import difflib
+import reprlib
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tomotactile_ros.errors import InputError
+
+_TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
 
 
 @dataclass(frozen=True)
@@ -64,12 +68,6 @@ class Spec:
             ]
         return descriptor
 
-    def initial(self) -> Any:
-        """The default as rclpy wants it; an empty array has no type and is left unset."""
-        if isinstance(self.default, tuple):
-            return list(self.default) or None
-        return self.default
-
     def convert(self, value: Any) -> Any:
         """The value in the type of the default; InputError if it is not allowed."""
         if isinstance(self.default, tuple):
@@ -77,31 +75,30 @@ class Spec:
         if isinstance(self.default, float):
             return self._convert_number(value)
         if self.choices and value not in self.choices:
-            raise InputError(f"{self.name}: '{value}' is none of {', '.join(self.choices)}")
+            raise InputError(
+                f"{self.name}: {reprlib.repr(value)} is none of {', '.join(self.choices)}"
+            )
         return value
 
     def _convert_number(self, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise InputError(f"{self.name}: '{value}' is not a number")
+            raise InputError(f"{self.name}: {reprlib.repr(value)} is not a number")
+        self._check_range(value)
+        return float(value)
+
+    def _convert_array(self, value: Any) -> tuple[int, ...]:
+        whole = isinstance(value, (list, array)) and all(type(v) is int for v in value)
+        if not whole:
+            raise InputError(f"{self.name}: {reprlib.repr(value)} is not a list of whole numbers")
+        for v in value:
+            self._check_range(v)
+        return tuple(value)
+
+    def _check_range(self, value: float) -> None:
         if self.low is not None and not self.low <= value <= self.high:
             raise InputError(
                 f"{self.name}: {value:g} is out of range, {self.low:g} to {self.high:g} is allowed"
             )
-        return float(value)
-
-    def _convert_array(self, value: Any) -> tuple[int, ...]:
-        values = [] if value is None or isinstance(value, (str, bytes, bool)) else value
-        whole = not isinstance(values, (int, float)) and all(
-            isinstance(v, int) and not isinstance(v, bool) for v in values
-        )
-        if not whole or (value is not None and values is not value):
-            raise InputError(f"{self.name}: '{value}' is not a list of whole numbers")
-        for v in values:
-            if self.low is not None and not self.low <= v <= self.high:
-                raise InputError(
-                    f"{self.name}: {v} is out of range, {self.low:g} to {self.high:g} is allowed"
-                )
-        return tuple(values)
 
 
 class Parameters:
@@ -135,22 +132,26 @@ class Parameters:
         # rclpy offers no public look at the values given at the start
         given = getattr(self._node, "_parameter_overrides", {})
         for name in given:
-            close = difflib.get_close_matches(name, self._specs, n=1)
+            close = difflib.get_close_matches(name, self._specs, n=1, cutoff=_TYPO)
             if close and not self._node.has_parameter(name):
                 self._node.get_logger().warning(
                     f"parameter '{name}' is unknown and ignored; did you mean '{close[0]}'?"
                 )
 
     def _declare(self, spec: Spec) -> Any:
+        default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
         try:
-            parameter = self._node.declare_parameter(spec.name, spec.initial(), spec.descriptor())
+            parameter = self._node.declare_parameter(spec.name, default, spec.descriptor())
         except ParameterException as error:
             reason = str(error).removesuffix(f": {spec.name}")
             raise InputError(f"parameter {spec.name}: {reason}") from None
         try:
-            return spec.convert(parameter.value)
+            value = spec.convert(parameter.value)
         except InputError as error:
             raise InputError(f"parameter {error}") from None
+        if value == ():  # rclpy takes an empty list for one of bytes
+            self._node.set_parameters([Parameter(spec.name, Parameter.Type.INTEGER_ARRAY, [])])
+        return value
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = [p for p in parameters if p.name in self._specs]

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.nodes import diagnostics
-from tomotactile_ros.nodes.conversions import check_frame, make_header
+from tomotactile_ros.nodes.conversions import check_frame
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames
 from tomotactile_ros.nodes.life import PlainNode, run
@@ -78,13 +79,13 @@ class Reconstruction:
             self._layout = self._pipeline = None
             self._recent.clear()
 
-    def accept(self, frame: Frame, layout_id: str, frame_id: str) -> None:
+    def accept(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Process a frame and publish what comes out, or refuse it with a warning."""
         with self._lock:
             if not self._active:
                 return
             try:
-                self._process(frame, layout_id, frame_id)
+                self._process(frame, layout_id, header)
             except InputError as error:
                 self.refuse(str(error))
 
@@ -107,15 +108,16 @@ class Reconstruction:
             return Report(diagnostics.WARN, f"electrodes left out: {electrodes}", figures)
         return Report(diagnostics.OK, "images are made", figures)
 
-    def _process(self, frame: Frame, layout_id: str, frame_id: str) -> None:
+    def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         if layout_id != self._layout.id:
-            raise InputError(f"its layout is '{layout_id}', this node has '{self._layout.id}'")
+            raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
         check_frame(frame, self._layout)
         result = self._pipeline.process(frame.voltages, frame.grounded, frame.drive_voltage)
         if not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
-        header = make_header(frame.stamp, self.parameters["frame_id"] or frame_id)
+        frame_id = self.parameters["frame_id"] or header.frame_id
+        header = Header(stamp=header.stamp, frame_id=frame_id)
         self._outputs.publish(result.pressure, result.contacts, header)
         self._recent.append(frame)
         self._excluded = result.excluded
@@ -136,8 +138,7 @@ class Reconstruction:
             self._log.info(pipeline.report)
         self._pipeline = pipeline
         self._recent = deque(self._recent, maxlen=values["tare_frames"])
-        frame_id = values["frame_id"] or "tactile_link"
-        self._outputs.configure(self._layout, pipeline.grid, frame_id, values)
+        self._outputs.configure(self._layout, pipeline.grid, values)
 
     def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from queue import SimpleQueue
 
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.nodes.driver import Driver
@@ -25,7 +26,7 @@ class DirectReconstruction(Reconstruction):
 
     def __init__(self, node: Node):
         super().__init__(node, subscribe=False)
-        self._queue: SimpleQueue[tuple[Frame, str, str] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[Frame, str, Header] | None] = SimpleQueue()
         self._worker: threading.Thread | None = None
 
     def activate(self) -> None:
@@ -42,9 +43,9 @@ class DirectReconstruction(Reconstruction):
             self._worker.join()
             self._worker = None
 
-    def hand_over(self, frame: Frame, layout_id: str, frame_id: str) -> None:
+    def hand_over(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Leave a frame to be processed next; those that still wait are dropped."""
-        self._queue.put((frame, layout_id, frame_id))
+        self._queue.put((frame, layout_id, header))
 
     def _work(self) -> None:
         while True:

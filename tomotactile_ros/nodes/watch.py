@@ -69,14 +69,15 @@ class FrameWatch:
         """Why there are no frames, or nothing while there are some."""
         if time.monotonic() - self._since < _PATIENCE:
             return ""
-        if self._refusal:
-            return f"every frame on {self._topic} is refused: {self._refusal}"
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         if not publishers:
+            self._refusal = self._incompatible = ""  # of one that has gone
             return (
                 f"no frames: nobody publishes {self._topic}; is the driver running, with the same "
                 "namespace and ROS_DOMAIN_ID?"
             )
+        if self._refusal:
+            return f"every frame on {self._topic} is refused: {self._refusal}"
         others = {p.topic_type for p in publishers} - {TYPE}
         if others:
             return f"no frames: {self._topic} carries {', '.join(sorted(others))}, not {TYPE}"
