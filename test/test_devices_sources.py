@@ -177,6 +177,8 @@ def test_the_commands_take_a_bag_of_their_layout(tmp_path):
         ({"drive_voltage": 3.0}, "frame 12 was driven with 3 V, the first one with 5 V"),
         ({"grounded": np.array([1, 0, 2, 3], np.uint16)}, "frame 12 has other ground conditions"),
         ({"voltages": np.full(16, np.inf, np.float32)}, "frame 12: a voltage is infinite"),
+        ({"grounded": np.array([0, 1, 2, 4], np.uint16)}, "frame 12: grounded: must be"),
+        ({"drive_voltage": np.nan}, "frame 12: drive_voltage: nan"),
     ],
 )
 def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change, complaint):
@@ -244,6 +246,31 @@ def test_replay_at_a_chosen_rate_over_and_over(npz):
     assert np.array_equal(frames[21].voltages, a_recording()["voltages"][1], equal_nan=True)
 
 
+@pytest.mark.parametrize("stamps", [[7.0], [7.0, 7.0, 5.0, 5.0]])
+def test_a_recording_without_distances_in_time_is_played_at_a_thousand_rows_a_second(
+    tmp_path, stamps
+):
+    recording = {**a_recording(len(stamps)), "stamps": np.array(stamps)}
+    frames = collect(ReplayDevice(changed(tmp_path, **recording), E, loop=True), 10)
+    assert np.diff([f.stamp for f in frames]).min() == pytest.approx(0.001 * E, abs=1e-4)
+
+
+def test_a_replay_that_cannot_keep_up_does_not_fall_behind(npz):
+    ages, enough = [], threading.Event()
+
+    def receive(frame: Frame) -> None:
+        time.sleep(0.02)
+        ages.append(time.time() - frame.stamp)
+        if len(ages) == 50:
+            enough.set()
+
+    device = ReplayDevice(npz, E, rate=1000.0, loop=True)
+    device.open(receive)
+    assert enough.wait(PATIENCE)
+    device.close()
+    assert min(ages[-10:]) < 2 * ReplayDevice.BEHIND
+
+
 def test_replay_of_a_bag(tmp_path):
     frames = collect(ReplayDevice(write_bag(tmp_path / "bag", "mcap"), E), 5)
     assert np.array_equal(frames[3].voltages, a_recording()["voltages"][3], equal_nan=True)
@@ -289,17 +316,47 @@ def changed(tmp_path: Path, **changes) -> Path:
         ({"voltages": np.zeros((5, E))}, r"voltages: shape \(5, 4\)"),
         ({"voltages": np.full((5, E, E), "x")}, "voltages: shape"),
         ({"stamps": np.arange(4.0)}, "differ in length"),
-        ({"grounded": np.array([0, 1, 2, 4])}, "grounded: indices"),
-        ({"grounded": np.array([0, 1, 2, 2.5])}, "grounded: indices"),
+        ({"grounded": np.array([0, 1, 2, 4])}, "grounded: must be electrodes 0 ... 3"),
+        ({"grounded": np.array([0, 1, 2, 2.5])}, "grounded: must be electrodes 0 ... 3"),
+        ({"voltages": np.full((5, E, E), -np.inf)}, "frame 0: a voltage is infinite"),
+        ({"layout_id": "other"}, f"is of layout 'other', not of '{LAYOUT.id}'"),
         ({"stamps": np.array([0, 1, np.nan, 3, 4])}, "stamps: not all finite"),
         ({"voltages": np.zeros((0, E, E)), "stamps": np.zeros(0)}, "no frame"),
         ({"voltages": np.zeros((5, E, 9))}, "9 electrodes, the layout 4"),
         ({"drive_voltage": np.array([1.0, 2.0])}, "drive_voltage"),
+        ({"drive_voltage": 0.0}, "drive_voltage: 0"),
     ],
 )
 def test_what_is_wrong_with_a_recording_is_told_at_once(tmp_path, changes, words):
     with pytest.raises(InputError, match=words):
-        ReplayDevice(changed(tmp_path, **changes), E)
+        ReplayDevice(changed(tmp_path, **changes), E, layout_id=LAYOUT.id)
+
+
+def test_a_bag_of_another_layout_is_not_played(tmp_path):
+    path = write_bag(tmp_path / "bag", "mcap")
+    with pytest.raises(InputError, match="frame 10 is of layout"):
+        make_device(
+            DeviceSettings(replace(LAYOUT, name="other"), device="replay", recording=str(path))
+        )
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage):
+    path, random = write_bag(tmp_path / "bag", storage), np.random.default_rng(0)
+    file, description = next(path.glob("bag.*")), path / "metadata.yaml"
+    for damaged in [file] * 30 + [description] * 10:
+        whole = damaged.read_bytes()
+        data = bytearray(whole)
+        if random.random() < 0.5:
+            del data[random.integers(len(data)) :]
+        else:
+            data[random.integers(len(data))] ^= 0x80
+        damaged.write_bytes(data)
+        try:
+            list(read_frames(path, electrodes=E))
+        except InputError as error:
+            assert "\n" not in str(error)
+        damaged.write_bytes(whole)
 
 
 def test_files_that_are_no_recordings_are_refused(tmp_path):

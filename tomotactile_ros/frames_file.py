@@ -79,7 +79,7 @@ def load_arrays(path: str | os.PathLike) -> dict[str, np.ndarray]:
             arrays = {name: content[name] for name in content.files}
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
+    except (ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{path}: is not a file of plain arrays (.npz)") from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):

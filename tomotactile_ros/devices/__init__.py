@@ -107,4 +107,5 @@ def _make_replay(settings: DeviceSettings) -> Device:
         rate=settings.rate,
         loop=settings.loop,
         drive_voltage=settings.drive_voltage,
+        layout_id=settings.layout.id,
     )

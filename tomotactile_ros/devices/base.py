@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from tomotactile_ros.devices.health import Health
+from tomotactile_ros.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +182,8 @@ class ThreadedDevice:
     def _guarded_run(self) -> None:
         try:
             self._run()
+        except InputError as error:
+            self._set_state("failed", str(error))
         except Exception as error:  # noqa: BLE001 - nothing escapes from the thread
             self._set_state("failed", f"{type(error).__name__}: {error}")
         else:

@@ -39,19 +39,20 @@ def read_frames(
     electrodes : int
         That every frame must have; any number if None.
     layout_id : str
-        Of the layout that a bag's frames must be of; any if None.
+        Of the layout that the frames must be of, where they name one; any if None.
 
     Raises
     ------
     InputError
-        Missing file, wrong keys or shapes, no frames, no library for bags, another layout.
+        Missing or damaged file, wrong keys or shapes, impossible values, no library for bags,
+        another layout.
     """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
     is_npz = path.suffix == ".npz"
-    frames = _npz_frames(path, drive_voltage) if is_npz else _bag_frames(path, layout_id)
-    return frames if electrodes is None else _with_electrodes(path, frames, electrodes)
+    frames = _npz_frames(path, drive_voltage, layout_id) if is_npz else _bag_frames(path, layout_id)
+    return _checked(path, frames, electrodes)
 
 
 def load_recording(
@@ -65,26 +66,29 @@ def load_recording(
     if Path(path).suffix == ".npz":
         return load_frames(path, layout, drive_voltage)
     frames = list(read_frames(path, electrodes=layout.electrodes, layout_id=layout.id))
-    if not frames:
-        raise InputError(f"{path}: holds no frame")
     if drive_voltage is not None:
         frames = [replace(frame, drive_voltage=drive_voltage) for frame in frames]
     first = frames[0]
-    checks.positive(first.drive_voltage, f"{path}: drive_voltage", "voltage in V")
     for frame in frames:
         _check_alike(path, frame, first)
     voltages = np.array([frame.voltages for frame in frames])
     return FramesFile(voltages, first.grounded, first.drive_voltage, truth=None, contact_law=None)
 
 
-def _with_electrodes(path: Path, frames: Iterator[Frame], electrodes: int) -> Iterator[Frame]:
+def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Iterator[Frame]:
+    frame = None
     for frame in frames:
-        found = frame.voltages.shape[1]
-        if found != electrodes:
-            raise InputError(
-                f"{path}: frame {frame.sequence} has {found} electrodes, the layout {electrodes}"
-            )
+        where, found = f"{path}: frame {frame.sequence}", frame.voltages.shape[1]
+        if electrodes not in (None, found):
+            raise InputError(f"{where} has {found} electrodes, the layout {electrodes}")
+        if frame.grounded.max(initial=0) >= found:
+            raise InputError(f"{where}: grounded: must be electrodes 0 ... {found - 1}")
+        if np.isinf(frame.voltages).any():
+            raise InputError(f"{where}: a voltage is infinite; NaN marks an invalid reading")
+        checks.positive(frame.drive_voltage, f"{where}: drive_voltage", "voltage in V")
         yield frame
+    if frame is None:
+        raise InputError(f"{path}: holds no frame")
 
 
 def _check_alike(path: Path, frame: Frame, first: Frame) -> None:
@@ -96,13 +100,17 @@ def _check_alike(path: Path, frame: Frame, first: Frame) -> None:
             f"{where} was driven with {frame.drive_voltage:g} V, the first one with "
             f"{first.drive_voltage:g} V"
         )
-    if np.isinf(frame.voltages).any():
-        raise InputError(f"{where}: a voltage is infinite; NaN is what marks an invalid reading")
 
 
-def _npz_frames(path: Path, drive_voltage: float) -> Iterator[Frame]:
+def _check_layout(where: str, found: str, wanted: str | None) -> None:
+    if wanted not in (None, found):
+        raise InputError(f"{where} is of layout '{found}', not of '{wanted}'")
+
+
+def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iterator[Frame]:
     arrays = load_arrays(path)
     _check_npz(path, arrays)
+    _check_layout(f"{path}", str(arrays.get("layout_id", layout_id)), layout_id)
     drive = float(arrays.get("drive_voltage", np.array(drive_voltage)))
     grounded = arrays["grounded"].astype(np.uint16)
     for sequence, (voltages, stamp) in enumerate(
@@ -127,7 +135,7 @@ def _check_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
     if arrays["grounded"].size != rows or arrays["stamps"].size != frames:
         raise InputError(f"{path}: voltages, grounded and stamps differ in length")
     if not np.isin(arrays["grounded"], np.arange(electrodes)).all():
-        raise InputError(f"{path}: grounded: indices of electrodes must be 0 ... {electrodes - 1}")
+        raise InputError(f"{path}: grounded: must be electrodes 0 ... {electrodes - 1}")
     drive = arrays.get("drive_voltage", np.zeros(()))
     if drive.shape != () or drive.dtype.kind not in "fiu" or not np.isfinite(drive):
         raise InputError(f"{path}: drive_voltage: expected one number, V")
@@ -137,7 +145,7 @@ def _check_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
     except ImportError:
         raise InputError(f"{path}: reading bags needs the Python package rosbags") from None
     try:
@@ -146,14 +154,13 @@ def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
             _check_topics(path, connections)
             for connection, _, data in reader.messages(connections):
                 message = reader.deserialize(data, connection.msgtype)
-                if layout_id not in (None, message.layout_id):
-                    raise InputError(
-                        f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
-                        f"not of '{layout_id}'"
-                    )
+                _check_layout(f"{path}: frame {message.sequence}", message.layout_id, layout_id)
                 yield _frame_of_message(path, message)
-    except (AnyReaderError, OSError) as error:
-        raise InputError(f"{path}: not a readable rosbag2 ({error})") from None
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a damaged bag ends in errors of many kinds
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: not a readable rosbag2 ({reason})") from None
 
 
 def _check_topics(path: Path, connections: list) -> None:

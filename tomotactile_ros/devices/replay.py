@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
 from tomotactile_ros.devices.recording import read_frames
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.simulation import ROW_PERIOD
 
 
 class ReplayDevice(ThreadedDevice):
@@ -28,12 +28,20 @@ class ReplayDevice(ThreadedDevice):
         Start over at the end, instead of finishing.
     drive_voltage : float, V
         For recordings that do not hold it.
+    layout_id : str
+        Of the layout that the recording must be of, where it names one; any if None.
+
+    A frame is due the recorded distance after the one before.  Where there is no such distance,
+    because the recording starts over, its clock was set back or it has one frame only, it is that
+    of the frames before, or that of 1000 ground conditions a second.
 
     Raises
     ------
     InputError
         At construction, when the recording cannot be read or does not fit.
     """
+
+    BEHIND = 0.1  # s; whoever is later than that goes on from now, with stamps of now
 
     def __init__(
         self,
@@ -43,55 +51,52 @@ class ReplayDevice(ThreadedDevice):
         rate: float = 0.0,
         loop: bool = False,
         drive_voltage: float = 3.3,
+        layout_id: str | None = None,
     ) -> None:
         super().__init__(rate)
         self._path, self._electrodes = path, electrodes
-        self._loop, self._drive_voltage = loop, drive_voltage
+        self._loop, self._drive_voltage, self._layout_id = loop, drive_voltage, layout_id
         self._rounds = 0
-        first = next(self._frames(), None)
-        if first is None:
-            raise InputError(f"{path}: holds no frame")
+        next(self._frames())
 
     def _counters(self) -> dict[str, float]:
         return {"rounds": float(self._rounds)}
 
     def _frames(self) -> Iterator[Frame]:
-        return read_frames(self._path, self._drive_voltage, self._electrodes)
+        return read_frames(self._path, self._drive_voltage, self._electrodes, self._layout_id)
 
     def _run(self) -> None:
-        sequences = itertools.count()
         due = time.monotonic()
-        self._rounds = 0
-        while not self._stop.is_set():
-            due = self._play_once(sequences, due)
-            self._rounds += 1
-            if not self._loop:
-                break
-        if not self._stop.is_set():
-            self._set_state("finished", f"{self._path}: played to the end")
-
-    def _play_once(self, sequences: Iterator[int], due: float) -> float:
-        """Play all frames, the first at `due` (s, monotonic); return when a next one would be."""
-        recorded, distance = None, 0.0
-        for frame in self._frames():
-            if recorded is not None:
-                distance = max(0.0, frame.stamp - recorded)
-                due += self._step(distance)
-            recorded = frame.stamp
-            due = self._wait_until(due, distance)
+        for sequence, (distance, frame) in enumerate(self._timed_frames()):
+            due = self._wait_until(due + self._step(distance) if sequence else due, distance)
             if self._stop.is_set():
-                return due
+                return
             self._set_state("streaming", f"playing {self._path}")
-            played = replace(frame, sequence=next(sequences), stamp=unix_time(due))
-            self._deliver(played, due)
-        return due + self._step(distance)
+            self._deliver(replace(frame, sequence=sequence, stamp=unix_time(due)), due)
+        self._set_state("finished", f"{self._path}: played to the end")
+
+    def _timed_frames(self) -> Iterator[tuple[float, Frame]]:
+        """The frames of all rounds, each with its distance from the one before, s."""
+        self._rounds, distance = 0, 0.0
+        while self._loop or self._rounds == 0:
+            recorded = math.inf
+            for frame in self._frames():
+                if frame.stamp > recorded:
+                    distance = frame.stamp - recorded
+                recorded = frame.stamp
+                distance = distance or ROW_PERIOD * frame.grounded.size
+                yield distance, frame
+            self._rounds += 1
 
     def _step(self, distance: float) -> float:
         """Time to the next frame, s, where the recorded distance is this."""
         return 1.0 / self._rate if self._rate > 0 else distance
 
     def _wait_until(self, due: float, distance: float) -> float:
-        """Wait for `due`; a pause (`set_streaming`) moves it, a higher rate brings it forward."""
+        """Wait for `due`; return it, or when it is instead.
+
+        A pause (`set_streaming`) and falling behind move it, a higher rate brings it forward.
+        """
         while not self._stop.is_set():
             left = due - time.monotonic()
             if not self._streaming:
@@ -99,7 +104,7 @@ class ReplayDevice(ThreadedDevice):
                 self._pause(1.0)
                 due = time.monotonic()
             elif left <= 0:
-                break
+                return due if left > -self.BEHIND else time.monotonic()
             else:
                 self._pause(left)
                 due = min(due, time.monotonic() + self._step(distance))
