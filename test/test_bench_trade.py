@@ -237,19 +237,33 @@ def test_calls_are_measured_in_turn_until_there_are_enough():
     calls = {key: [lambda name=name: order.append(name) for name in key] for key in ("ab", "c")}
     times = timing.in_turn(calls, least=3, seconds=0.0)
     assert "".join(order) == 3 * "aabcc"  # the first of each once more, to warm up
-    assert {key: np.shape(each) for key, each in times.items()} == {"ab": (3, 1, 2), "c": (3, 1, 1)}
+    assert {key: np.shape(each) for key, each in times.items()} == {
+        "ab": (3, 1, 2, 2),
+        "c": (3, 1, 1, 2),
+    }
+
+
+def _round(seconds, waited=0.0):
+    """One pass of a call of each duration; by the clock it `waited` longer for the processor."""
+    return np.stack([np.add(seconds, waited), seconds], axis=-1)[None]
 
 
 def test_ratios_do_not_see_a_machine_that_slows_down():
-    slower = [speed * np.ones((1, 4)) for speed in (1.0, 1.5, 2.0)]
+    slower = [_round(speed * np.ones(4)) for speed in (1.0, 1.5, 2.0)]
     found = timing.ratio([8 * each for each in slower], slower)
     assert found == {"ratio": 8.0, "low": 8.0, "high": 8.0, "rounds": 3}
 
 
 def test_ratios_do_not_see_what_disturbs_single_calls():
-    quiet = 9 * [np.array([[1.0, 2.0, 4.0]])]
+    quiet = 9 * [_round([1.0, 2.0, 4.0])]
     disturbed = [each * (3.0 if i % 2 else 1.0) for i, each in enumerate(quiet)]
     assert timing.ratio(disturbed, quiet)["ratio"] == 1.0
+
+
+def test_ratios_do_not_see_that_others_use_the_processor():
+    free, crowded = [_round([1.0, 2.0])], [_round([3.0, 6.0], waited=10.0)]
+    assert timing.ratio(crowded, free)["ratio"] == 3.0
+    assert timing.summary(crowded)["median"] == 14.5
 
 
 def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):

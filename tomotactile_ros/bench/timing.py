@@ -1,5 +1,9 @@
-"""Times and memory. Things to compare are measured in turn, in many short rounds, so that a machine
-that slows down or is busy for a while disturbs all of them alike."""
+"""Times and memory.
+
+Things to compare are measured in turn, in many short rounds, so that a machine that slows down for
+a while disturbs all of them alike. They are compared by the time that the processor worked on them:
+where other programs wait for it too, the clock says how many these are.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from typing import Any
 import numpy as np
 
 Call = Callable[[], Any]
-Times = list[np.ndarray]  # of each round (passes, n), s, of n calls
+Times = list[np.ndarray]  # of each round (passes, n, 2), s, of n calls: by the clock, of processor
 
 
 def in_turn(
@@ -51,14 +55,21 @@ def in_turn(
 
 def _one_turn(calls, seconds):
     end = time.perf_counter() + seconds
-    passes = [[timed(call)[1] for call in calls]]
+    passes = [[_durations(call) for call in calls]]
     while time.perf_counter() < end:
-        passes.append([timed(call)[1] for call in calls])
+        passes.append([_durations(call) for call in calls])
     return np.array(passes)
 
 
+def _durations(call):
+    begin, worked = time.perf_counter(), time.thread_time()
+    call()
+    worked = time.thread_time() - worked
+    return time.perf_counter() - begin, worked
+
+
 def _settled(out, uncertainty):
-    shortest = [np.sort(np.concatenate(times), axis=0)[:3] for times in out.values()]
+    shortest = [np.sort(np.concatenate(times)[..., 1], axis=0)[:3] for times in out.values()]
     return all((each[-1] <= (1 + uncertainty) * each[0]).all() for each in shortest)
 
 
@@ -76,16 +87,16 @@ def _no_collection() -> Iterator[None]:
 
 
 def summary(times: Times) -> dict[str, float]:
-    """Median, 99th percentile and interquartile range, s."""
-    every = np.concatenate(times)
+    """Median, 99th percentile and interquartile range by the clock, s."""
+    every = np.concatenate(times)[..., 0]
     low, median, high, p99 = np.percentile(every, [25, 50, 75, 99])
     return {"median": median, "p99": p99, "spread": high - low, "samples": every.size}
 
 
 def undisturbed(times: Times) -> float:
     """s of a typical call without what else the machine does: the median over the calls of their
-    shortest."""
-    return float(np.median(np.min(np.concatenate(times), axis=0)))
+    shortest processor times."""
+    return float(np.median(np.min(np.concatenate(times)[..., 1], axis=0)))
 
 
 def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
@@ -97,10 +108,10 @@ def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
 
 
 def timed(make: Call) -> tuple[Any, float]:
-    """What `make` returns, and the seconds that it took."""
-    start = time.perf_counter()
+    """What `make` returns, and the seconds of processor time that it took."""
+    start = time.thread_time()
     made = make()
-    return made, time.perf_counter() - start
+    return made, time.thread_time() - start
 
 
 def memory(make: Call) -> tuple[Any, dict[str, int]]:
