@@ -6,11 +6,14 @@ rclpy = pytest.importorskip("rclpy")
 
 import numpy as np
 import ros_checks
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_support import Process, ends_cleanly, program
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.nodes.conversions import stamp_of
 
 PROMISED = {
     "state", "frames", "rate_wanted", "rate_device", "rate_seen", "packets_lost", "crc_errors",
@@ -81,6 +84,26 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     assert probe.call(Trigger, "/driver/restart").success
     values(probe, lambda v: v["state"] == "streaming" and v["reconnects"] == "0")
     ends_cleanly(driver)
+
+
+def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
+    plug("--rate", "100")
+    start("driver", {"device": "serial", "port": plug.port, "use_sim_time": "true"})
+    frames = probe.listen(VoltageFrame, "/voltage_frame", 1000)
+    clock = probe.node.create_publisher(Clock, "/clock", 10)
+
+    def stamps():
+        return [stamp_of(frame.header) for frame in frames]
+
+    def has_come(second):
+        clock.publish(Clock(clock=Time(sec=second)))
+        return frames and second - 30 < stamps()[-1] <= second
+
+    for second in (100, 50):
+        probe.until(lambda second=second: has_come(second), f"stamp of second {second}")
+        frames.clear()
+        probe.until(lambda: len(frames) >= 50, "frames")
+        assert stamps() == sorted(stamps())
 
 
 def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, plug):

@@ -66,6 +66,7 @@ class Driver:
         self._layout: Layout | None = None
         self._active = False
         self._said = ""
+        self._simulated_now = self._simulated_stamp = 0.0
         self._publisher = node.create_publisher(
             VoltageFrame,
             "voltage_frame",
@@ -170,9 +171,15 @@ class Driver:
             self._publisher.publish(frame_to_message(frame, self._layout.id, header))
 
     def _simulated(self, stamp: float) -> float:
-        """The stamp in simulated time: as long ago there as it is in real time, if it was begun."""
+        """The stamp in simulated time: as long ago there as it is in real time, if it was begun.
+
+        Not before the last one, though simulated time goes on in steps, unless it was set back.
+        """
         now = self._node.get_clock().now().nanoseconds * 1e-9
-        return max(0.0, now - (time.time() - stamp))
+        earliest = self._simulated_stamp if now >= self._simulated_now else 0.0
+        self._simulated_now = now
+        self._simulated_stamp = max(earliest, now - (time.time() - stamp))
+        return self._simulated_stamp
 
 
 def main(args: list[str] | None = None) -> int:
