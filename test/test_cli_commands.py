@@ -193,6 +193,28 @@ def test_a_terminal_that_knows_only_ascii():
     assert done.returncode == 0 and "0???" in done.stdout
 
 
+def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
+    """What the variable says when the first command, and with it numpy, is imported."""
+    code = (
+        "import os, sys; from tomotactile_ros import cli\n"
+        "assert 'numpy' not in sys.modules\n"
+        "cli.main(['inspect', 'equal-4x4'])\n"
+        "print(os.environ['OMP_NUM_THREADS'])"
+    )
+    for given, seen in ((None, "1"), ("2", "2")):
+        environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
+        environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment |= {"OMP_NUM_THREADS": given} if given else {}
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=environment,
+        )
+        assert done.stdout.splitlines()[-1] == seen
+
+
 def test_a_folder_that_cannot_be_written(tmp_path):
     done = run(
         "simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", 1,

@@ -257,6 +257,11 @@ def test_a_failing_write_leaves_the_old_file(tmp_path, monkeypatch, step):
     assert os.listdir(tmp_path) == ["layout.yaml"]
 
 
+def test_a_place_that_takes_no_file_is_told_before_the_work():
+    with pytest.raises(InputError, match="/proc/out.npz: cannot be written: "):
+        files.check_folder("/proc/out.npz")
+
+
 def test_a_device_is_not_replaced_by_a_file():
     with pytest.raises(InputError, match="/dev/null: cannot be written: is a device"):
         equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save("/dev/null")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 
 from tomotactile_ros.command_line import Parser, end_of_pipe
@@ -14,6 +15,8 @@ COMMANDS = ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "ins
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 when it worked, 2 for bad input with one line on stderr."""
     sys.stdout.reconfigure(errors="replace")  # a terminal that knows no µ or · shows a ?
+    # blocks of a hundred unknowns: threads of the linear algebra only wait for each other
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = Parser(prog="tomotactile", description=__doc__)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:

@@ -18,6 +18,10 @@ def check_folder(path: str | os.PathLike) -> None:
         raise InputError(f"{path}: cannot be written: is a device")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def write_atomic(path: str | os.PathLike, data: bytes) -> None:
@@ -38,7 +42,7 @@ def write_atomic(path: str | os.PathLike, data: bytes) -> None:
     except OSError as error:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def shared_folders() -> list[Path]:

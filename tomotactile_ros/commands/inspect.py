@@ -61,15 +61,15 @@ def _find(name):
 
 
 def _describe_layout(layout):
-    a, b = layout.outline.size
+    a, b = (f"{1e3 * side:g} mm" for side in layout.outline.size)
     pitches = layout.pitches
     yield f"layout {layout.name}: {layout.electrodes} electrodes, {layout.outline.kind}"
-    yield f"  outline          {a * 1e3:g} mm x {b * 1e3:g} mm, {layout.outline.area * 1e4:.4g} cm2"
-    yield f"  sheet resistance {layout.sheet_resistance:g} ohm/sq"
-    yield f"  electrode radius {layout.radius * 1e3:g} mm"
-    yield f"  nearest pitch    {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
+    yield f"  outline           {a} x {b}, {layout.outline.area * 1e4:.4g} cm2"
+    yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
+    yield f"  electrode radius  {layout.radius * 1e3:g} mm"
+    yield f"  nearest pitch     {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
     for key, value in layout.provenance.items():
-        yield f"  {key:16} {_short(value)}"
+        yield f"  {key:17} {_short(value)}"
     yield "  electrode 0 is marked 0, the last one $"
     canvas = _Canvas(layout.outline)
     canvas.electrodes(layout.positions)
@@ -77,16 +77,16 @@ def _describe_layout(layout):
 
 
 def _describe_scene(scene, layout):
-    yield f"scene {scene.name}: {len(scene.contacts)} contacts at {scene.drive_voltage:g} V"
+    yield f"scene {scene.name}: {scene.drive_voltage:g} V, contacts: {len(scene.contacts)}"
     for contact in scene.contacts:
         yield "  " + _describe_contact(contact)
     for key in ("contact_law", "noise", "adc"):
         value = getattr(scene, key)
         if value is not None:
-            yield f"  {key:16} " + ", ".join(f"{k} {v:g}" for k, v in vars(value).items())
+            yield f"  {key:17} " + ", ".join(f"{k} {v:g}" for k, v in vars(value).items())
     for key, value in vars(scene.defects).items():
         if value:
-            yield f"  {key:16} {_short(value)}"
+            yield f"  {key:17} {_short(value)}"
     yield f"  on {layout.name}, contacts where they begin (#), electrodes (o)"
     canvas = _Canvas(layout.outline)
     for contact in scene.contacts:
