@@ -1,6 +1,7 @@
 """The free search: gradient, constraints, symmetries, and that it finds better layouts."""
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def test_gradient_through_symmetries_and_green_function(rows, size, move, noise_
     parameter."""
     reference = equal_grid(rows, 4, size, 0.003, 1e4, margin=0.02)
     aims = Aims((1e9, 1e9, 1e9), (1e9, 1e9, 1e9), noise_gain, scenes)
-    objective = Objective(reference, (200.0, 50.0), aims, resolution=14)
+    objective = Objective(reference, 200.0, aims, resolution=14)
     positions = reference.positions * 0.93 + [move, move / 2]
     orbits = find_orbits(positions, shared_group(reference.outline, positions))
     parameters = orbits.parameters(positions)
@@ -46,6 +47,24 @@ def test_gradient_through_symmetries_and_green_function(rows, size, move, noise_
         move = 1e-6 * np.eye(len(parameters))[i]
         up, down = (objective.score(orbits.positions(parameters + s * move)) for s in (1, -1))
         assert slope == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-5)
+
+
+def test_figures_are_means_over_lattices_of_what_evaluate_says():
+    reference = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    moved = replace(reference, positions=0.9 * reference.positions)
+    found = Objective(reference, 500.0, resolution=20).figures(moved.positions)
+    ratios = []
+    for resolution in (20, 22):  # 21.5 rounded
+        how = {"resolution": resolution, "regularization": 500.0 * (resolution / 40) ** 2}
+        before, after = (evaluate_layout(each, **how).metrics for each in (reference, moved))
+        ratios.append(
+            [
+                after["hwhm"]["mean"] / before["hwhm"]["mean"],
+                after["position_error"]["mean"] / before["position_error"]["mean"],
+                after["noise_gain"] / before["noise_gain"],
+            ]
+        )
+    assert found[[0, 2, 3]] == pytest.approx(np.mean(ratios, axis=0))
 
 
 def test_gradient_of_sharpness_is_that_of_smooth_images():

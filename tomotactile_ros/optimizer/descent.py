@@ -61,11 +61,11 @@ class Descent:
 class Evolution:
     """Evolution around `mean` (n,) with standard deviation `step` (m) in each parameter."""
 
-    def __init__(self, mean, step: float, seed: int = 0, population: int | None = None):
+    def __init__(self, mean, step: float, seed: int = 0):
         self.best, self.score = np.array(mean, float), np.inf
         self._mean, self._step = self.best, float(step)
         count = max(len(self._mean), 1)
-        self.population = population or 4 + int(3 * np.log(count))
+        self.population = 4 + int(3 * np.log(count))
         self._random = np.random.default_rng(seed)
         weights = np.log(self.population // 2 + 0.5) - np.log(1 + np.arange(self.population // 2))
         self._weights = weights / weights.sum()

@@ -22,23 +22,24 @@ _STEP = 1e-6  # of the sheet's size
 
 
 class Figures:
-    """One evaluation of an `Objective`: `values`, four for each lambda^2, then that of scenes."""
+    """One evaluation on a `Lattice`: `values`, four for each lambda^2, then that of scenes."""
 
-    def __init__(self, objective, positions):
+    def __init__(self, lattice, positions):
         self._positions = np.asarray(positions, float)
-        self._size, self._radius = objective.size, objective.reference.radius
-        self._grid = grid = objective.grid
-        symmetry = find_symmetry(grid, self._positions) if objective.differentiable else None
-        transfer = objective.transfer(self._positions, symmetry)
+        self._size = lattice.reference.outline.size
+        self._radius = lattice.reference.radius
+        self._grid = grid = lattice.grid
+        symmetry = find_symmetry(grid, self._positions) if lattice.differentiable else None
+        transfer = lattice.transfer(self._positions, symmetry)
         blocks = gram_blocks(transfer, grid, symmetry)
         self._gram, self._symmetry = blocks.gram, blocks.symmetry
         self._targets = grid.pixels[self._symmetry.first]
-        self._spreads = [PointSpread(blocks, each) for each in objective.regularizations]
+        self._spreads = [PointSpread(blocks, each) for each in lattice.regularizations]
         self._found = [half_maximum(spread.images, grid) for spread in self._spreads]
         values = [each for both in zip(self._spreads, self._found) for each in self._four(*both)]
         self._scenes = None
-        if objective.scenes is not None:
-            self._scenes = SceneBlur(objective.scenes, transfer, self._spreads[0])
+        if lattice.scenes is not None:
+            self._scenes = SceneBlur(lattice.scenes, transfer, self._spreads[0])
             values.append(self._scenes.value)
         self.values = np.array(values)
 

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 from tomotactile_ros import checks
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
+from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
 from tomotactile_ros.optimizer.step import Clock, Step
 
-REGULARIZATIONS = (1000.0, 100.0, 10000.0)
 SPACING = 2.2  # smallest distance of two centres by default, in radii
 _SAME = 1e-6  # scores closer than this are the same
 
@@ -28,21 +28,21 @@ _SAME = 1e-6  # scores closer than this are the same
 def free(
     layout: Layout,
     *,
-    regularizations=REGULARIZATIONS,
+    regularization: float = REGULARIZATION,
     aims: Aims = DEFAULT_AIMS,
     constraints: Constraints | None = None,
     symmetric: bool = True,
     effort: Effort | None = None,
     seed: int = 0,
     executor: Executor | None = None,
-    resolution: int = 40,
+    resolution: int = RESOLUTION,
 ) -> Iterator[Step]:
     """Search for a better layout.
 
     Parameters
     ----------
     layout : start and reference; the rim-to-rim grid is what the default aims are meant for
-    regularizations : lambda^2 values, the first is the one that the layout is made for
+    regularization : lambda^2 that the layout is made for
     aims : what each figure should come to
     constraints : by default only a spacing of 2.2 radii
     symmetric : keep the symmetries that layout and outline share
@@ -56,13 +56,12 @@ def free(
     """
     constraints = constraints or Constraints(layout.outline, SPACING * layout.radius)
     constraints.check(layout.electrodes, layout.radius)
-    for each in regularizations:
-        checks.positive(each, "regularizations", "number")
-    objective = Objective(layout, regularizations, aims, resolution=resolution)
+    checks.positive(regularization, "regularization", "number")
+    objective = Objective(layout, regularization, aims, resolution=resolution)
     effort = effort or effort_for(layout)
     clock = Clock(effort.total(layout))
     positions, best = layout.positions, objective.score(layout.positions)
-    how = {"regularization": regularizations[0], "resolution": resolution}
+    how = {"regularization": regularization, "resolution": resolution}
     yield clock.step(0, evaluate_layout(layout, **how), best)
     search = Search(objective, constraints, symmetric)
     spread = map if executor is None else executor.map

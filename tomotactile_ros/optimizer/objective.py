@@ -12,7 +12,9 @@ all figures, each divided by its aim, so that none can be bought with another:
 
     log(mean(exp(s r))) / s,    s = 50
 
-Figures and gradient are those of `figures`.
+Contacts are sharp within a few millimetres of an electrode, so that one lattice of contact positions
+rewards electrodes that lie on it. Every figure is therefore the mean over several lattices. Figures
+and gradient on one are those of `figures`.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.evaluation.paper_model import Contacts, default_contact_radius
+from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.figures import Figures
@@ -29,6 +32,9 @@ from tomotactile_ros.optimizer.scenes import Scenes
 from tomotactile_ros.sheet import make_sheet
 
 SHARPNESS = 50.0
+OTHERS = 0.1, 10.0  # lambda^2 that a layout has to carry over to, relative to the one wanted
+_LATTICES = 1.0, 1.075  # contact positions along the longer side, relative to `resolution`
+_LEAST = 1e-6  # m, or V per V: what a figure of the reference counts as at least
 
 
 @dataclass(frozen=True)
@@ -49,9 +55,9 @@ class Aims:
     noise_gain: float = 1.5
     scenes: float | None = None
 
-    def values(self, regularizations: int) -> np.ndarray:
+    def values(self) -> np.ndarray:
         """One for every figure, in the order of `Figures.values`."""
-        rows = [self.central] + [self.other] * (regularizations - 1)
+        rows = [self.central] + [self.other] * len(OTHERS)
         extra = [] if self.scenes is None else [self.scenes]
         return np.array([each for row in rows for each in (*row, self.noise_gain)] + extra)
 
@@ -64,44 +70,37 @@ class Objective:
     elements on every other outline.
 
     Finite elements have no gradient, and their mesh, which changes with the electrodes, roughens
-    the score by some tenths of a per cent.
+    the score by some tenths of a per cent: more than one lattice would make worthwhile.
 
     Parameters
     ----------
     reference : layout whose figures are 1; gives outline and radius
-    regularizations : lambda^2 values, the first is the one that the layout is made for
-    resolution : contact positions, and pixels, along the longer side; lambda^2 is scaled to mean
-        the same
+    regularization : lambda^2 that the layout is made for
+    resolution : contact positions, and pixels, along the longer side
     """
 
     def __init__(
         self,
         reference: Layout,
-        regularizations=(1000.0, 100.0, 10000.0),
+        regularization: float = REGULARIZATION,
         aims: Aims = DEFAULT_AIMS,
         *,
-        resolution: int = 40,
+        resolution: int = RESOLUTION,
     ):
         self.reference = reference
-        self.size = reference.outline.size
         self.differentiable = reference.outline.is_uniform_rectangle
-        self.grid = Grid.for_outline(reference.outline, resolution)
-        finest = Grid.for_outline(reference.outline, 40)
-        scale = len(self.grid.pixels) / len(finest.pixels)
-        self.regularizations = [scale * each for each in regularizations]
-        self.scenes = None if aims.scenes is None else Scenes(self.grid, reference.electrodes)
-        self._radius = default_contact_radius(reference)
-        if self.differentiable:
-            self.contacts = Contacts(self.grid.pixels, self.size, self._radius)
-        self._aims = aims.values(len(self.regularizations))
-        self._start = 1.0
-        cell = 0.01 * min(self.grid.cell_size)
-        least = np.array([cell, cell, cell, 1e-12] * len(self.regularizations) + [cell])
-        self._start = np.maximum(self.figures(reference.positions), least[: len(self._aims)])
+        regularizations = [factor * regularization for factor in (1.0, *OTHERS)]
+        self._aims = aims.values()
+        self._lattices, self._units = [], []
+        for factor in _LATTICES if self.differentiable else _LATTICES[:1]:
+            grid = Grid.for_outline(reference.outline, round(factor * resolution))
+            lattice = Lattice(reference, grid, regularizations, scenes=aims.scenes is not None)
+            self._lattices.append(lattice)
+            self._units.append(np.maximum(Figures(lattice, reference.positions).values, _LEAST))
 
     def figures(self, positions) -> np.ndarray:
         """Figures relative to the reference layout: four for each lambda^2, and that of scenes."""
-        return Figures(self, positions).values / self._start
+        return self._mean([Figures(lattice, positions) for lattice in self._lattices])
 
     def score(self, positions) -> float:
         """The score alone."""
@@ -109,15 +108,37 @@ class Objective:
 
     def __call__(self, positions) -> tuple[float, np.ndarray]:
         """Score, and its gradient (E, 2) per m, by positions with the symmetry of `positions`."""
-        figures = Figures(self, positions)
-        score, share = _soft_maximum(figures.values / self._start / self._aims)
-        return score, figures.gradient(share / self._start / self._aims)
+        found = [Figures(lattice, positions) for lattice in self._lattices]
+        score, share = _soft_maximum(self._mean(found) / self._aims)
+        share = share / self._aims / len(found)
+        return score, sum(each.gradient(share / unit) for each, unit in zip(found, self._units))
+
+    def _mean(self, found):
+        return np.mean([each.values / unit for each, unit in zip(found, self._units)], axis=0)
+
+
+class Lattice:
+    """Contacts at all pixels of `grid`, for electrodes like those of `reference` anywhere.
+
+    regularizations : lambda^2 values for 40 pixels along the longer side; scaled to mean the same
+    """
+
+    def __init__(self, reference: Layout, grid: Grid, regularizations, *, scenes: bool = False):
+        self.reference, self.grid = reference, grid
+        usual = Grid.for_outline(reference.outline, RESOLUTION)
+        scale = len(grid.pixels) / len(usual.pixels)
+        self.regularizations = [scale * each for each in regularizations]
+        self.scenes = Scenes(grid, reference.electrodes) if scenes else None
+        self.differentiable = reference.outline.is_uniform_rectangle
+        self._radius = default_contact_radius(reference)
+        if self.differentiable:
+            self._contacts = Contacts(grid.pixels, reference.outline.size, self._radius)
 
     def transfer(self, positions, symmetry):
-        """`Transfer` from electrodes at `positions` to contacts at all pixels."""
+        """`Transfer` from electrodes at `positions` to the contacts."""
         reference = self.reference
         if self.differentiable:
-            return self.contacts.transfer(positions, reference.radius, symmetry)
+            return self._contacts.transfer(positions, reference.radius, symmetry)
         sheet = make_sheet(replace(reference, positions=positions), "fem")
         return sheet.transfer(self.grid.pixels, self._radius)
 

@@ -12,11 +12,9 @@ from tomotactile_ros.optimizer.step import Step
 
 def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, title: str) -> None:
     """Write a PNG: the start above, the best step below, the history beside them."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(14, 8.2), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(f"{title}\n{_settings(best)}", fontsize=11)
     axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.8])
     start = history[0]
@@ -26,7 +24,7 @@ def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, ti
         maps = [1e3 * getattr(step, pick) for step in (start, best)]
         top = max(np.nanmax(each) for each in maps)
         for row, (step, values) in enumerate(zip((start, best), maps)):
-            when = "before" if row == 0 else f"after ({_step_name(best)})"
+            when = "before" if row == 0 else f"after (step {best.iteration})"
             mean = np.nanmean(values)
             image = _map(axes[row, column], step.layout, values, top)
             axes[row, column].set_title(f"{label} {when}: mean {mean:.1f} mm", fontsize=10)
@@ -42,10 +40,6 @@ def _settings(step):
         f"model {settings['model']}, contact radius {1e3 * settings['contact_radius']:g} mm, "
         f"lambda² = {settings['regularization']:g}, {settings['positions']} contact positions"
     )
-
-
-def _step_name(step):
-    return f"step {step.iteration}"
 
 
 def _map(axes, layout, values, top):
@@ -122,11 +116,9 @@ def _table(axes, start, best):
 
 def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
     """Write a PNG: accuracy against the number of ground conditions, and which they are."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(f"{found[0].quality.layout.name}: ground conditions to scan")
     axes = figure.subplots(1, 2, width_ratios=[1.4, 1])
     counts = [len(scan.grounded) for scan in found]

@@ -22,16 +22,22 @@ from tomotactile_ros.region import Region, regular_polygon
 
 METHODS = ("equalize", "free")
 _UPDATES = 5  # of equalize
-_OTHERS = 0.1, 10.0  # lambda^2 that a free layout has to carry over to, relative to the one wanted
+_ENVIRONMENT = {  # of processes that search
+    "OMP_NUM_THREADS": "1",  # matrices are small
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "MALLOC_MMAP_THRESHOLD_": str(2**25),  # glibc keeps the memory of large temporaries:
+    "MALLOC_TRIM_THRESHOLD_": str(2**30),  # a fifth of the time went into page faults
+}
 
 
 def processes(workers: int) -> Executor:
-    """A pool of processes with one thread of linear algebra each: the matrices are small.
+    """A pool of processes for searches.
 
     For the main thread. A worker that a Ctrl-C ends while it starts would leave the pool waiting.
     """
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")  # read by new processes when they load numpy
+    for variable, value in _ENVIRONMENT.items():
+        os.environ.setdefault(variable, value)  # read by new processes when they start
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:  # all start now, and inherit this
@@ -123,7 +129,7 @@ class Request:
             )
         return free(
             self.layout,
-            regularizations=self._regularizations(),
+            regularization=self.regularization,
             aims=self.aims,
             constraints=self._constraints(),
             symmetric=self.symmetric,
@@ -139,7 +145,7 @@ class Request:
         if self.method == "free":
             constraints = self._constraints()
             out |= {
-                "regularizations": list(self._regularizations()),
+                "regularization": self.regularization,
                 "spacing": constraints.spacing,
                 "margin": constraints.margin,
                 "keep_out": [list(disc) for disc in self.keep_out],
@@ -149,9 +155,6 @@ class Request:
                 "seed": self.seed,
             }
         return out
-
-    def _regularizations(self):
-        return (self.regularization, *(factor * self.regularization for factor in _OTHERS))
 
     def _effort(self) -> Effort:
         return effort_for(self.layout, self.steps, self.starts)
