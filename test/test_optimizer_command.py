@@ -10,7 +10,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer.equalize import equalize
-from tomotactile_ros.optimizer.request import processes
+from tomotactile_ros.optimizer.request import Request, processes
 from tomotactile_ros.optimizer.step import best_of
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -127,13 +127,18 @@ def test_ctrl_c_keeps_the_best_so_far():
     assert best.score == min(step.score for step in history)
 
 
-def test_ctrl_c_before_the_first_step_is_passed_on():
-    def never():
-        raise KeyboardInterrupt
-        yield
+def test_ctrl_c_before_the_first_step_writes_nothing(tmp_path, monkeypatch, capsys):
+    steps_of = Request.steps_of
 
-    with pytest.raises(KeyboardInterrupt):
-        best_of(never())
+    def interrupted(request, executor):
+        yield next(steps_of(request, executor))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Request, "steps_of", interrupted)
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize"]
+    assert main([*command, "--out", str(tmp_path / "x.yaml")]) == 130
+    assert "nothing is written" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_numbers_in_the_provenance_are_short_and_plain():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext
 from dataclasses import replace
@@ -130,7 +131,11 @@ def _move_electrodes(args, start, report):
     from tomotactile_ros.optimizer.report import save_report
 
     request = _request(args, start)
-    history, best = _search(args, request)
+    try:
+        history, best = _search(args, request)
+    except KeyboardInterrupt:
+        print("no step was finished: nothing is written", file=sys.stderr)
+        raise
     name = args.name or Path(args.out).stem
     settings = {"command": _command(args)} | request.settings()
     finished(best.layout, name, args.method, settings, history, best).save(args.out)

@@ -67,7 +67,7 @@ class Clock:
 
 
 def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
-    """Run an optimization; Ctrl-C ends it and keeps what is there.
+    """Run an optimization; Ctrl-C after the first step ends it and keeps what is there.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
 
     Returns
     -------
-    All steps, and the one with the lowest score. KeyboardInterrupt before the first step is
-    passed on.
+    All steps, the start included, and the one with the lowest score. KeyboardInterrupt while
+    there is only the start is passed on.
     """
     history: list[Step] = []
     try:
@@ -85,7 +85,7 @@ def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
             if watch is not None:
                 watch(step)
     except KeyboardInterrupt:
-        if not history:
+        if len(history) < 2:
             raise
     return history, [step for step in history if step.best][-1]
 
