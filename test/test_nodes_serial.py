@@ -78,7 +78,7 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     assert probe.set_parameter("/driver", "rate", 20.0).successful
     plug()
     found = values(probe, lambda v: v["rate_device"] == "20" and v["state"] == "streaming")
-    assert found["reconnects"] == "1"
+    assert int(found["reconnects"]) >= 1
     probe.wait_for(VoltageFrame, "/voltage_frame")
 
     assert probe.call(Trigger, "/driver/restart").success

@@ -142,6 +142,8 @@ class ThreadedDevice:
     def status(self) -> Status:
         """State, message and counters of this moment."""
         state, message = self._state
+        if self.health.callback_error:
+            message += f"; a frame was refused: {self.health.callback_error}"
         counters = {"rate_wanted": self._rate, **self.health.counters(), **self._counters()}
         return Status(state, message, counters, self.health.dead_channels.dead)
 

@@ -46,7 +46,6 @@ class Emulator:
         mangle: Callable[[bytes], bytes] = bytes,
     ) -> None:
         self.device = device
-        self.dropped = 0
         self.path = ""
         self._make_port, self._mangle = make_port, mangle
         self._stop = threading.Event()
@@ -82,8 +81,6 @@ class Emulator:
                 rows = self.device.rows_due(time.monotonic())
                 if len(pending) < self.BUFFER:
                     pending += self._mangle(rows)
-                elif rows:
-                    self.dropped += 1
                 if pending:
                     del pending[: port.send(bytes(pending[: self.PIECE]))]
         finally:

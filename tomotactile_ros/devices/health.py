@@ -85,10 +85,10 @@ class Health:
             self._times.fill(-np.inf)
 
     def callback_failed(self, message: str) -> None:
-        """Note that the receiver of a frame raised an exception."""
+        """Note that the receiver of a frame raised an exception; the last one is kept."""
         with self._lock:
             self._callback_errors += 1
-            self.callback_error = message
+            self.callback_error = " ".join(message.split())
 
     def counters(self) -> dict[str, float]:
         """Figures so far; latencies over the last 4096 frames, the rate over the last 5 s."""

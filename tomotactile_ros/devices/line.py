@@ -67,9 +67,13 @@ def _usb_ports(port: str) -> list[str]:
         raise LineFault(
             "refused", f"port: {port!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"
         ) from None
+    try:
+        ports = list_ports.comports()
+    except Exception as error:  # noqa: BLE001 - an adapter that goes while it is asked about
+        raise LineFault("disconnected", f"port: cannot look for it ({_reason(error)})") from None
     return [
         found.device
-        for found in list_ports.comports()
+        for found in ports
         if (found.vid, found.pid) == (vendor, product)
         and (len(parts) < 3 or found.serial_number == parts[2])
     ]

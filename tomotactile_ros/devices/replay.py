@@ -41,7 +41,7 @@ class ReplayDevice(ThreadedDevice):
         At construction, when the recording cannot be read or does not fit.
     """
 
-    BEHIND = 0.1  # s; whoever is later than that goes on from now, with stamps of now
+    BEHIND = 1.0  # s; whoever is later than that goes on from now, with stamps of now
 
     def __init__(
         self,
