@@ -6,6 +6,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -31,6 +32,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # killed processes leave shared memory behind that can make later ones in their domain deaf
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
+# an example may take as long as it takes: a busy machine is no defect
+settings.register_profile("slow", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("slow")
 
 
 @pytest.fixture(scope="session", autouse=True)
