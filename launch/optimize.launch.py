@@ -1,5 +1,7 @@
 """The optimizer of electrode layouts; the launch ends with it."""
 
+from pathlib import Path
+
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -30,6 +32,8 @@ def generate_launch_description() -> LaunchDescription:
 def start(context: LaunchContext) -> list:
     """The node, once the arguments are known."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    if given["params_file"] and not Path(given["params_file"]).is_file():
+        raise RuntimeError(f"params_file: {given['params_file']}: no such file")
     files = [PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "optimizer.yaml"])]
     files += [given["params_file"]] if given["params_file"] else []
     overrides = {

@@ -4,6 +4,8 @@ A node that refuses its parameters (exit status 2) fails the launch; one that di
 started again. Launch arguments left empty do not override the parameter files.
 """
 
+from pathlib import Path
+
 from launch.actions import (
     DeclareLaunchArgument,
     OpaqueFunction,
@@ -58,6 +60,8 @@ def generate_launch_description() -> LaunchDescription:
 def start(context: LaunchContext) -> list:
     """All actions, once the arguments are known."""
     given = {name: LaunchConfiguration(name).perform(context) for name in (*ARGUMENTS, *SWITCHES)}
+    if given["params_file"] and not Path(given["params_file"]).is_file():
+        raise RuntimeError(f"params_file: {given['params_file']}: no such file")
     managed = given["lifecycle"] == "true"
     actions = []
     for name in OF_NODE:

@@ -1,6 +1,6 @@
 """The optimizer node: maps while it works, a layout at its end, a reason when it cannot."""
 
-import time
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +9,10 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_support import Probe, ros_arguments
+from ros_support import LIMIT, Probe, ros_arguments
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import optimizer
 from tomotactile_ros.nodes.life import PlainNode
 from tomotactile_ros.optimizer.equalize import equalize
@@ -31,30 +31,40 @@ def test_it_writes_the_layout_and_ends(start, tmp_path):
     assert "step 1 of 1" in process.output
 
 
-def test_a_free_search_that_is_stopped_keeps_what_it_has(probe, start, tmp_path):
-    equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4).save(tmp_path / "grid.yaml")
+def test_a_search_that_is_stopped_in_its_first_step_keeps_the_start(probe, start, tmp_path):
     out = tmp_path / "free.yaml"
-    parameters = {"layout": tmp_path / "grid.yaml", "method": "free", "out": out}
-    process = start("optimizer", parameters)
-    probe.until(lambda: "step 1 of" in process.output, "the first step")
+    process = start("optimizer", {"layout": "equal-4x4", "method": "free", "out": out})
+    probe.until(lambda: "step 0 of" in process.output, "evaluation of the start")
     assert process.stop() == 0, process.output
-    metrics = load_layout(out).provenance["metrics"]
-    assert metrics["after"]["hwhm"]["mean"] < metrics["before"]["hwhm"]["mean"]
+    kept = load_layout(out)
+    assert kept.provenance["algorithm"] == "free"
+    np.testing.assert_allclose(kept.positions, load_layout("equal-4x4").positions, atol=1e-6)
+
+
+class Patient:
+    """Stands for the steps of a search: two of them in turn until told, then one without an end."""
+
+    def __init__(self):
+        self.be_slow = threading.Event()
+        self.end = threading.Event()
+        self.waited_for = False
+
+    def steps(self, request):
+        start, better = equalize(request.layout, 1)
+        yield start
+        while not self.be_slow.wait(0.05):
+            yield replace(start, best=False)
+            yield better
+        self.waited_for = not self.end.wait(LIMIT)
 
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Lets the optimizer repeat its two steps until it is stopped."""
-
-    def repeat(request, executor=None):
-        start, better = equalize(request.layout, 1)
-        yield start
-        while True:
-            time.sleep(0.05)
-            yield replace(start, best=False)
-            yield better
-
-    monkeypatch.setattr(optimizer.Request, "steps_of", repeat)
+    """Lets the optimizer do these steps."""
+    search = Patient()
+    monkeypatch.setattr(optimizer.Request, "steps_of", lambda request: search.steps(request))
+    yield search
+    search.end.set()
 
 
 def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, domain, tmp_path):
@@ -64,13 +74,15 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
     probe = Probe(domain)
     maps = probe.listen(Image, "/resolution_map", LATCHED)
     probe.until(lambda: len({bytes(m.data) for m in maps}) == 2, "maps of two steps")
+    patient.be_slow.set()
     node.destroy_node()
     probe.close()
+    rclpy.try_shutdown()
+    assert not patient.waited_for
     shown = maps[0]
     hwhm = np.frombuffer(shown.data, np.float32)
     assert shown.encoding == "32FC1" and shown.header.frame_id == "tactile_link"
     assert 0.0 < hwhm.min() < hwhm.max() < 0.2
-    assert not rclpy.ok()  # what ends the program
     best = load_layout(out).provenance["metrics"]["after"]["hwhm"]["worst_region"]
     assert best < load_layout(out).provenance["metrics"]["before"]["hwhm"]["worst_region"]
 

@@ -24,6 +24,6 @@ def test_the_launch_ends_with_the_layout_written(tmp_path):
     assert load_layout(out).electrodes == 16
 
 
-@pytest.mark.parametrize("bad", [{"layout": "none"}, {"method": "guess"}])
+@pytest.mark.parametrize("bad", [{"method": "guess"}, {"params_file": "/none.yaml"}])
 def test_a_refused_parameter_fails_the_launch(bad):
     assert run(bad) == 1

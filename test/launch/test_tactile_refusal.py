@@ -10,7 +10,9 @@ from launch_support import include, reserve_domain
 import launch
 
 
-@pytest.mark.parametrize("bad", [{"scene": "nothing"}, {"profile": "best"}, {"layout": "none"}])
+@pytest.mark.parametrize(
+    "bad", [{"scene": "nothing"}, {"profile": "best"}, {"params_file": "/none.yaml"}]
+)
 def test_a_refused_parameter_fails_the_launch(bad):
     service = launch.LaunchService()
     service.include_launch_description(

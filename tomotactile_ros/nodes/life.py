@@ -101,7 +101,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(
                 f"transition {transition} is not possible in state "
                 f"{self._state_machine.current_state[1]}, only "
-                + ", ".join(f"{label} ({number})" for number, label in possible.items())
+                + (", ".join(f"{label} ({k})" for k, label in possible.items()) or "none")
             )
             return TransitionCallbackReturn.FAILURE
         return super()._LifecycleNodeMixin__change_state(transition)

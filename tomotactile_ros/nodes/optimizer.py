@@ -1,6 +1,6 @@
 """Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best layout.
 
-It ends by itself; a stop (Ctrl-C) ends it after the step under way and keeps the best layout so far.
+It ends by itself; a stop (Ctrl-C) ends it at once and keeps the best layout so far.
 """
 
 import threading
@@ -51,8 +51,8 @@ class Optimizer:
         self.status = 0
         self._request: Request | None = None
         self._history: list[Step] = []
-        self._stop = threading.Event()
-        self._worker: threading.Thread | None = None
+        self._lock = threading.Lock()  # nothing is shown or written after the end
+        self._ended = False
         self._publisher = node.create_publisher(
             Image,
             "resolution_map",
@@ -78,15 +78,14 @@ class Optimizer:
 
     def activate(self) -> None:
         """Begin."""
-        self._worker = threading.Thread(target=self._work, name="optimizer", daemon=True)
-        self._worker.start()
+        threading.Thread(target=self._work, name="optimizer", daemon=True).start()
 
     def deactivate(self) -> None:
-        """End after the step under way; the best layout is written."""
-        self._stop.set()
-        if self._worker is not None:
-            self._worker.join()
-            self._worker = None
+        """End at once, without the step under way; the best layout so far is written."""
+        try:
+            self._end()
+        except InputError as error:
+            self._fail(BAD_INPUT, str(error))
 
     def cleanup(self) -> None:
         """Nothing is left to do."""
@@ -102,18 +101,28 @@ class Optimizer:
     def _work(self) -> None:
         try:
             for step in self._request.steps_of():
-                self._show(step)
-                if self._stop.is_set():
-                    break
-            self._write()
+                with self._lock:
+                    if self._ended:
+                        return
+                    self._show(step)
+            self._end()
         except InputError as error:
-            self.status = BAD_INPUT
-            self._log.fatal(str(error))
+            self._fail(BAD_INPUT, str(error))
         except Exception as error:  # noqa: BLE001 - a thread has nobody to raise it to
-            self.status = 1
-            self._log.fatal(f"{type(error).__name__}: {error}")
+            self._fail(1, f"{type(error).__name__}: {error}")
         finally:
             rclpy.try_shutdown()  # ends the node
+
+    def _end(self) -> None:
+        """Write the best layout so far, if nobody has done it yet."""
+        with self._lock:
+            ended, self._ended = self._ended, True
+            if self._history and not ended:
+                self._write()
+
+    def _fail(self, status: int, reason: str) -> None:
+        self.status = status
+        self._log.fatal(reason)
 
     def _show(self, step: Step) -> None:
         self._history.append(step)
