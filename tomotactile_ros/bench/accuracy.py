@@ -6,6 +6,7 @@ import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
+from tomotactile_ros.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.view.contacts import pair
 
@@ -29,18 +30,13 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     defective = process(pipeline, trials.defective, conditions)
     pairs = process(pipeline, trials.pairs, conditions)
     repeats = process(pipeline, trials.repeats, conditions)
-    images = _quality(pipeline, singles, trials.singles)
     resolved = _resolved(pairs, trials.pairs)
     noise = np.std([result.potential for result in repeats], axis=0, ddof=1)
-    return {
-        "hwhm": spread(images.hwhm),
-        "position_error": spread(images.position_error),
-        "blur": spread(images.blur),
+    disturbed = merit(images(pipeline, defective), trials.defective, pipeline.grid)
+    return merit(images(pipeline, singles), trials.singles, pipeline.grid) | {
         "contact_error": spread(_contact_error(singles, trials.singles)),
         "defective": {
-            "position_error": spread(
-                _quality(pipeline, defective, trials.defective).position_error
-            ),
+            "position_error": disturbed["position_error"],
             "contact_error": spread(_contact_error(defective, trials.defective)),
         },
         "two_contacts": _distance(resolved, trials.separations),
@@ -58,6 +54,17 @@ def process(pipeline: Pipeline, recording: Recording, conditions: np.ndarray) ->
     return [pipeline.process(frame[conditions], conditions, DRIVE) for frame in recording.frames]
 
 
+def images(pipeline: Pipeline, results: list) -> np.ndarray:
+    """(N, K) potential of the pixels inside the outline, V."""
+    return np.array([pipeline.grid.gather(result.potential) for result in results])
+
+
+def merit(images: np.ndarray, recording: Recording, grid: Grid) -> dict:
+    """HWHM, position error and blur of `images` (N, K) of single contacts, m."""
+    found = quality(images, np.concatenate(recording.positions), grid)
+    return {key: spread(getattr(found, key)) for key in ("hwhm", "position_error", "blur")}
+
+
 def spread(values) -> dict:
     """Mean, median and 95th percentile; None of no values."""
     values = np.asarray(values, float)
@@ -68,11 +75,6 @@ def spread(values) -> dict:
         "median": float(np.median(values)),
         "p95": float(np.percentile(values, 95)),
     }
-
-
-def _quality(pipeline, results, recording):
-    images = np.array([pipeline.grid.gather(result.potential) for result in results])
-    return quality(images, np.concatenate(recording.positions), pipeline.grid)
 
 
 def _contact_error(results, recording):

@@ -18,7 +18,6 @@ import numpy as np
 from tomotactile_ros.bench import accuracy, libraries, timing
 from tomotactile_ros.bench.cases import Case
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Trials
-from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.sheet import make_sheet
@@ -50,7 +49,9 @@ def compare(trials: Trials) -> dict:
         calls["pyeit"] = [peer.solver(frame)]
         found["pyeit"] = {"setup": peer.setup} | _best(peer, trials, grid)
     setups += _pipelines(layout)[1]
-    found["fast"] = {"setup": min(setups)} | _merit(_images(pipelines[0], trials), trials, grid)
+    results = accuracy.process(pipelines[0], trials.singles, np.arange(layout.electrodes))
+    images = accuracy.images(pipelines[0], results)
+    found["fast"] = {"setup": min(setups)} | accuracy.merit(images, trials.singles, grid)
     times = timing.in_turn(calls, least=20, seconds=_SECONDS, turn=0.01)
     for name, each in times.items():
         found[name]["frame"] = timing.summary(each)
@@ -104,32 +105,17 @@ def _image_alone(layout, grid, frame):
     return lambda: local.image(local.meter.read(single, DRIVE))
 
 
-def _images(pipeline, trials):
-    """(N, K) of single contacts, V."""
-    everything = np.arange(trials.layout.electrodes)
-    results = accuracy.process(pipeline, trials.singles, everything)
-    return np.array([pipeline.grid.gather(result.potential) for result in results])
-
-
 def _skip(name):
     return {"skipped": f"{name} is not installed: python3 -m pip install {name}"}
 
 
 def _best(peer, trials, grid):
     """Merit of the peer with the lambda^2 that suits these very contacts best."""
-    merits = [
-        _merit(peer.images(trials.singles.frames, level), trials, grid) | {"regularization": level}
-        for level in libraries.LAMBDAS
-    ]
+    merits = []
+    for level in libraries.LAMBDAS:
+        images = peer.images(trials.singles.frames, level)
+        merits.append(accuracy.merit(images, trials.singles, grid) | {"regularization": level})
     return min(merits, key=lambda merit: merit["position_error"]["mean"])
-
-
-def _merit(images, trials, grid):
-    found = quality(images, np.concatenate(trials.singles.positions), grid)
-    return {
-        "hwhm": accuracy.spread(found.hwhm),
-        "position_error": accuracy.spread(found.position_error),
-    }
 
 
 def _forward(layout):

@@ -61,7 +61,7 @@ def _agreement(rows):
 
 def _peers(peers):
     problem = peers["problem"]
-    header = ("what", "set-up s", "frame ms", "spread ms", "HWHM mm", "PE mm", "p95")
+    header = ("what", "set-up s", "frame ms", "spread ms", "HWHM mm", "PE mm", "p95", "blur mm")
     measured = ((name, found) for name, found in problem.items() if "skipped" not in found)
     yield from tables.text(header, (_peer(*each) for each in measured))
     yield from (found["skipped"] for found in problem.values() if "skipped" in found)
@@ -79,7 +79,7 @@ def _peers(peers):
 
 
 def _peer(name, found):
-    hwhm, error = found.get("hwhm", {}), found.get("position_error", {})
+    hwhm, error, blur = (found.get(key, {}) for key in ("hwhm", "position_error", "blur"))
     return (
         name,
         f"{found['setup']:.2f}" if "setup" in found else "-",
@@ -88,6 +88,7 @@ def _peer(name, found):
         tables.millimetres(hwhm.get("mean")),
         tables.millimetres(error.get("mean")),
         tables.millimetres(error.get("p95")),
+        tables.millimetres(blur.get("mean")),
     )
 
 
