@@ -50,6 +50,21 @@ def test_cells_fill_the_contact_and_lie_in_it(contact, share):
 
 
 @settings(deadline=None)
+@given(contact=contacts(), across=st.integers(4, 24))
+def test_patches_fill_the_contact_and_follow_its_rim(contact, across):
+    points, areas, radii = contact.patches(across)
+    assert areas.sum() == pytest.approx(contact.area, rel=1e-12)
+    assert (areas >= 0).all() and (radii > 0).all()
+    outline = shapely.Polygon(contact.vertices)
+    width = np.ptp(contact.vertices, axis=0).max()
+    where = shapely.points(points)
+    assert shapely.distance(outline, where).max() < 1e-9 * width + 1e-14
+    on_rim = shapely.distance(outline.exterior, where) < 1e-4 * width
+    # a point on the rim stands for a line 2 pi times its radius long
+    assert 2 * np.pi * radii[on_rim].sum() == pytest.approx(outline.length, rel=1e-3)
+
+
+@settings(deadline=None)
 @given(share=st.floats(0.05, 1e6), radius=st.floats(1e-5, 10))
 def test_disc_sample_is_symmetric_and_never_poor(share, radius):
     contact = Contact("disc", (0.0, 0.0), radius=radius)

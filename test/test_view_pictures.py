@@ -119,6 +119,19 @@ def test_contacts_are_paired_with_the_nearest_truth():
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
 
 
+def test_more_contacts_than_lines_leave_room_for_the_picture(monkeypatch):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for key, value in (("TERM", "xterm"), ("COLUMNS", "60"), ("LINES", "20")):
+        monkeypatch.setenv(key, value)
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    display = Display(LAYOUT, load_scene("idle"))
+    display.show(Shot(np.zeros((40, 40)), [UPPER_RIGHT] * 50, scene_time=1.0, rate=15.0, age=0.01))
+    terminal.flush()
+    shown = terminal.buffer.getvalue().decode()
+    assert shown.count("\n") < 20 and shown.count("contact") == 10 and "mm\x1b" in shown
+
+
 class Terminal(io.TextIOWrapper):
     def __init__(self, encoding="utf-8"):
         super().__init__(io.BytesIO(), encoding=encoding)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.patches import disc_rim, join, rim_of
 from tomotactile_ros.region import MAX_CELLS, Region, regular_polygon, ring
 from tomotactile_ros.yamlio import Reader
 
@@ -22,11 +22,7 @@ SHAPES = {
     "rectangle": ("center", "size", "angle"),
     "polygon": ("points",),
 }
-# of a cell, times sqrt(area): the disc whose mean ln |x| to its centre is the cell's
-PATCH_RADIUS = math.exp(-0.5) / math.sqrt(math.pi)
 FASTEST = 1e6  # m/s
-_STRIP = 1 / 16  # width of the strip that the points on a rim stand for, in parts of their spacing
-_CORNER = 0.2  # rad, turns of a rim that patches keep apart
 _LEAST_CELLS = 3  # along each side of a contact's bounding box; a disc keeps all 9
 
 
@@ -155,20 +151,22 @@ class Contact:
         return self.center + points, areas
 
     def patches(self, across: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where it meets a sheet: points on its rim and inside, about ``across`` to its width.
-
-        A good conductor feeds the sheet from its rim, a poor one evenly: with both, the same
-        patches serve every conductance. A patch is as good as a disc around its point; on the rim,
-        points at the distance d stand for a line, and a line of charge d long for a disc of radius
-        d / (2 pi).
+        """Where the contact meets a sheet: about ``across`` patches to its width, see `patches`.
 
         Returns
         -------
         points : (Q, 2) m; areas : (Q,) m², in sum that of the contact; radii : (Q,) m.
         """
         if ("patches", across) not in self._cells:
-            size = np.ptp(self.vertices, axis=0).max()
-            self._cells["patches", across] = _patches(self, size / across)
+            vertices = self.vertices - self.center
+            spacing = np.ptp(vertices, axis=0).max() / across
+            cells, areas = self.sample(spacing)
+            rim = (
+                disc_rim(self.radius, spacing)
+                if self.shape == "disc"
+                else rim_of(vertices, spacing)
+            )
+            self._cells["patches", across] = join(*rim, cells - self.center, areas, spacing)
         points, areas, radii = self._cells["patches", across]
         return self.center + points, areas, radii
 
@@ -215,44 +213,6 @@ def _cells_along(length: float, spacing: float) -> int:
         checks.positive(spacing, "spacing", "length in m")
         raise InputError(_too_fine(spacing))
     return max(_LEAST_CELLS, math.ceil(count * (1 - 1e-12)))
-
-
-def _patches(contact: Contact, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if contact.shape == "disc":
-        count = 4 * math.ceil(2 * np.pi * contact.radius / spacing / 4)
-        angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-        rim = contact.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        lengths = np.full(count, 2 * np.pi * contact.radius / count)
-    else:
-        rim, lengths = _along(contact.vertices - contact.center, spacing)
-    cells, areas = contact.sample(spacing)
-    cells = cells - contact.center
-    strips = lengths * spacing * _STRIP
-    taken = np.bincount(cKDTree(cells).query(rim)[1], strips, len(cells))
-    left = np.maximum(areas - taken, 0.0)
-    points = np.concatenate([rim, cells])
-    radii = np.concatenate([lengths / (2 * np.pi), PATCH_RADIUS * np.sqrt(areas)])
-    weights = np.concatenate([strips, left])
-    return points, weights * (contact.area / weights.sum()), radii
-
-
-def _along(vertices: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 2) along a closed line, even between corners, and the length (P,) of each, m."""
-    into, out = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
-    turn = np.abs(np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], (into * out).sum(1)))
-    corners = np.flatnonzero(turn > _CORNER)
-    if not len(corners):
-        corners = np.array([0])
-    points, lengths = [], []
-    for start, end in zip(corners, np.roll(corners, -1)):
-        count = (end - start) % len(vertices) or len(vertices)
-        piece = vertices[(start + np.arange(count + 1)) % len(vertices)]
-        at = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(piece, axis=0), axis=1))])
-        parts = max(1, math.ceil(at[-1] / spacing))
-        middle = (np.arange(parts) + 0.5) * at[-1] / parts
-        points.append(np.column_stack([np.interp(middle, at, piece[:, i]) for i in range(2)]))
-        lengths.append(np.full(parts, at[-1] / parts))
-    return np.concatenate(points), np.concatenate(lengths)
 
 
 @lru_cache(maxsize=64)

@@ -97,7 +97,7 @@ class Display:
 
     def _draw(self, shot: Shot) -> None:
         room = shutil.get_terminal_size()
-        contacts = self._lines(shot)
+        contacts = self._lines(shot)[: room.lines // 2]
         scale = full_scale(shot.pressure, 0.0, _LEAST_SCALE)
         image = picture(
             shot.pressure, self._layout.outline.bounds, scale, room.columns,

@@ -10,7 +10,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.view.contacts import contact_lines
 
-_MOST_LINES = 6  # of contacts below the picture
+_MOST_LINES = 6  # about contacts, below the picture
 
 
 def save_pressure(
@@ -51,7 +51,7 @@ def save_pressure(
     _draw_contacts(axes, contacts, truth or ())
     axes.set(xlabel="x / mm", ylabel="y / mm", title=title)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=3, frameon=False)
-    lines = contact_lines(contacts[:_MOST_LINES], truth)
+    lines = contact_lines(contacts, truth)[:_MOST_LINES]
     figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
