@@ -513,7 +513,7 @@ def test_a_link_is_made_and_removed_but_nothing_else_is(tmp_path):
 
 
 def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
-    assert emulator.main(["--port", "usb"]) == 2
+    assert emulator.main(["--port", "usb", "--ros-args", "-r", "__node:=sensor"]) == 2
     assert emulator.main(["--layout", "no-such-layout"]) == 2
     assert emulator.main(["--port", "pty:/no/such/folder/port"]) == 2
     with pytest.raises(SystemExit, match="2"):

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from itertools import takewhile
 
 from tomotactile_ros.command_line import Parser
 from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
@@ -103,7 +104,9 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--port", default="pty", help="pty, pty:LINK, tcp:PORT or tcp:HOST:PORT (default: pty)"
     )
-    return parser.parse_args(argv)
+    # a launch file's Node action puts --ros-args behind, though this is no node
+    words = sys.argv[1:] if argv is None else argv
+    return parser.parse_args(list(takewhile(lambda word: word != "--ros-args", words)))
 
 
 def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
