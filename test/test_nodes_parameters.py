@@ -2,6 +2,7 @@
 
 import signal
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
+from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
@@ -78,8 +80,18 @@ def test_a_bad_command_line_ends_with_status_2(domain):
     assert "Traceback" not in process.output
 
 
-def test_every_parameter_is_described(probe, start):
-    start("tactile", {"scene": "idle"})
+@pytest.fixture
+def tactile(domain):
+    """Both nodes, started with their files of config/."""
+    share = Path(get_package_share_directory("tomotactile_ros"), "config")
+    files = [share / f"{name}.yaml" for name in ("driver", "reconstruction")]
+    words = [word for file in files for word in ("--params-file", str(file))]
+    process = Process([program("tactile"), "--ros-args", *words], domain)
+    yield process
+    process.kill()
+
+
+def test_every_parameter_is_described(probe, tactile):
     for node in ("driver", "reconstruction"):
         listed = probe.call(ListParameters, f"/{node}/list_parameters").result.names
         own = [name for name in listed if "." not in name and name not in
@@ -90,6 +102,10 @@ def test_every_parameter_is_described(probe, start):
         assert all(d.description for d in described.descriptors)
         read_only = {d.name for d in described.descriptors if d.read_only}
         assert read_only == {"layout", "frame_id"}
+    get = GetParameters.Request(names=["excluded"])
+    (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
+    assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
+    assert tactile.running()
 
 
 def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
@@ -128,10 +144,6 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
     reconstruction = start("reconstruction", {"resolution": 20, "view_size": 100})
     image = probe.wait_for(Image, "/pressure")
     assert (image.height, image.width) == (20, 20)
-
-    get = GetParameters.Request(names=["excluded"])
-    (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
-    assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
 
     for name, value, reason in [
         ("frame_id", "x", "read-only"),

@@ -146,10 +146,10 @@ class Parameters:
             reason = str(error).removesuffix(f": {spec.name}")
             raise InputError(f"parameter {spec.name}: {reason}") from None
         try:
-            value = spec.convert(parameter.value)
+            value = spec.convert(default if parameter.value is None else parameter.value)
         except InputError as error:
             raise InputError(f"parameter {error}") from None
-        if value == ():  # rclpy takes an empty list for one of bytes
+        if value == ():  # in YAML it sets nothing, and rclpy takes it for one of bytes
             self._node.set_parameters([Parameter(spec.name, Parameter.Type.INTEGER_ARRAY, [])])
         return value
 
