@@ -30,9 +30,7 @@ CASES = (  # radius m, conductance S/m^2, words
 
 
 def reading(sheet, contact, conductance, across):
-    points, areas, radii = contact.patches(across)
-    flow = np.full(len(areas), conductance)
-    return frame(*contact_points(sheet, points, areas, radii, flow), DRIVE)
+    return frame(*contact_points(sheet, [(contact.patches(across), conductance)]), DRIVE)
 
 
 def main():

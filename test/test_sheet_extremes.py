@@ -31,11 +31,7 @@ def sheet_of(model, rows=4, resistance=1.0):
 
 
 def press(sheet, contacts):
-    patches = [contact.patches(16) for contact, _ in contacts]
-    conductance = np.concatenate([np.full(len(p[1]), g) for p, (_, g) in zip(patches, contacts)])
-    points, areas, radii = map(np.concatenate, zip(*patches))
-    transfer, resistance = contact_points(sheet, points, areas, radii, conductance)
-    return frame(transfer, resistance, DRIVE)
+    return frame(*contact_points(sheet, [(c.patches(16), g) for c, g in contacts]), DRIVE)
 
 
 def check(voltages, over=2e-3):

@@ -25,15 +25,9 @@ def sheet(request, layout):
     return make_sheet(layout, request.param)
 
 
-def press(sheet, *contacts, grounded=None, switch_resistance=0.0):
+def press(sheet, *contacts, **settings):
     """Frame of contacts (Contact, conductance in S/m^2)."""
-    patches = [contact.patches() for contact, _ in contacts]
-    conductance = np.concatenate([np.full(len(p[1]), g) for p, (_, g) in zip(patches, contacts)])
-    points, areas, radii = map(np.concatenate, zip(*patches))
-    transfer, resistance = contact_points(sheet, points, areas, radii, conductance)
-    return frame(
-        transfer, resistance, DRIVE, grounded=grounded, switch_resistance=switch_resistance
-    )
+    return frame(*contact_points(sheet, [(c.patches(), g) for c, g in contacts]), DRIVE, **settings)
 
 
 def disc(x, y, radius=0.005):
@@ -43,9 +37,7 @@ def disc(x, y, radius=0.005):
 def test_against_one_solution_per_ground_condition(layout):
     """The full system of equations, assembled and solved for each ground condition apart."""
     sheet = FemSheet(layout)
-    transfer, resistance = contact_points(
-        sheet, *disc(0.031, -0.022, 0.008).patches(), np.full(100, 2.0)[:1]
-    )
+    transfer, resistance = contact_points(sheet, [(disc(0.031, -0.022, 0.008).patches(), 2.0)])
     chosen = np.array([3, 9, 20])
     transfer, resistance = transfer.at(chosen), resistance[chosen]
     green = transfer.among(np.arange(3))
@@ -147,9 +139,7 @@ def test_maximum_principle(sheet, conductance):
 def test_currents_balance(layout):
     """What enters through the contacts leaves through the grounded electrode, and nowhere else."""
     sheet = FemSheet(layout)
-    transfer, resistance = contact_points(
-        sheet, *disc(0.03, 0.04).patches(), np.full(len(disc(0, 0).patches()[1]), 2.0)
-    )
+    transfer, resistance = contact_points(sheet, [(disc(0.03, 0.04).patches(), 2.0)])
     everything = np.arange(len(transfer.points))
     for ground in (0, 6):
         z = transfer.among(everything) + sheet.electrode_electrode[ground, ground]

@@ -98,15 +98,13 @@ class Simulator:
         return self._last[1]
 
     def _solve(self, contacts):
-        present = [(c, across) for c, across in zip(contacts, self._across) if c is not None]
-        patches = [contact.patches(across) for contact, across in present]
-        counts = [len(areas) for _, areas, _ in patches]
-        conductance = np.repeat([self._conductance(contact) for contact, _ in present], counts)
-        points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
-        transfer, resistance = contact_points(self.sheet, points, areas, radii, conductance)
+        present = [
+            (contact.patches(across), self._conductance(contact))
+            for contact, across in zip(contacts, self._across)
+            if contact is not None
+        ]
         return frame(
-            transfer,
-            resistance,
+            *contact_points(self.sheet, present),
             self.scene.drive_voltage,
             switch_resistance=self.scene.defects.switch_resistance,
         )

@@ -37,10 +37,8 @@ def voltages(layout: Layout, conductance: float, model: str, place=PLACE) -> np.
     """(E, E) of a contact of 1/40 of the shorter side, V per V of drive."""
     size = np.array(layout.outline.size)
     contact = Contact("disc", center=place * size, radius=size.min() / 40)
-    points, areas, radii = contact.patches(6)
     sheet = make_sheet(layout, model, h=max(size.min() / 40, size.max() / 400))
-    flow = np.full(len(areas), conductance)
-    return frame(*contact_points(sheet, points, areas, radii, flow), 1.0)
+    return frame(*contact_points(sheet, [(contact.patches(), conductance)]), 1.0)
 
 
 def voltage_by_resistance(resistance: float) -> float:

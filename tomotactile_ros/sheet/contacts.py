@@ -10,14 +10,14 @@ from tomotactile_ros.sheet.transfer import Transfer, electrode_of
 _SAME = 1.0  # patches closer than this part of the smaller radius become one
 
 
-def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, np.ndarray]:
-    """Where the patches of one or several contacts meet the sheet.
+def contact_points(sheet, contacts) -> tuple[Transfer, np.ndarray]:
+    """Where the patches of any number of contacts meet the sheet.
 
     Parameters
     ----------
     sheet : ClosedFormSheet or FemSheet
-    points : (Q, 2) m; areas : (Q,) m^2; radii : (Q,) m, as of `Contact.patches`
-    conductance : (Q,) S/m^2; infinity for a bare conductor at the drive voltage
+    contacts : for each what `Contact.patches` returns, and its conductance, S/m^2; infinity for a
+        bare conductor at the drive voltage
 
     Returns
     -------
@@ -25,11 +25,13 @@ def contact_points(sheet, points, areas, radii, conductance) -> tuple[Transfer, 
     outline are left out; a patch that overlaps an electrode feeds it; patches in the same place
     conduct side by side.
     """
-    points = np.asarray(points, float).reshape(-1, 2)
+    patches = [each for each, _ in contacts]
+    points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
+    conductance = np.repeat([each for _, each in contacts], [len(each[1]) for each in patches])
     inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))
-    points, radii = points[inside], np.asarray(radii, float)[inside]
+    points, radii = points[inside], radii[inside]
     with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
-        flow = np.nan_to_num((np.asarray(areas) * conductance)[inside], nan=0.0, posinf=np.inf)
+        flow = np.nan_to_num((areas * conductance)[inside], nan=0.0, posinf=np.inf)
     owner = electrode_of(points, sheet.layout, radii)
     points = np.where(owner[:, None] >= 0, sheet.layout.positions[owner], points)
     kept, group = _together(points, radii, owner)
