@@ -1,4 +1,4 @@
-"""Non-negative image, nonlinear inverse and refined discs, each on its own model."""
+"""Non-negative image and nonlinear inverse, each on its own model."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
 from tomotactile_ros.reconstruction.conductance import ConductanceProblem, solve_conductance
-from tomotactile_ros.reconstruction.estimate import EVEN_DISC
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import (
@@ -15,7 +14,6 @@ from tomotactile_ros.reconstruction.nonnegative import (
     solve_nonnegative,
     spread,
 )
-from tomotactile_ros.reconstruction.parametric import refine_discs
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.frames import frame
 
@@ -92,20 +90,6 @@ def test_contacts_close_together_do_not_bias_each_other(setting):
     effective = np.linalg.lstsq(linear, reading.currents, rcond=None)[0]
     assert values == pytest.approx(true, rel=0.01)
     assert effective.sum() < 0.7 * true.sum()
-
-
-def test_discs_are_refined_between_pixels(setting):
-    sheet, _, meter, local = setting
-    positions = np.array([[0.0212, -0.0337], [-0.0471, 0.0118]])
-    true = np.array([1.5e-4, 3e-4])
-    contact = sheet.transfer(positions, EVEN_DISC * 0.005)
-    reading = meter.read(frame(contact, 1 / true, DRIVE), DRIVE)
-    start = positions + [[0.002, -0.0015], [-0.001, 0.002]]
-    found, conductance = refine_discs(
-        local, reading, sheet, start, 0.7 * true, np.full(2, 0.005), np.empty(0, int), np.empty(0)
-    )
-    assert np.abs(found - positions).max() < 1e-4
-    assert conductance == pytest.approx(true, rel=0.01)
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (29, 0), (3, 2)], ids=str)

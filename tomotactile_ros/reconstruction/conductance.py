@@ -26,7 +26,7 @@ from tomotactile_ros.reconstruction.nonnegative import typical_pixel, weighted_d
 _STEPS = 8
 _HALVINGS = 4
 _SUPPORT = 0.03  # of the start's maximum
-_MOST = 450  # pixels that take part
+_MOST, _PER_DATUM = 450, 10  # pixels that take part: in all, and for each datum
 _COMPACT = 0.2  # see `nonnegative`
 _ENOUGH = 1e-3  # relative gain of the misfit below which it ends
 
@@ -122,8 +122,9 @@ def conductance_image(
     out = np.zeros(len(start))
     top = start.max()
     active = np.flatnonzero(start > _SUPPORT * top) if top > 0 else np.empty(0, int)
-    if len(active) > _MOST:
-        active = np.sort(active[np.argpartition(-start[active], _MOST)[:_MOST]])
+    most = min(_MOST, _PER_DATUM * len(local.forward))
+    if len(active) > most:
+        active = np.sort(active[np.argpartition(-start[active], most)[:most]])
     if len(active):
         sheet = local.meter.sheet
         share, impedance = sheet.share[:, active], recent.among(sheet, active)

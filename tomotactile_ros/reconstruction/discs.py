@@ -12,6 +12,9 @@ with I the modified Bessel functions, of a disc that leaks evenly, and X the way
 electrodes. The mean of a harmonic function over a disc is that at its centre: currents tell place and c whatever the
 size. A disc shows its size by what it short-circuits, s_m; the stronger it is, the more, and the more
 the size matters for g. Where the couplings do not tell, the expected radius stands.
+
+An uneven sheet changes couplings, too, but those next to each other alike. So errors of Y0 near a disc count as a
+random field, and its mean at the disc given the couplings is the conductance of the sheet that X and s_m there need.
 """
 
 from __future__ import annotations
@@ -35,6 +38,11 @@ _REACH = 0.2  # of a step, in spacings of the electrodes
 _SIZES = 32  # radii that are compared
 _SMALLEST, _LARGEST = 0.3, 0.7  # of them, in expected radii and in spacings
 _USUAL = 0.4  # standard deviation of the logarithm of a radius about the expected one
+_NEAR = 2.0  # couplings that tell of a disc are no further away, in spacings
+_UNEVEN = 0.1  # standard deviation of the logarithm of the sheet's conductance,
+_ALIKE = 1.75  # its correlation length, in spacings,
+_MOST_UNEVEN = 0.3  # and how far it may be from zero
+_ROUNDS = 2  # of sizes and the sheet's conductance in turns
 _WAY_ERROR = 0.03  # of X
 _EVEN = 0.25  # what a weak disc has above X
 _LEAST = 0.01  # conductance of a disc, in parts of all
@@ -119,6 +127,16 @@ class Disc:
     radius: float
 
 
+@dataclass(frozen=True)
+class _Point:
+    """What the currents tell of a disc: its place x, y, m, and c, S; H there (n, 5), see `Shares.at`, and D, ohm."""
+
+    place: tuple[float, float]
+    effective: float
+    field: np.ndarray
+    impedance: float
+
+
 def fit_discs(
     local: LocalImage,
     measured: Grounded,
@@ -126,32 +144,34 @@ def fit_discs(
     others: list[np.ndarray],
     change: np.ndarray,
     radius: float,
+    expected: list[float],
 ) -> list[Disc]:
     """Discs near `places`, m.
 
     Parameters
     ----------
     others : what each contact that is no disc adds to the currents, (n,) S
-    change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
-    radius : that is expected, m
+    change : (K,) what D of a disc of `radius` (m) centred on each pixel has above that of the pixel, ohm
+    expected : radius of each, m
     """
     sheet, first, second = local.meter.sheet, local.meter.first, local.meter.second
     left = None if measured.couplings is None else measured.couplings.astype(float)
-    places, effective = _fit_places(local, measured, places, others)
     found = []
-    for place, c in zip(places, effective):
+    for place, c in zip(*_fit_places(local, measured, places, others)):
         pixels, weights = shares_of(local.grid).at(*place)
         impedance = (sheet.impedance[pixels] + change[pixels]).dot(weights[:, 0])
         field = sheet.share[:, pixels].dot(weights)
-        found.append((c, field, float(impedance)))
+        found.append(_Point(place, max(c, _TINY), field, float(impedance)))
         if left is not None:
             point = field[:, 0]
             left -= c * point.take(first) * point.take(second)
     if left is not None:
         for currents in others:
             left -= currents[first] * currents[second] / max(float(currents.sum()), _TINY)
-    sizes = [_size(local, measured.noise, left, *each, radius) for each in found]
-    return [Disc(np.array(place), *size) for place, size in zip(places, sizes)]
+    return [
+        _sized(local, measured.noise, left, point, radius, usual)
+        for point, usual in zip(found, expected)
+    ]
 
 
 def _fit_places(local, measured, places, others):
@@ -174,8 +194,6 @@ def _fit_places(local, measured, places, others):
         found = found.tolist()
         for i, (x, y) in enumerate(places):
             effective[i] = c = max(found[3 * i], least)
-            if not c > 0:  # noise alone: nothing to move by
-                continue
             along = [found[3 * i + 1] * shares.unit / c, found[3 * i + 2] * shares.unit / c]
             part = min(reach / max(math.hypot(*along), _TINY), 1.0)
             moved = x + part * along[0], y + part * along[1]
@@ -185,41 +203,75 @@ def _fit_places(local, measured, places, others):
     return places, [scale * c for c in effective]
 
 
-def _size(local, noise, left, effective, field, impedance, radius):
-    """Conductance, S, and radius, m, of a disc: means over radii, each counted by how well it explains `left`.
+def _sized(local, noise, left, point, radius, expected) -> Disc:
+    """Mean over radii, each counted by how well it explains `left` and how near it is to the `expected` one, m.
 
     Parameters
     ----------
     left : (P,) of the couplings when all contacts are points, S; None where noise hides them
-    effective : c, S
-    field : (n, 5) of H at its place, see `Shares.at`
-    impedance : D if it had the expected `radius` (m), ohm
+    radius : of the disc whose D is that of `point`, m
     """
     scale = 2 * math.pi / local.resistance
-    sizes, cost, squared = _sizes(radius, local.spacing)
-    inside = scale / max(effective, _TINY) - np.maximum(scale * impedance - _EVEN - sizes, -_EVEN)
-    cost = cost + (np.maximum(_INSIDE[0] - inside, 0.0) / _WAY_ERROR) ** 2
+    sizes, squared = _sizes(radius, local.spacing)
+    way = np.maximum(scale * point.impedance - _EVEN - sizes, -_EVEN)
+    inside = scale / point.effective - way
+    conductance, misfit = 1.0, 0.0  # of the sheet at each radius, in parts of the usual one
     if left is not None:
-        pairs = field.take(local.meter.first, axis=0) * field.take(local.meter.second, axis=0)
-        shapes = np.array([left, pairs[:, 1] + pairs[:, 2], pairs[:, 3] + pairs[:, 4]])
-        shapes *= 1 / np.sqrt(noise**2 + local.coupling_variance)
-        squared = squared / shares_of(local.grid).unit ** 2
-        amounts = np.ones((3, len(sizes)))
-        amounts[1] = -scale * squared * np.interp(inside, _INSIDE, _SHORTED[0])
-        amounts[2] = -2 * scale * squared**2 * np.interp(inside, _INSIDE, _SHORTED[1])
-        squares = (shapes.dot(shapes.T).dot(amounts) * amounts).sum(axis=0)
-        best = amounts[:, squares.argmin()].dot(shapes)
-        seen = shapes[1] ** 2
-        cost += (squares - squares.min()) / (1 + seen.dot(best**2) / max(seen.sum(), _TINY))
+        product, uneven = _compared(local, noise, left, point)
+        for _ in range(_ROUNDS):
+            amounts = _shorted(
+                scale * conductance, squared / shares_of(local.grid).unit ** 2, inside
+            )
+            misfit = (product.dot(amounts) * amounts).sum(axis=0)
+            change = np.minimum(np.maximum(uneven.dot(amounts), -_MOST_UNEVEN), _MOST_UNEVEN)
+            conductance = np.exp(change)
+            inside = scale * conductance / point.effective - way
+    cost = misfit + ((sizes - math.log(expected / radius)) / _USUAL) ** 2
+    cost += (np.maximum(_INSIDE[0] - inside, 0.0) / _WAY_ERROR) ** 2
     weight = np.exp((cost.min() - cost) / 2)
     weight /= weight.sum()
-    squared = math.exp(2 * weight.dot(np.interp(inside, _INSIDE, _LOG_K)))
-    return math.pi * squared / local.resistance, radius * math.exp(weight.dot(sizes))
+    total = 2 * np.interp(inside, _INSIDE, _LOG_K) + np.log(conductance)
+    return Disc(
+        np.array(point.place),
+        math.pi * math.exp(weight.dot(total)) / local.resistance,
+        radius * math.exp(weight.dot(sizes)),
+    )
+
+
+def _shorted(scale, squared, inside):
+    """(3, n) amounts of `left` and of both moments that leave nothing, for n squared radii, in units of `Shares`."""
+    amounts = np.ones((3, len(squared)))
+    amounts[1] = -scale * squared * np.interp(inside, _INSIDE, _SHORTED[0])
+    amounts[2] = -2 * scale * squared**2 * np.interp(inside, _INSIDE, _SHORTED[1])
+    return amounts
+
+
+def _compared(local, noise, left, point):
+    """(3, 3) Q and (3,) q: `amounts` a of `_shorted` have the misfit a Q a and show the sheet's conductance exp(q a)."""
+    reach = _ALIKE * local.spacing
+    x, y = (local.middles - point.place).T / reach
+    squared = x * x + y * y
+    near = np.flatnonzero(squared < (_NEAR / _ALIKE) ** 2)
+    if not len(near):
+        return np.zeros((3, 3)), np.zeros(3)
+    first, second = local.meter.first[near], local.meter.second[near]
+    pairs = point.field.take(first, axis=0) * point.field.take(second, axis=0)
+    shapes = np.array([left[near], pairs[:, 1] + pairs[:, 2], pairs[:, 3] + pairs[:, 4]])
+    here = _UNEVEN * np.exp(-squared[near] / 2) * local.meter.untouched[near]
+    x, y = x[near], y[near]
+    covariance = np.multiply.outer(x, x)
+    covariance += np.multiply.outer(y, y)
+    np.exp(covariance, out=covariance)
+    covariance *= here
+    covariance *= here[:, None]
+    covariance.ravel()[:: len(near) + 1] += local.coupling_variance[near] + noise**2
+    _, solved, _ = lapack.dposv(covariance, shapes.T)
+    return shapes.dot(solved), _UNEVEN * here.dot(solved)
 
 
 @lru_cache(maxsize=8)
 def _sizes(radius, spacing):
-    """(n,) logarithms of the radii that are compared, in parts of `radius`, their cost, and their squares, m^2."""
+    """(n,) logarithms of the radii that are compared, in parts of `radius`, and their squares, m^2."""
     largest = max(_LARGEST * spacing / radius, 1 / _SMALLEST)
     sizes = np.linspace(math.log(_SMALLEST), math.log(largest), _SIZES)
-    return sizes, (sizes / _USUAL) ** 2, radius**2 * np.exp(2 * sizes)
+    return sizes, radius**2 * np.exp(2 * sizes)

@@ -21,7 +21,7 @@ from tomotactile_ros.reconstruction.settings import ContactEstimate
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
-DISC = 0.4  # radius of a contact that still counts as a disc, in spacings of the electrodes
+_DISC = 0.5  # radius of a contact that still counts as a disc, in spacings of the electrodes
 _SEEN = 0.23  # radius from which on the image tells the size of a contact, in spacings
 _BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
@@ -30,7 +30,7 @@ _PLACES = 40  # in a wide blob
 
 @dataclass(frozen=True)
 class Strength:
-    """Of one contact: position (2,) m, conductance g, S, and area, m^2; resolved as a disc of that area or not."""
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2; to be shown as a disc of that area or not."""
 
     position: np.ndarray
     conductance: float
@@ -47,6 +47,7 @@ def strengths(
     point_area: float,
     radius: float,
     exact: np.ndarray | None = None,
+    resolved: bool = False,
 ) -> list[Strength]:
     """How strongly each blob of the image `values` (K,) conducts.
 
@@ -57,6 +58,7 @@ def strengths(
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
+    resolved : the image is that of g, and discs are to be shown as such
     """
     radii, wide = _sizes(blobs, exact, local, point_area, radius)
     found, others, most = {}, [], LARGEST / local.resistance
@@ -66,15 +68,21 @@ def strengths(
         effective = effective_conductances(np.array(shares).T, measured.currents)
         others = [shares[i] * effective[i] for i in range(len(blobs)) if wide[i]]
         for i in range(len(blobs)):
-            if wide[i]:
+            if wide[i] and not resolved:
                 found[i] = _wide(blobs[i], cores[i][0], effective[i], local, point_area, radii[i])
     small = [i for i in range(len(blobs)) if not wide[i]]
     if small:
         places = [tuple(blobs[i].position.tolist()) for i in small]
-        discs = fit_discs(local, measured, places, others, disc_change, radius)
+        expected = [radii[i] for i in small]
+        discs = fit_discs(local, measured, places, others, disc_change, radius, expected)
         for i, disc in zip(small, discs):
             conductance = min(disc.conductance, most)
-            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2)
+            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2, resolved)
+    if resolved:
+        sums = np.array([values[blob.pixels].sum() for blob in blobs])
+        sums *= values.sum() / sums.sum()  # what is in no blob
+        for i in set(range(len(blobs))).difference(small):
+            found[i] = Strength(blobs[i].position, float(sums[i]), np.pi * radii[i] ** 2)
     return [found[i] for i in range(len(blobs))]
 
 
@@ -93,7 +101,7 @@ def _sizes(blobs, exact, local, point_area, radius):
         wide = [blob.area > WIDE * point_area for blob in blobs]
     else:
         radii = [seen_radius(blob.pixels, exact, local, radius) for blob in blobs]
-        wide = [seen > DISC * local.spacing for seen in radii]
+        wide = [seen > _DISC * local.spacing for seen in radii]
     return radii, wide if shares_of(local.grid).usable else [True] * len(blobs)
 
 

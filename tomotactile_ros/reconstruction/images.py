@@ -11,21 +11,17 @@ from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.conductance import conductance_image
 from tomotactile_ros.reconstruction.contacts import FLOOR, SHARP_FLOOR, Blob, find_blobs
 from tomotactile_ros.reconstruction.estimate import (
-    DISC,
     EVEN_DISC,
     WIDE,
     Strength,
-    seen_radius,
     strengths,
 )
 from tomotactile_ros.reconstruction.grounded import RecentBlock
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
-from tomotactile_ros.reconstruction.parametric import refine_discs
 
 SHARP = 0.2  # width of a point in the images of `balanced` and `accurate`, in spacings of the electrodes
 _LEAST = 0.02  # conductance of a contact, in parts of the strongest
-_MOST_DISCS = 6  # that are refined together
 
 
 @dataclass
@@ -44,7 +40,7 @@ class ImageMaker:
     """
 
     def __init__(self, profile: str, model, radius: float):
-        self.profile, self.sheet, self.radius = profile, model.sheet, radius
+        self.profile, self.radius = profile, radius
         own = model.sheet.transfer(model.grid.pixels, EVEN_DISC * radius).point_self
         self.memories, self._recent = (Memory(), Memory()), RecentBlock()
         self._change = own - model.transfer.point_self  # of D from a pixel to a disc, ohm
@@ -65,10 +61,13 @@ class ImageMaker:
         point_area = 2 * np.pi * np.log(2) * max(width, 0.6 * grid.cell_size[0]) ** 2
         if self.profile == "balanced":
             return self.described(local, measured, sharp, point_area, sparse)
-        values = conductance_image(local, measured, sharp, self.memories[1], self._recent)
-        return self._refined(
-            local, measured, spread(values, grid, width), values, point_area, width
-        )
+        exact = conductance_image(local, measured, sharp, self.memories[1], self._recent)
+        values = spread(exact, grid, width)
+        image = self.described(local, measured, values, point_area, exact, resolved=True)
+        for blob, strength in zip(image.blobs, image.strengths):
+            if strength.is_disc:
+                _draw(values, blob, strength, width, grid)
+        return image
 
     def _is_wide(self, local, measured, linear) -> bool:
         """Whether a blob of the linear image is wider than the image of a point."""
@@ -76,7 +75,9 @@ class ImageMaker:
         blobs = find_blobs(local.grid.fill(linear, outside=0.0), local.grid)
         return any(blob.area > most for blob in blobs)
 
-    def described(self, local, measured, values, point_area=None, exact=None) -> Image:
+    def described(
+        self, local, measured, values, point_area=None, exact=None, resolved=False
+    ) -> Image:
         """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""
         if point_area is None:
             point_area = local.point_area(measured)
@@ -93,50 +94,17 @@ class ImageMaker:
             point_area,
             self.radius,
             exact,
+            resolved,
         )
         least = _LEAST * max(strength.conductance for strength in found)
         kept = [i for i, strength in enumerate(found) if strength.conductance >= least]
         return Image(values, [blobs[i] for i in kept], [found[i] for i in kept])
 
-    def _refined(self, local, measured, values, exact, point_area, width):
-        """Small contacts as discs of the size that the image shows, wide ones as their pixels."""
-        image = self.described(local, measured, values, point_area)
-        blobs = image.blobs
-        radius = [seen_radius(blob.pixels, exact, local, self.radius) for blob in blobs]
-        sums = np.array([values[blob.pixels].sum() for blob in blobs])
-        sums *= values.sum() / max(float(sums.sum()), 1e-300)
-        small = [
-            i for i, r in enumerate(radius) if r < max(DISC * local.spacing, 1.01 * self.radius)
-        ]
-        wide = [i for i in range(len(blobs)) if i not in small]
-        for i in wide:
-            position = image.strengths[i].position
-            image.strengths[i] = Strength(position, float(sums[i]), np.pi * radius[i] ** 2)
-        if not 0 < len(small) <= _MOST_DISCS:
-            return image
-        others = np.concatenate([np.empty(0, int), *(blobs[i].pixels for i in wide)])
-        others = others[exact[others] > 0]
-        radii = np.array([radius[i] for i in small])
-        positions, conductances = refine_discs(
-            local,
-            measured,
-            self.sheet,
-            np.array([image.strengths[i].position for i in small]),
-            np.maximum(sums[small], 1e-12),
-            radii,
-            others,
-            exact[others],
-        )
-        for i, r, position, conductance in zip(small, radii, positions, conductances):
-            image.strengths[i] = Strength(position, float(conductance), np.pi * r**2, is_disc=True)
-            _draw(image.values, blobs[i], position, conductance, max(width, r / 2), local.grid)
-        return image
 
-
-def _draw(values, blob, position, total, width, grid):
-    """Put a point of the given width in place of a blob."""
-    width = max(width, 0.6 * max(grid.cell_size))
-    distance = ((grid.pixels[blob.pixels] - position) ** 2).sum(axis=1)
+def _draw(values, blob, disc, width, grid):
+    """Make a blob a Gaussian of at least the given width where its disc is; keeps the sum."""
+    width = max(width, np.sqrt(disc.area / np.pi / 2), 0.6 * max(grid.cell_size))
+    distance = ((grid.pixels[blob.pixels] - disc.position) ** 2).sum(axis=1)
     shape = np.exp(-distance / (2 * width**2))
     if shape.sum() > 0:
-        values[blob.pixels] = total * shape / shape.sum()
+        values[blob.pixels] = values[blob.pixels].sum() * shape / shape.sum()

@@ -34,7 +34,7 @@ _FIELD = 0.22  # standard deviation of the field, per squared spacing, in parts 
 _CURRENT_ERROR = 0.02  # how closely currents are followed, in parts of all contacts
 _COUPLING_ERROR = 0.0067  # the same for couplings at the least
 _MODEL_ERROR = 0.003  # of Y0, in parts of the sheet's conductance: electrodes, closed form
-_UNTOUCHED_ERROR = 0.02  # of each coupling of the untouched sheet
+_UNTOUCHED_ERROR = 0.01  # of each coupling of the untouched sheet
 _READY = 3  # levels that are prepared, those of usual contacts; others when a frame needs them
 _LARGE = 2_000_000  # entries of A from which on only the first of them is
 _NEGLIGIBLE = 1e-4  # of the largest gain of P: modes below are left out
@@ -50,7 +50,8 @@ class LocalImage:
     forward : (D, K) A, the data of a unit conductance in each pixel.
     spacing : median distance of neighbouring electrodes, m.
     resistance : of the sheet, ohm/sq.
-    coupling_variance : (P,) S^2, of Y0 between neighbours on a usual sheet.
+    coupling_variance : (P,) S^2, of Y0 between neighbours on an even sheet.
+    middles : (P, 2) places midway between neighbours, m.
     typical_impedance : median of D over the pixels, ohm.
     readers : see `completion.read_rows`.
     """
@@ -60,6 +61,8 @@ class LocalImage:
         sheet = meter.sheet
         share = sheet.share
         self.forward = np.vstack([share, share[meter.first] * share[meter.second]])
+        used = np.asarray(positions)[sheet.used]
+        self.middles = (used[meter.first] + used[meter.second]) / 2
         self.spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
         self._smooth()
         self._model_error = _MODEL_ERROR / resistance
