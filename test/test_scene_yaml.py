@@ -210,7 +210,7 @@ def test_installed_scene_fits_the_8x8_layout_and_says_what_it_shows(name):
     assert text.startswith("# ") and max(map(len, text.splitlines())) <= 110
 
 
-def test_the_issue_s_scenes_are_there():
+def test_scenes_of_every_kind_are_installed():
     assert {
         "default", "idle", "defects", "wide", "l-shape", "two-points",
         "experiment-centre", "experiment-side", "experiment-corner",
