@@ -47,7 +47,7 @@ class Effort:
 
 
 def effort_for(layout: Layout, generations: int | None = None, starts: int | None = None) -> Effort:
-    """Effort by default: half a minute for 8 x 8 electrodes on two cores.
+    """Effort by default: less than a minute for 8 x 8 electrodes on two cores.
 
     One more round for every doubling of the starts.
     """
