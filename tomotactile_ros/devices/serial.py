@@ -184,13 +184,10 @@ class SerialDevice(ThreadedDevice):
             if packets:
                 self._heard, bytes_then = arrival, counters.bytes
                 self._report_rows_without_frames(arrival)
-            elif self._waiting() and arrival - self._heard > self._patience():
+            elif arrival - self._heard > self._patience() and (self._started or self._unanswered):
                 self._report_silence(counters.bytes - bytes_then)
                 return
         talk.command(protocol.STOP)
-
-    def _waiting(self) -> bool:
-        return self._started or bool(self._unanswered)
 
     def _patience(self) -> float:
         return max(SILENCE, SILENT_FRAMES / self._device_rate)
