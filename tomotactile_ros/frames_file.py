@@ -23,50 +23,54 @@ DEFAULT_DRIVE = 3.3  # V
 
 @dataclass(frozen=True, eq=False)
 class FramesFile:
-    """voltages (N, L, E) V, grounded (L,), and what else is known (None otherwise)."""
+    """What a file of frames says; None where it does not.
+
+    Attributes
+    ----------
+    voltages, grounded : (N, L, E) V; (L,).
+    drive_voltage : V.
+    stamps : (N,) s.
+    truth : for each frame a list of contacts, see `contacts_of`.
+    contact_law : of the contacts.
+    """
 
     voltages: np.ndarray
     grounded: np.ndarray
-    drive_voltage: float
-    truth: list[list[dict]] | None
-    contact_law: ContactLaw | None
+    drive_voltage: float | None = None
+    stamps: np.ndarray | None = None
+    truth: list[list[dict]] | None = None
+    contact_law: ContactLaw | None = None
 
 
-def load_frames(
-    path: str | os.PathLike, layout: Layout, drive_voltage: float | None = None
-) -> FramesFile:
-    """Read frames of a layout; InputError for anything else.
-
-    `drive_voltage` (V) stands for the file's own.
-    """
+def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> FramesFile:
+    """Read frames of a layout, of any if None; InputError for anything else."""
     arrays = load_arrays(path)
-    layout_id = str(arrays.get("layout_id", layout.id))
-    if layout_id != layout.id:
-        raise InputError(
-            f"{path}: layout_id: the frames are of '{layout_id}', not of '{layout.id}'"
-        )
+    found = str(arrays.get("layout_id", layout_id))
+    if layout_id not in (None, found):
+        raise InputError(f"{path}: layout_id: the frames are of '{found}', not of '{layout_id}'")
     for name in ("voltages", "grounded"):
         if name not in arrays:
             raise InputError(f"{path}: {name}: is missing, a file of frames has it")
     voltages, grounded = arrays["voltages"], arrays["grounded"]
-    if voltages.ndim != 3 or voltages.dtype.kind not in "fiu" or not len(voltages):
+    if voltages.ndim != 3 or voltages.dtype.kind not in "fiu":
         raise InputError(
             f"{path}: voltages: shape {voltages.shape}, frames x rows x electrodes are needed"
         )
+    if not len(voltages):
+        raise InputError(f"{path}: voltages: holds no frame")
     if np.isinf(voltages).any():
         raise InputError(f"{path}: voltages: one is infinite; NaN is what marks an invalid reading")
-    if grounded.shape != voltages.shape[1:2] or grounded.dtype.kind not in "iu":
+    _, rows, electrodes = voltages.shape
+    if grounded.shape != (rows,) or not np.isin(grounded, np.arange(electrodes)).all():
         raise InputError(
-            f"{path}: grounded: one electrode for each of {voltages.shape[1]} rows is needed"
-        )
-    if drive_voltage is None:
-        (drive_voltage,) = _numbers(
-            path, "drive_voltage", arrays.get("drive_voltage", DEFAULT_DRIVE), 1
+            f"{path}: grounded: one of the electrodes 0 ... {electrodes - 1} is needed for each of "
+            f"{rows} rows"
         )
     return FramesFile(
         voltages,
-        grounded,
-        checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V"),
+        grounded.astype(np.uint16),
+        _drive_voltage(path, arrays),
+        _stamps(path, arrays, len(voltages)),
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
     )
@@ -133,6 +137,24 @@ def save_arrays(path: str | os.PathLike, content: dict) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **content)
     write_atomic(path, buffer.getvalue())
+
+
+def _drive_voltage(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> float | None:
+    if "drive_voltage" not in arrays:
+        return None
+    (volts,) = _numbers(path, "drive_voltage", arrays["drive_voltage"], 1)
+    return checks.positive(volts, f"{path}: drive_voltage", "voltage in V")
+
+
+def _stamps(
+    path: str | os.PathLike, arrays: dict[str, np.ndarray], frames: int
+) -> np.ndarray | None:
+    stamps = arrays.get("stamps")
+    if stamps is None:
+        return None
+    if stamps.shape != (frames,) or stamps.dtype.kind not in "fiu" or not np.isfinite(stamps).all():
+        raise InputError(f"{path}: stamps: a finite time is needed for each of {frames} frames, s")
+    return stamps
 
 
 def _contact_law(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> ContactLaw | None:

@@ -16,7 +16,7 @@ from tomotactile_ros import checks
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import shared_folders
-from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, load_arrays, load_frames
+from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, load_frames
 from tomotactile_ros.layout import Layout
 
 MESSAGE = "tomotactile_ros/msg/VoltageFrame"
@@ -64,7 +64,11 @@ def load_recording(
     ground conditions and drive voltage.
     """
     if Path(path).suffix == ".npz":
-        return load_frames(path, layout, drive_voltage)
+        loaded = load_frames(path, layout.id)
+        if drive_voltage is None:
+            drive_voltage = loaded.drive_voltage or DEFAULT_DRIVE
+        checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V")
+        return replace(loaded, drive_voltage=drive_voltage)
     frames = list(read_frames(path, electrodes=layout.electrodes, layout_id=layout.id))
     if drive_voltage is not None:
         frames = [replace(frame, drive_voltage=drive_voltage) for frame in frames]
@@ -72,7 +76,7 @@ def load_recording(
     for frame in frames:
         _check_alike(path, frame, first)
     voltages = np.array([frame.voltages for frame in frames])
-    return FramesFile(voltages, first.grounded, first.drive_voltage, truth=None, contact_law=None)
+    return FramesFile(voltages, first.grounded, first.drive_voltage)
 
 
 def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Iterator[Frame]:
@@ -102,45 +106,13 @@ def _check_alike(path: Path, frame: Frame, first: Frame) -> None:
         )
 
 
-def _check_layout(where: str, found: str, wanted: str | None) -> None:
-    if wanted not in (None, found):
-        raise InputError(f"{where} is of layout '{found}', not of '{wanted}'")
-
-
 def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iterator[Frame]:
-    arrays = load_arrays(path)
-    _check_npz(path, arrays)
-    _check_layout(f"{path}", str(arrays.get("layout_id", layout_id)), layout_id)
-    drive = float(arrays.get("drive_voltage", np.array(drive_voltage)))
-    grounded = arrays["grounded"].astype(np.uint16)
-    for sequence, (voltages, stamp) in enumerate(
-        zip(arrays["voltages"], arrays["stamps"], strict=True)
-    ):
-        yield Frame(voltages.astype(np.float32), grounded, sequence, float(stamp), drive)
-
-
-_NPZ_SHAPES = {"voltages": "(N, L, E)", "grounded": "(L)", "stamps": "(N)"}
-
-
-def _check_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    for key, shape in _NPZ_SHAPES.items():
-        if key not in arrays:
-            raise InputError(f"{path}: {key}: missing, expected an array {shape}")
-        if arrays[key].ndim != shape.count(",") + 1 or arrays[key].dtype.kind not in "fiu":
-            raise InputError(
-                f"{path}: {key}: shape {arrays[key].shape} of {arrays[key].dtype}, "
-                f"expected numbers {shape}"
-            )
-    frames, rows, electrodes = arrays["voltages"].shape
-    if arrays["grounded"].size != rows or arrays["stamps"].size != frames:
-        raise InputError(f"{path}: voltages, grounded and stamps differ in length")
-    if not np.isin(arrays["grounded"], np.arange(electrodes)).all():
-        raise InputError(f"{path}: grounded: must be electrodes 0 ... {electrodes - 1}")
-    drive = arrays.get("drive_voltage", np.zeros(()))
-    if drive.shape != () or drive.dtype.kind not in "fiu" or not np.isfinite(drive):
-        raise InputError(f"{path}: drive_voltage: expected one number, V")
-    if not np.isfinite(arrays["stamps"]).all():
-        raise InputError(f"{path}: stamps: not all finite")
+    loaded = load_frames(path, layout_id)
+    if loaded.stamps is None:
+        raise InputError(f"{path}: stamps: is missing, the time of each frame in s is needed")
+    drive = loaded.drive_voltage or drive_voltage
+    for sequence, (voltages, stamp) in enumerate(zip(loaded.voltages, loaded.stamps)):
+        yield Frame(voltages.astype(np.float32), loaded.grounded, sequence, float(stamp), drive)
 
 
 def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
@@ -154,7 +126,11 @@ def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
             _check_topics(path, connections)
             for connection, _, data in reader.messages(connections):
                 message = reader.deserialize(data, connection.msgtype)
-                _check_layout(f"{path}: frame {message.sequence}", message.layout_id, layout_id)
+                if layout_id not in (None, message.layout_id):
+                    raise InputError(
+                        f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
+                        f"not of '{layout_id}'"
+                    )
                 yield _frame_of_message(path, message)
     except InputError:
         raise
