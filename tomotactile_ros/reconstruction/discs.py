@@ -194,6 +194,8 @@ def _fit_places(local, measured, places, others):
         found = found.tolist()
         for i, (x, y) in enumerate(places):
             effective[i] = c = max(found[3 * i], least)
+            if not c > 0:  # noise alone: nothing to move by
+                continue
             along = [found[3 * i + 1] * shares.unit / c, found[3 * i + 2] * shares.unit / c]
             part = min(reach / max(math.hypot(*along), _TINY), 1.0)
             moved = x + part * along[0], y + part * along[1]
