@@ -7,7 +7,8 @@ sheet and with one that varies by 10 %. Prints a table; --out writes it as JSON,
     OMP_NUM_THREADS=1 python benchmark/reconstruction_accuracy.py [--singles 200] [--pairs 40] [--idle 10000]
 
 With --sizes N it only prints how the force of single discs depends on their radius, from N discs at each of five kinds
-of places for each of four pressures (40 s with N = 4), and with --contact-radius what that setting does.
+of places for each of four pressures (40 s with N = 4), and with --contact-radius what that setting does. With --times N
+it only prints what a frame takes with N x N electrodes and --resolution, of two discs that move about.
 
 Figures
 -------
@@ -29,7 +30,7 @@ import numpy as np
 from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.evaluation.metrics import quality
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.active_set import Memory
 from tomotactile_ros.scene import Scene
@@ -296,6 +297,37 @@ def warm_starts(pipeline, frames):
     return np.array([times["kept"], times["forgotten"]]), np.array([steps["kept"], steps["empty"]])
 
 
+def frame_times(side, resolution, frames=20, rounds=10):
+    """Prints the time of a whole frame of each profile and of reading it: closed form, `side` x `side` electrodes."""
+    layout = equal_grid(side, side, (0.2, 0.2), 0.02 / side, 1e4)
+    pairs = pairs_at((0.05, 0.12), frames, np.random.default_rng(1), (10e3, 30e3))
+    contacts = [
+        Contact(**shape, start=float(i), end=i + 1.0)
+        for i, pair in enumerate(pairs)
+        for shape in pair
+    ]
+    scene = Scene("times", DRIVE, contacts, LAW, Noise(0.001))
+    simulator = Simulator(layout, scene, "closed_form")
+    voltages = [simulator.frame(i + 0.5, i).astype(np.float32) for i in range(frames)]
+    for profile in PROFILES:
+        run = Runner(Pipeline(layout, Settings(profile, resolution=resolution)), simulator.grounded)
+        for _ in range(rounds if profile == "fast" else 1):
+            for frame in voltages:
+                run(frame)
+        median, p99 = 1e3 * np.percentile(run.times[frames // 2 :], [50, 99])
+        print(f"{profile}: {median:.2f} ms a frame, p99 {p99:.2f} ms")
+    meter = run.pipeline._model.local(simulator.grounded).meter
+    reading = [timed(lambda frame=frame: meter.read(frame, DRIVE)) for frame in voltages * rounds]
+    print(f"reading it, single precision: {1e3 * np.median(reading):.2f} ms")
+
+
+def timed(work):
+    """Time of `work`, s."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
 def places_of(layout, radius, random):
     """Places of a disc of `radius` (m): on an electrode, between two, amid four, at the rim, anywhere."""
     half = np.array(layout.outline.size) / 2 - radius
@@ -389,9 +421,14 @@ def main():
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--sizes", type=int, metavar="N")
     parser.add_argument("--contact-radius", type=float, default=0.005, metavar="M")
+    parser.add_argument("--times", type=int, metavar="N")
+    parser.add_argument("--resolution", type=int, default=40, metavar="CELLS")
     parser.add_argument("--out")
     parser.add_argument("--pictures")
     args = parser.parse_args()
+    if args.times:
+        frame_times(args.times, args.resolution)
+        return
     layout = load_layout(args.layout)
     pipelines = {
         profile: Pipeline(layout, Settings(profile, contact_radius=args.contact_radius))

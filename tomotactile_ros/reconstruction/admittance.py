@@ -24,8 +24,8 @@ from scipy.linalg import blas, lapack
 
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
-_STEPS = 4  # of the power iteration; each gains about a digit where contacts are small
-_CLOSE = 3e-4  # relative change of f in the last step up to which they suffice
+_STEPS, _MOST_STEPS = 4, 10  # of the power iteration; each gains about a digit where contacts are small
+_CLOSE = 1e-4  # relative change of f in the last step up to which they suffice
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv
 _DOUBLE = lapack.dpotrf, blas.dtrsm, blas.dsyrk, blas.dsymv
@@ -180,12 +180,15 @@ def symmetric_scaling(voltages: np.ndarray, drive_voltage: float, least: float) 
     sums = drop.dot(ones)
     weight = ones / sums
     factor = weight
-    for _ in range(_STEPS):
+    for step in range(1, _MOST_STEPS + 1):
         before = factor
         factor = factor.dot(drop)
         factor *= weight
-    before = factor - before
-    if before.dot(before) > _CLOSE**2 * factor.dot(factor):
+        if step >= _STEPS:
+            before -= factor
+            if before.dot(before) <= _CLOSE**2 * factor.dot(factor):
+                break
+    else:
         factor = _fixed_point(drop, sums, factor)
     factor *= len(factor) / (2 * drive_voltage * factor.dot(ones))
     drop *= factor[:, None]
