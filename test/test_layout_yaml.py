@@ -1,15 +1,11 @@
 """Layout files: round trip, one clear line for every mistake, atomic saving, installed names."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros import files
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, Outline, equal_grid, load_layout
 from tomotactile_ros.surface import Surface
@@ -167,20 +163,6 @@ def test_installed_layouts_are_the_equal_grids(count, radius):
     np.testing.assert_array_equal(layout.positions, expected.positions)
 
 
-def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
-    folder = tmp_path / "share/tomotactile_ros/config/layouts"
-    folder.mkdir(parents=True)
-    write(folder, GOOD, "equal-8x8.yaml")
-    write(folder, GOOD, "mine.yaml")
-    before = os.environ.get("AMENT_PREFIX_PATH", "")
-    prefixes = [str(tmp_path / "no"), str(tmp_path), before]
-    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(prefixes))
-    assert load_layout("mine").name == "square"
-    assert load_layout("mine.yaml").name == "square"
-    assert load_layout("equal-8x8").name == "square"
-    assert load_layout("equal-4x4").electrodes == 16
-
-
 def outlines():
     size = st.floats(1e-3, 10.0)
     holes = st.sampled_from([(), ([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.2]],)])
@@ -241,36 +223,6 @@ def test_saving_twice_gives_the_same_bytes_and_the_contract_keys(tmp_path):
     assert list(content) == ["format", "name", "outline", "sheet_resistance", "electrodes"]
     assert content["outline"] == {"rectangle": [0.3, 0.2]}
     assert list(content["electrodes"]) == ["radius", "positions"]
-
-
-@pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_a_failing_write_leaves_the_old_file(tmp_path, monkeypatch, step):
-    path = write(tmp_path, GOOD)
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files.os, step, full)
-    with pytest.raises(InputError, match="layout.yaml: cannot be written: No space left"):
-        equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save(path)
-    assert path.read_text() == GOOD
-    assert os.listdir(tmp_path) == ["layout.yaml"]
-
-
-def test_a_place_that_takes_no_file_is_told_before_the_work():
-    with pytest.raises(InputError, match="/proc/out.npz: cannot be written: "):
-        files.check_folder("/proc/out.npz")
-
-
-def test_a_device_is_not_replaced_by_a_file():
-    with pytest.raises(InputError, match="/dev/null: cannot be written: is a device"):
-        equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4).save("/dev/null")
-    assert Path("/dev/null").is_char_device()
-
-
-def test_a_name_that_no_file_can_have_is_one_line():
-    with pytest.raises(InputError, match="^'xxx.*…: cannot be read: File name too long$"):
-        load_layout("x" * 5000)
 
 
 def test_saving_into_a_missing_folder_or_what_yaml_cannot_hold(tmp_path):
