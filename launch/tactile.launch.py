@@ -63,12 +63,11 @@ def start(context: LaunchContext) -> list:
     if given["params_file"] and not Path(given["params_file"]).is_file():
         raise RuntimeError(f"params_file: {given['params_file']}: no such file")
     managed = given["lifecycle"] == "true"
-    actions = []
+    # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
+    actions = [make_rviz(given["namespace"])] if given["viz"] == "true" else []
     for name in OF_NODE:
         node = make_node(name, given, managed)
         actions += [fail_if_refused(name, node), node]
-    if given["viz"] == "true":
-        actions.append(make_rviz(given["namespace"]))
     return actions
 
 

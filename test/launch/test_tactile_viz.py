@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
 for package in ("launch", "launch_ros"):
     pytest.importorskip(package, reason=f"{package} comes with a full ROS 2")
 
@@ -14,6 +16,7 @@ import yaml
 from launch.actions import RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
 from launch_support import include, reserve_domain
+from ros_support import processes_of
 
 import launch
 
@@ -54,3 +57,13 @@ def test_rviz_gets_its_configuration_and_the_topics_of_the_namespace(arguments_o
     for topic in (d["Topic"]["Value"] for d in displays if "Topic" in d):
         assert f"{topic}:={topic[1:]}" in words
     assert "__ns:=/skin" in words
+
+
+def test_without_rviz_the_launch_fails_and_leaves_nothing_behind(arguments_of_rviz):
+    (arguments_of_rviz.parent / "lib" / "rviz2" / "rviz2").unlink()
+    domain = reserve_domain()
+    service = launch.LaunchService()
+    actions = include("tactile.launch.py", domain, {"viz": "true"})
+    service.include_launch_description(launch.LaunchDescription(actions))
+    assert service.run() == 1
+    assert processes_of("driver", domain) + processes_of("reconstruction", domain) == []
