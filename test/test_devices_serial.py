@@ -384,6 +384,14 @@ def test_a_long_pause_is_no_silence(monkeypatch):
         assert watch.device.status().counters["reconnects"] == 0
 
 
+def test_a_frame_that_takes_minutes_does_not_keep_a_higher_rate_waiting():
+    device = sensor(rate=0.01)
+    with connected(device) as (_, watch):
+        watch.wait_for(lambda s: device.streaming)
+        watch.device.set_rate(100.0)
+        watch.wait_for_frames(3)
+
+
 def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():
     with connected(sensor(max_rate=150.0), rate=1000.0) as (_, watch):
         watch.wait_for(lambda s: s.state == "streaming" and "at most 150" in s.message)

@@ -169,7 +169,11 @@ class SerialDevice(ThreadedDevice):
         self._connections += 1
 
     def _stream(self, talk: Conversation) -> None:
-        """Take in packets until the line falls silent (returns) or is lost (raises)."""
+        """Take in packets until the line falls silent (returns) or is lost (raises).
+
+        A frame that was under way is not waited for: it may be one of a very low rate.
+        """
+        talk.command(protocol.STOP)
         self._apply_settings(talk)
         counters = self._parser.counters
         bytes_then = counters.bytes
