@@ -38,6 +38,7 @@ BAD_STARTS = [
     ("reconstruction", {"resolution": "4.5"}, "resolution"),
     ("reconstruction", {"calibration": "/none.yaml"}, "/none.yaml"),
     ("reconstruction", {"excluded": "[64]"}, "electrode 64 does not exist"),
+    ("reconstruction", {"excluded": [*range(64)]}, "0 of 64 electrodes left, need 2"),
     ("reconstruction", {"excluded": "[0.5]"}, "not a list of whole numbers"),
     ("reconstruction", {"contact_exponent": "0"}, "contact_exponent"),
     ("tactile", {"scene": "nothing"}, "'nothing': no such file"),

@@ -53,6 +53,9 @@ class Pipeline:
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
         self._excluded = np.zeros(layout.electrodes, bool)
         self._excluded[list(settings.excluded)] = True
+        left = int(np.count_nonzero(~self._excluded))
+        if left < 2:
+            raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
         self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
