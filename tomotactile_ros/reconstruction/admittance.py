@@ -24,7 +24,8 @@ from scipy.linalg import blas, lapack
 
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
-_STEPS, _MOST_STEPS = 4, 10  # of the power iteration; each gains about a digit where contacts are small
+_STEPS = 4  # of the power iteration at least; each gains about a digit where contacts are small
+_MOST_STEPS = 10
 _CLOSE = 1e-4  # relative change of f in the last step up to which they suffice
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv

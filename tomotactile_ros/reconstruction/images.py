@@ -21,6 +21,7 @@ from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 
 SHARP = 0.2  # width of a point in the images of `balanced` and `accurate`, in spacings of the electrodes
+_NOISY = 5  # level of lambda from which on noise breaks all images but the linear one into spots
 _LEAST = 0.02  # conductance of a contact, in parts of the strongest
 
 
@@ -51,7 +52,7 @@ class ImageMaker:
 
     def __call__(self, local: LocalImage, measured: Grounded) -> Image:
         linear = local.image(measured).astype(float)
-        if self.profile == "fast":
+        if self.profile == "fast" or local.level(measured) >= _NOISY:
             return self.described(local, measured, linear, local.point_area(measured))
         grid = local.grid
         width = SHARP * local.spacing
