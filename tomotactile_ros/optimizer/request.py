@@ -72,7 +72,7 @@ class Request:
     ----------
     layout : the start
     method : `equalize` or `free`
-    steps : updates of equalize (5), or generations at the end of free; None for the default
+    steps : updates of equalize, or generations at the end of free; None for the default
     regularization : lambda^2
     spacing : of free, smallest distance of two centres, m; 2.2 radii by default
     margin : of free, from the rim to a centre, m

@@ -1,8 +1,9 @@
 """Where to look for better electrode positions: starts, descent by the gradient, evolution.
 
 On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
-every round the worse half is dropped, and the best is refined by evolution (`descent`). Other
-outlines have no closed form: there evolution alone searches, with scores from finite elements.
+every round the worse half is dropped. Evolution (`descent`) can refine the best, but finds hardly
+anything. Other outlines have no closed form: there evolution alone searches, with scores from finite
+elements.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Effort:
     starts: int = 8
     rounds: int = 4
     descents: int = 10
-    generations: int = 8
+    generations: int = 0
 
     def total(self, layout: Layout) -> int:
         """Number of steps: descent is possible on uniform rectangles only."""
@@ -52,7 +53,7 @@ def effort_for(layout: Layout, generations: int | None = None, starts: int | Non
     One more round for every doubling of the starts.
     """
     if generations is None:
-        generations = Effort.generations if layout.outline.is_uniform_rectangle else 30
+        generations = 0 if layout.outline.is_uniform_rectangle else 30
     starts = Effort.starts if starts is None else starts
     return Effort(starts, 1 + max(starts - 1, 1).bit_length(), Effort.descents, generations)
 
