@@ -6,12 +6,13 @@ import argparse
 import os
 import signal
 import sys
+from typing import NoReturn
 
 
 class Parser(argparse.ArgumentParser):
     """Says in one line what is wrong with a command line."""
 
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
 
 

@@ -4,10 +4,13 @@ Only the descriptions, and how they are read from a scene file; the simulation a
 """
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.yamlio import Reader
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -116,8 +119,8 @@ def _check_seed(seed: int) -> None:
 
 
 def read_section(
-    reader: Reader, key: str, kind: type, numbers: tuple[str, ...], seed: bool = False
-):
+    reader: Reader, key: str, kind: type[T], numbers: tuple[str, ...], seed: bool = False
+) -> T | None:
     """An object of numbers (and a seed) under a key, or None if the key is not there."""
     if key not in reader:
         return None

@@ -6,7 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import TextIO, TypeVar
 
 Item = TypeVar("Item")
 
@@ -16,7 +16,7 @@ _PLAIN = 10.0  # s between two plain lines
 
 
 def track(
-    items: Iterable[Item], label: str, total: int | None = None, stream=None
+    items: Iterable[Item], label: str, total: int | None = None, stream: TextIO | None = None
 ) -> Iterator[Item]:
     """Hand `items` through, with progress on `stream` (standard error) once it takes long."""
     total = len(items) if total is None else total
@@ -29,7 +29,7 @@ def track(
 class Progress:
     """Progress of `total` steps; a context manager that leaves its line in order."""
 
-    def __init__(self, label: str, total: int, stream=None):
+    def __init__(self, label: str, total: int, stream: TextIO | None = None):
         self.label, self.total = label, total
         self._stream = stream or sys.stderr
         self._bar = self._stream.isatty()

@@ -17,7 +17,7 @@ from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
-from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.reconstruction.settings import PROFILES, Result
 from tomotactile_ros.sheet import MODELS
 
 HELP = "make pressure images and contacts of frames"
@@ -71,7 +71,7 @@ def run(args: Namespace) -> None:
     )
 
 
-def save_results(path, results, latency):
+def save_results(path: str, results: list[Result], latency: list[float]) -> None:
     """pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s."""
     contacts = [[asdict(contact) for contact in result.contacts] for result in results]
     content = {

@@ -1,13 +1,22 @@
 """The physics of the sheet: models that fill a `Transfer`, and what is computed from one."""
 
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet.fem import FemSheet, Resistance
+from tomotactile_ros.sheet.transfer import Sheet
 
 MODELS = ("auto", "fem", "closed_form")
 
 
-def make_sheet(layout, model: str = "auto", *, resistance=None, shunting: bool = True, h=None):
+def make_sheet(
+    layout: Layout,
+    model: str = "auto",
+    *,
+    resistance: Resistance | None = None,
+    shunting: bool = True,
+    h: float | None = None,
+) -> Sheet:
     """The cheapest model of `layout` that can do what is asked, or the one that `model` names.
 
     Parameters
@@ -17,11 +26,6 @@ def make_sheet(layout, model: str = "auto", *, resistance=None, shunting: bool =
     resistance : function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
     shunting : electrodes as equipotentials; without it, points with a radius (Kojima et al. 2023)
     h : element size of the mesh, m
-
-    Returns
-    -------
-    ClosedFormSheet or FemSheet: `model` (its name), `layout`, `electrode_electrode`,
-    `transfer(points, radius)` and `prepare(points)`.
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")

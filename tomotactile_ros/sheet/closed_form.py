@@ -14,6 +14,7 @@ n r^(n - 1).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
@@ -65,7 +66,7 @@ class ClosedFormSheet:
         self._average = self.electrode_electrode @ ties.T @ inverse  # (E, charges)
         self._induced = inverse - inverse @ ties @ self._average  # (charges, charges)
 
-    def transfer(self, points, radius) -> Transfer:
+    def transfer(self, points: ArrayLike, radius: ArrayLike) -> Transfer:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
@@ -88,7 +89,7 @@ class ClosedFormSheet:
         owner, between = electrode_of(points, self.layout), self.electrode_electrode
         return make_transfer(self.model, points, owner, between, to_points, self_terms, green)
 
-    def prepare(self, points) -> None:
+    def prepare(self, points: ArrayLike) -> None:
         """Nothing is worth being solved ahead here."""
 
 

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tomotactile_ros.sheet.transfer import Transfer, electrode_of
+from tomotactile_ros.sheet.transfer import Sheet, Transfer, electrode_of
 
 _SAME = 1.0  # patches closer than this part of the smaller radius become one
 
 
-def contact_points(sheet, contacts) -> tuple[Transfer, np.ndarray]:
+Patches = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def contact_points(
+    sheet: Sheet, contacts: Sequence[tuple[Patches, float]]
+) -> tuple[Transfer, np.ndarray]:
     """Where the patches of any number of contacts meet the sheet.
 
     Parameters
     ----------
-    sheet : ClosedFormSheet or FemSheet
     contacts : for each what `Contact.patches` returns, and its conductance, S/m^2; infinity for a
         bare conductor at the drive voltage
 

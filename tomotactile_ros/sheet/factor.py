@@ -13,6 +13,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse.csgraph import dijkstra
 
@@ -26,7 +28,7 @@ class LevelFactor:
     is not positive definite.
     """
 
-    def __init__(self, matrix, start):
+    def __init__(self, matrix: sparse.csr_matrix, start: ArrayLike):
         level = _levels(matrix, start)
         self._order = np.argsort(level, kind="stable")
         self._place = np.empty(len(level), int)  # of an unknown in this order
@@ -45,7 +47,7 @@ class LevelFactor:
                 block -= coupling @ (coupling @ self._inverse[i - 1]).T
             _invert(block)
 
-    def solve(self, right) -> np.ndarray:
+    def solve(self, right: np.ndarray) -> np.ndarray:
         """(N, n) solutions for right-hand sides (N, n)."""
         found = right[self._order].astype(float, copy=False)
         parts = [found[part] for part in self._parts]
@@ -57,7 +59,7 @@ class LevelFactor:
             own[:] = inverse @ (own - coupling @ after)
         return found[self._place]
 
-    def inverse_entries(self, rows, columns) -> np.ndarray:
+    def inverse_entries(self, rows: ArrayLike, columns: ArrayLike) -> np.ndarray:
         """(n,) entries of the inverse at (rows, columns), in the same or neighbouring levels."""
         rows, columns = np.asarray(rows), np.asarray(columns)
         swap = self._level[rows] < self._level[columns]

@@ -20,7 +20,10 @@ for the true one: contacts may be smaller and closer than elements.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.factor import LevelFactor
@@ -30,6 +33,7 @@ from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 from tomotactile_ros.sheet.triangles import at_ends, corner_angles, links, stiffness
 
+Resistance = Callable[[np.ndarray], np.ndarray]  # ohm/sq (n,) at points (n, 2), m
 _FEW = 300  # points whose mutual Green function is computed at once
 _NEAR = 3.0  # elements from an electrode's centre, where its field is still rounded
 
@@ -45,7 +49,15 @@ class FemSheet:
 
     model = "fem"
 
-    def __init__(self, layout: Layout, *, h=None, ring=16, shunting=True, resistance=None):
+    def __init__(
+        self,
+        layout: Layout,
+        *,
+        h: float | None = None,
+        ring: int = 16,
+        shunting: bool = True,
+        resistance: Resistance | None = None,
+    ):
         self.layout = layout
         self.shunting = shunting
         self.h = h or max(layout.outline.size) / 40
@@ -134,13 +146,13 @@ class FemSheet:
         out[1:] = self._factor.solve(feed[1:])
         return out
 
-    def prepare(self, points) -> None:
+    def prepare(self, points: ArrayLike) -> None:
         """Solve ahead for contacts that will touch the sheet around `points` (Q, 2)."""
         element, _ = self.mesh.locate(np.asarray(points, float).reshape(-1, 2))
         nodes = np.unique(self.unknown[self.mesh.triangles[element]])
         self._kept.prepare(nodes)
 
-    def transfer(self, points, radius) -> Transfer:
+    def transfer(self, points: ArrayLike, radius: ArrayLike) -> Transfer:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))

@@ -13,16 +13,17 @@ system is solved by hand.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.sheet.transfer import Transfer
 
 
 def frame(
     transfer: Transfer,
-    resistance,
+    resistance: ArrayLike,
     drive_voltage: float,
     *,
-    grounded=None,
+    grounded: ArrayLike | None = None,
     switch_resistance: float = 0.0,
 ) -> np.ndarray:
     """Voltages of one frame.

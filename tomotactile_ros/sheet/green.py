@@ -15,6 +15,7 @@ energy of real charges, matrices of it are positive definite however clouds over
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import exp1
 
 _CLOUD = np.exp(np.euler_gamma)
@@ -22,7 +23,9 @@ _FAR = 12.0  # E1 is below 5e-7 from here on
 _SMALLEST = 1e-17  # relative size of the first neglected term of the remainder
 
 
-def green_rectangle(points, sources, size, radius=0.0):
+def green_rectangle(
+    points: ArrayLike, sources: ArrayLike, size: tuple[float, float], radius: ArrayLike = 0.0
+) -> np.ndarray:
     """Green function of the rectangle `size` centred on the origin.
 
     Parameters
@@ -42,20 +45,22 @@ def green_rectangle(points, sources, size, radius=0.0):
     return near + left @ right.T
 
 
-def green_rectangle_self(points, size, radius):
+def green_rectangle_self(
+    points: ArrayLike, size: tuple[float, float], radius: ArrayLike
+) -> np.ndarray:
     """(P,) diagonal of `green_rectangle(points, points, size, radius)`, `radius` scalar or (P,)."""
     (x, y), (s, t), short, long = _oriented(points, points, size)
     left, right = _remainder(x, y, s, t, short, long)
     return _near(x, y, s, t, short, long, radius) + np.einsum("pm,pm->p", left, right)
 
 
-def mutual_radius(first, second):
+def mutual_radius(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     """(P, Q) radius r that clouds of radii (P,) and (Q,) have for each other; scalars broadcast."""
     first, second = np.atleast_1d(first), np.atleast_1d(second)
     return np.sqrt(np.add.outer(first**2, second**2) / 2)
 
 
-def softened(squared, radius_squared):
+def softened(squared: np.ndarray, radius_squared: ArrayLike) -> np.ndarray:
     """Squared distances for the logarithm between clouds: x^2 exp(E1(x^2 / (e^gamma r^2)))."""
     return _soften(squared, radius_squared, lambda near: squared[near])
 

@@ -18,11 +18,11 @@ class KeptGreen:
         self._place = np.full(count, -1)  # of an unknown in `_block`
         self._block = np.empty((0, 0))
 
-    def prepare(self, unknowns) -> None:
+    def prepare(self, unknowns: np.ndarray) -> None:
         """Solve for as many of the distinct `unknowns` (n,) as are kept at a time."""
         self._keep(unknowns[:_MOST])
 
-    def among(self, unknowns) -> np.ndarray:
+    def among(self, unknowns: np.ndarray) -> np.ndarray:
         """(n, n) between distinct `unknowns` (n,)."""
         self._keep(unknowns)
         place = self._place[unknowns]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 _INSIDE = -1e-9  # least barycentric weight of a point that counts as inside
@@ -18,13 +19,15 @@ class Locator:
     triangle opposite each corner, -1 for none; kept (T,) which triangles belong to the mesh.
     """
 
-    def __init__(self, points, triangles, neighbours, kept):
+    def __init__(
+        self, points: np.ndarray, triangles: np.ndarray, neighbours: np.ndarray, kept: np.ndarray
+    ):
         self._corners, self._neighbours = points[triangles[:, [0, 1, 2, 0, 1]]], neighbours
         self._number = np.where(kept, np.cumsum(kept) - 1, -1)
         self._kept = np.flatnonzero(kept)
         self._tree = cKDTree(self._corners[kept, :3].sum(axis=1) / 3, balanced_tree=False)
 
-    def __call__(self, where) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, where: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """(Q,) triangle, numbered among those kept, (Q, 3) barycentric weights of (Q, 2) points.
 
         A point in none of them gets the weights of the nearest corner of the nearest triangle.

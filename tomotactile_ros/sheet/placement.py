@@ -13,13 +13,14 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.rim import curves
 
 _TINY = 1e-6  # keeps counts of elements from rounding either way
 _CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
 
 
-def place_nodes(layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
+def place_nodes(layout: Layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (N, 2) and radius (E,) of the outermost ring around each electrode, m."""
     corners, along = _rim(layout, size)
     rings, last = _rings(layout, size)
@@ -29,7 +30,7 @@ def place_nodes(layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
 class LocalSize:
     """The local element size."""
 
-    def __init__(self, layout, h, ring, inner):
+    def __init__(self, layout: Layout, h: float, ring: int, inner: int):
         self.h = h
         self.ring = 4 * int(np.ceil(max(ring, 4 * np.pi * layout.radius / h) / 4 - _TINY))
         self.step = 2 * np.pi / self.ring
@@ -37,10 +38,10 @@ class LocalSize:
         self.inner = self.radius * (1 + self.step) ** -np.arange(1.0, inner + 1)
         self._nearest = layout.nearest
 
-    def __call__(self, points):
+    def __call__(self, points: np.ndarray) -> np.ndarray:
         return self.at(self._nearest(points)[0])
 
-    def at(self, distance):
+    def at(self, distance: np.ndarray) -> np.ndarray:
         """Element size at a distance from the nearest electrode's centre."""
         smallest = min([self.radius, *self.inner])
         return np.clip(distance * self.step, smallest * self.step, self.h)

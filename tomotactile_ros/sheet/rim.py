@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tomotactile_ros.outline import Outline
+
 
 class Segment:
     """A straight piece of a rim, t in [0, 1]."""
@@ -47,7 +49,7 @@ class Arc:
         return (angle + np.pi) % (2 * np.pi) / (np.pi / 2) - 2
 
 
-def curves(outline) -> list:
+def curves(outline: Outline) -> list[Segment | Arc]:
     """The rim of `outline` as segments and arcs, holes included."""
     polygons = list(outline.holes)
     found = []

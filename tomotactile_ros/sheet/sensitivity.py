@@ -10,6 +10,7 @@ the size (L x E)(E x K) and elementwise weights 1 / Z_l(k, k).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.sheet.transfer import Transfer
 
@@ -20,7 +21,7 @@ class Sensitivity:
     Frames are (L, E); the entry of the grounded electrode is 0 in products and ignored in adjoints.
     """
 
-    def __init__(self, transfer: Transfer, grounded=None):
+    def __init__(self, transfer: Transfer, grounded: ArrayLike | None = None):
         count = transfer.electrodes
         self.transfer = transfer
         self.grounded = np.arange(count) if grounded is None else np.asarray(grounded, int)
@@ -36,14 +37,14 @@ class Sensitivity:
     def shape(self) -> tuple[int, int]:
         return len(self.grounded) * self.transfer.electrodes, self.weight.shape[1]
 
-    def forward(self, potential) -> np.ndarray:
+    def forward(self, potential: ArrayLike) -> np.ndarray:
         """J x: (K,) potential input distribution, V -> (L, E) voltages, V."""
         current = self.weight * potential
         total = current.sum(axis=1, keepdims=True)
         common = np.einsum("lk,lk->l", self.transfer.electrode_point[self.grounded], current)
         return current @ self.transfer.electrode_point.T + self._offset * total - common[:, None]
 
-    def adjoint(self, voltages) -> np.ndarray:
+    def adjoint(self, voltages: ArrayLike) -> np.ndarray:
         """J^T v: (L, E) voltages, V -> (K,)."""
         voltages = np.array(voltages, float)
         voltages[np.arange(len(self.grounded)), self.grounded] = 0.0

@@ -15,8 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from tomotactile_ros.layout import Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +48,14 @@ class Transfer:
     def electrodes(self) -> int:
         return len(self.electrode_electrode)
 
-    def among(self, chosen) -> np.ndarray:
+    def among(self, chosen: ArrayLike) -> np.ndarray:
         """(n, n) Green function between `chosen` points, self terms on the diagonal."""
         chosen = np.asarray(chosen)
         block = np.array(self.green(chosen, chosen))
         np.fill_diagonal(block, self.point_self[chosen])
         return block
 
-    def at(self, chosen) -> Transfer:
+    def at(self, chosen: ArrayLike) -> Transfer:
         """The same sheet, restricted to `chosen` points."""
         chosen = np.asarray(chosen)
         return Transfer(
@@ -64,7 +68,7 @@ class Transfer:
             lambda i, j: self.green(chosen[i], chosen[j]),
         )
 
-    def self_impedance(self, grounded=None) -> np.ndarray:
+    def self_impedance(self, grounded: ArrayLike | None = None) -> np.ndarray:
         """(L, K) Z_l(k, k): from a contact at point k to the electrode l that is grounded."""
         rows = slice(None) if grounded is None else np.asarray(grounded)
         own = np.diagonal(self.electrode_electrode)[rows, None]
@@ -76,7 +80,29 @@ class Transfer:
         return ep - ee[:, grounded, None] - ep[grounded] + ee[grounded, grounded]
 
 
-def make_transfer(model, points, owner, between, to_points, self_terms, green) -> Transfer:
+class Sheet(Protocol):
+    """What a model of a sheet offers."""
+
+    model: str
+    layout: Layout
+    electrode_electrode: np.ndarray
+
+    def transfer(self, points: ArrayLike, radius: ArrayLike) -> Transfer:
+        """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
+
+    def prepare(self, points: ArrayLike) -> None:
+        """Solve ahead for contacts that will touch the sheet around `points` (Q, 2)."""
+
+
+def make_transfer(
+    model: str,
+    points: np.ndarray,
+    owner: np.ndarray,
+    between: np.ndarray,
+    to_points: np.ndarray,
+    self_terms: np.ndarray,
+    green: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> Transfer:
     """`Transfer` to `points`, of which those on an electrode are the electrode.
 
     owner (K,) as of `electrode_of`; between (E, E), to_points (E, K) and self_terms (K,) in ohm;
@@ -98,7 +124,7 @@ def make_transfer(model, points, owner, between, to_points, self_terms, green) -
     return Transfer(model, points, between, to_points, self_terms, owner, green_with_electrodes)
 
 
-def electrode_of(points, layout, radius=0.0) -> np.ndarray:
+def electrode_of(points: np.ndarray, layout: Layout, radius: ArrayLike = 0.0) -> np.ndarray:
     """(K,) index of the electrode that each of `points` (K, 2) lies on, -1 where on none.
 
     With a `radius` (scalar or (K,), m): the electrode that a disc around the point overlaps.

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 
-def corner_angles(points, triangles) -> tuple[np.ndarray, np.ndarray]:
+def corner_angles(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cotangents and angles (T, 3) at the corners of each triangle."""
     x, y = points[triangles, 0], points[triangles, 1]
     ux, uy = x[:, [1, 2, 0]] - x, y[:, [1, 2, 0]] - y
@@ -19,18 +19,20 @@ def corner_angles(points, triangles) -> tuple[np.ndarray, np.ndarray]:
     return along / across, np.arctan2(across, along)
 
 
-def links(triangles, cotangents, conductance):
+def links(
+    triangles: np.ndarray, cotangents: np.ndarray, conductance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Nodes at both ends (2, n) and S (n,) of all links; `conductance` (T,) is S per square."""
     ends = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()])
     return ends, (conductance[:, None] / 2 * cotangents).ravel()
 
 
-def at_ends(ends, values, count) -> np.ndarray:
+def at_ends(ends: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """(count,) sum of the `values` (n,) of the links that end at each node."""
     return np.bincount(ends.ravel(), np.tile(values, 2), count)
 
 
-def stiffness(ends, conductance, count) -> sparse.csr_matrix:
+def stiffness(ends: np.ndarray, conductance: np.ndarray, count: int) -> sparse.csr_matrix:
     """(count, count) matrix of links, with an entry even where one conducts nothing."""
     apart = ends[0] != ends[1]
     (first, second), conductance = ends[:, apart], conductance[apart]
