@@ -1,5 +1,7 @@
 """The reconstruction refuses frames that do not fit, goes on, and says why there is no image."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -8,18 +10,26 @@ rclpy = pytest.importorskip("rclpy")
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_support import ends_cleanly
+from ros_support import LIMIT, ends_cleanly, ros_arguments
 from sensor_msgs.msg import Image
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
+from tomotactile_ros.nodes.life import PlainNode
+from tomotactile_ros.nodes.tactile import DirectReconstruction
+from tomotactile_ros.reconstruction import Pipeline
 
-LAYOUT = load_layout("equal-4x4")
 STATUS = "reconstruction: reconstruction"
+
+
+def a_frame(stamp: float = 0.0) -> Frame:
+    voltages = np.full((16, 16), 0.5, np.float32)
+    np.fill_diagonal(voltages, np.nan)
+    return Frame(voltages, np.arange(16, dtype=np.uint16), int(stamp), stamp, 3.3)
 
 
 class Source:
@@ -37,12 +47,9 @@ class Source:
     def send(self, layout_id="equal-4x4", **changes):
         """Publish this frame from now on; returns its stamp (s)."""
         self.stamp += 1
-        voltages = np.full((16, 16), 0.5, np.float32)
-        np.fill_diagonal(voltages, np.nan)
-        frame = Frame(voltages, np.arange(16, dtype=np.uint16), self.stamp, self.stamp, 3.3)
         header = make_header(self.stamp, "skin")
         header.stamp.nanosec = 123_456_789  # more digits than a float has
-        self._message = frame_to_message(frame, layout_id, header)
+        self._message = frame_to_message(a_frame(self.stamp), layout_id, header)
         for name, value in changes.items():
             setattr(self._message, name, value)
         return self.stamp
@@ -111,6 +118,27 @@ def test_without_a_publisher_it_says_so(probe, start):
     )
     answer = probe.call(Trigger, "/reconstruction/tare")
     assert not answer.success and "nobody publishes /voltage_frame" in answer.message
+
+
+def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monkeypatch):
+    begun, enough = threading.Event(), threading.Event()
+
+    def process(*frame):
+        begun.set()
+        enough.wait()
+        raise InputError("stopped by the test")
+
+    monkeypatch.setattr("tomotactile_ros.nodes.watch._PATIENCE", 0.0)
+    monkeypatch.setattr(Pipeline, "process", process)
+    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
+    node = PlainNode(DirectReconstruction)
+    node.part.hand_over(a_frame(), "equal-4x4", Header())
+    assert begun.wait(LIMIT)
+    report = node.part.report()
+    enough.set()
+    node.destroy_node()
+    rclpy.shutdown()
+    assert report.level == DiagnosticStatus.ERROR and "an image takes seconds" in report.message
 
 
 def test_a_publisher_of_something_else_is_named(probe, start):

@@ -100,6 +100,8 @@ class Reconstruction:
             return Report(diagnostics.WARN, "not active")
         figures = {"profile": self._pipeline.profile, **self._watch.figures()}
         complaint = self._watch.complaint()
+        if complaint and self._lock.locked():  # a thread of its own makes the images
+            complaint = "an image takes seconds: profile or resolution are too much here"
         if complaint:
             self._log.warning(complaint, throttle_duration_sec=_EVERY)
             return Report(diagnostics.ERROR, complaint, figures)
