@@ -87,6 +87,8 @@ class ManagedNode(LifecycleNode):
             result = transition()
             if result != TransitionCallbackReturn.SUCCESS:  # the reason is in the log
                 self.destroy_node()
+                if not rclpy.ok():
+                    raise ExternalShutdownException()
                 raise SystemExit(BAD_INPUT if result == TransitionCallbackReturn.FAILURE else 1)
 
     def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
@@ -147,7 +149,8 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception:  # noqa: BLE001 - a defect, which must not be taken for bad input
-            self.get_logger().error(traceback.format_exc())
+            if rclpy.ok():  # otherwise a stop came in between
+                self.get_logger().error(traceback.format_exc())
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
