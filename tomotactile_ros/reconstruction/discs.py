@@ -14,7 +14,7 @@ size. A disc shows its size by what it short-circuits, s_m; the stronger it is, 
 the size matters for g. Where the couplings do not tell, the expected radius stands.
 
 An uneven sheet changes couplings, too, but those next to each other alike. So errors of Y0 near a disc count as a
-random field, and its mean at the disc given the couplings is the conductance of the sheet that X and s_m there need.
+random field, and its mean at the disc, given what the disc leaves of the couplings, corrects R there.
 """
 
 from __future__ import annotations

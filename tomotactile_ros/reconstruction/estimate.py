@@ -2,7 +2,8 @@
 
 A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the grounded electrodes
 shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of blob b, and the way to the grounded electrodes
-taken off, 1 / g = 1 / c - D, with the mean of D over all pairs of places in the blob.
+taken off, 1 / g = 1 / c - D, with the mean of D over all pairs of places in the blob; where the image is that of g, they
+have its sum.
 """
 
 from __future__ import annotations
