@@ -315,3 +315,16 @@ def test_whatever_presses_nothing_infinite_goes_out(contacts):
         warnings.simplefilter("error")
         for pipeline in SMALL_PIPELINES:
             assert all_finite(pipeline.process(readings, np.arange(16), DRIVE))
+
+
+@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
+def test_readings_that_contradict_each_other_give_finite_images(profile):
+    layout = equal_grid(2, 2, (0.2, 0.2), 0.0025, 1e4, margin=0.02)
+    pipeline = Pipeline(layout, Settings(profile, resolution=8))
+    random = np.random.default_rng(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(200):
+            voltages = random.uniform(0.0, DRIVE, (4, 4))
+            voltages[random.random((4, 4)) < 0.3] = np.nan
+            assert all_finite(pipeline.process(voltages, np.arange(4), DRIVE))

@@ -31,6 +31,7 @@ _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv
 _DOUBLE = lapack.dpotrf, blas.dtrsm, blas.dsyrk, blas.dsymv
 _DISTANT = 0.08  # electrodes are distant below this coupling coefficient
+_LARGEST = 1e12  # largest admittance that counts, in parts of an electrode's own
 _NOISY = 0.1  # largest noise of an admittance, in parts of an electrode's own
 
 
@@ -68,6 +69,7 @@ class AdmittanceMeter:
     own : median admittance of an electrode on the untouched sheet, S.
     scale : (n, n) geometric mean of both electrodes' own admittances, S.
     largest_noise : of an entry of Y, S; with more, contacts count as weak.
+    largest : entry of Y, S; larger ones come from readings that contradict each other.
     """
 
     def __init__(self, sheet: GroundedSheet, noise: float):
@@ -84,7 +86,7 @@ class AdmittanceMeter:
         self._distant_scale = self.scale[distant]
         self.amplification = float(np.median((admittance**2).sum(axis=1)))
         self.own = float(np.median(own)) ** 2
-        self.largest_noise = _NOISY * self.own
+        self.largest_noise, self.largest = _NOISY * self.own, _LARGEST * self.own
         self._prepare_weak()
 
     def read(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
@@ -108,7 +110,7 @@ class AdmittanceMeter:
         ratio = float(ratios[middle])
         factor = 1 / ratio if ratio > 0 else np.inf
         noise = least / factor * self.amplification  # the mean own impedance is 1
-        if not 0 < noise < self.largest_noise:
+        if not (noise < self.largest_noise and 0 < factor < self.largest):
             return self._read_weak_after(voltages, drive_voltage, contradiction)
         couplings = factor * couplings - self.untouched
         currents = _routines(inverse)[3](factor, inverse, np.ones(len(inverse)), lower=1)

@@ -157,13 +157,14 @@ def _take_turns(meter, local, completion, least):
             return None
         inverse = completion.fill(admittance / factor)
         wanted = admittance[meter.second, meter.first][neighbours]
-        ratio = float(np.median(wanted / inverse[meter.second, meter.first][neighbours]))
-        factor = float(np.sqrt(factor * ratio)) if factor * ratio > 0 else 0.0
+        ratio = float(np.median(inverse[meter.second, meter.first][neighbours] / wanted))
+        factor = float(np.sqrt(factor / ratio)) if ratio > 0 else 0.0
         matrix = factor * inverse
         before, currents = measured, matrix.sum(axis=1)
         spread = least * abs(float(completion.impedance.diagonal().mean()))
         noise = spread / max(factor, 1e-300) * meter.amplification
-        if not (np.isfinite(matrix).all() and currents.sum() > 0 and noise < meter.largest_noise):
+        possible = currents.sum() > 0 and np.abs(matrix).max() < meter.largest
+        if not (possible and noise < meter.largest_noise):
             return None
         couplings = matrix[meter.second, meter.first] - meter.untouched
         measured = Grounded(currents, couplings, noise)

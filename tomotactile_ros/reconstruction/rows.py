@@ -90,7 +90,8 @@ class RowReader:
             admittance, phi = self._complete(self._sheet + contacts, inverse, transfer)
             noise = spread / phi if phi > 0 else np.inf
             currents = admittance.sum(axis=1)[self._back]
-            if not (noise < meter.largest_noise and 0 < currents.sum() < np.inf):
+            possible = currents.sum() > 0 and np.abs(admittance).max() < meter.largest
+            if not (possible and noise < meter.largest_noise):
                 return None
             couplings = admittance.ravel()[self._pairs] - meter.untouched
             before, measured = measured, Grounded(currents, couplings, noise, contradiction)
