@@ -52,7 +52,7 @@ class Optimizer:
         self._request: Request | None = None
         self._history: list[Step] = []
         self._lock = threading.Lock()  # nothing is shown or written after the end
-        self._ended = False
+        self._at_work = False
         self._publisher = node.create_publisher(
             Image,
             "resolution_map",
@@ -78,6 +78,7 @@ class Optimizer:
 
     def activate(self) -> None:
         """Begin."""
+        self._at_work = True
         threading.Thread(target=self._work, name="optimizer", daemon=True).start()
 
     def deactivate(self) -> None:
@@ -102,7 +103,7 @@ class Optimizer:
         try:
             for step in self._request.steps_of():
                 with self._lock:
-                    if self._ended:
+                    if not self._at_work:
                         return
                     self._show(step)
             self._end()
@@ -114,11 +115,15 @@ class Optimizer:
             rclpy.try_shutdown()  # ends the node
 
     def _end(self) -> None:
-        """Write the best layout so far, if nobody has done it yet."""
+        """Write the best layout so far, if there is one and nobody has done it yet."""
         with self._lock:
-            ended, self._ended = self._ended, True
-            if self._history and not ended:
+            at_work, self._at_work = self._at_work, False
+            if not at_work:
+                return
+            if len(self._history) > 1:
                 self._write()
+            else:
+                self._log.warning("no step was finished: nothing is written")
 
     def _fail(self, status: int, reason: str) -> None:
         self.status = status
