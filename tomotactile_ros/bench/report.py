@@ -68,8 +68,8 @@ def _peers(peers):
     for name, found in peers["ratios"].items():
         text = f"{name}: {found['ratio']:.3g}"
         if "rounds" in found:
-            quartiles = f"{found['low']:.3g} to {found['high']:.3g}"
-            text += f" (quartiles of {found['rounds']} rounds {quartiles})"
+            quartiles = "{low:.3g}, {median:.3g} and {high:.3g}".format(**found)
+            text += f" (quartiles of {found['rounds']} single rounds: {quartiles})"
         yield text
     forward = (
         f"{name}: {found.get('skipped') or tables.milliseconds(found['median']) + ' ms'}"

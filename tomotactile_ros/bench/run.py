@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -126,19 +126,18 @@ def _peak():
 
 
 def auto_choices(rows: list[dict]) -> list[dict]:
-    """What `profile: auto` takes, and the measured profile with the least blur in time.
+    """What `profile: auto` takes, and the profile with the least blur of those in time.
 
-    Deadlines (s) lie between the measured times of the profiles, where a busy machine does not
-    decide.
+    Deadlines (s) lie between nearly all frames of a profile and a typical one of the next slower:
+    the one is in time then, the other not, and a busy machine does not decide.
     """
-    default = {row["profile"]: row for row in rows if is_default(row)}
+    order = sorted(filter(is_default, rows), key=lambda row: row["frame"]["median"])
+    times = [row["frame"] for row in order]
+    between = [np.sqrt(a["p99"] * b["median"]) for a, b in pairwise(times)]
     layout = find_layout(DEFAULT_LAYOUT)
-    times = np.sort([row["frame"]["median"] for row in default.values()])
     out = []
-    for deadline in [times[0] / 3, *np.sqrt(times[1:] * times[:-1]), 3 * times[-1]]:
-        in_time = [p for p, row in default.items() if row["frame"]["median"] <= deadline]
-        fastest = min(default, key=lambda p: default[p]["frame"]["median"])
-        best = min(in_time, key=lambda p: blur(default[p]), default=fastest)
+    for slower, deadline in enumerate([times[0]["median"] / 3, *between, 3 * times[-1]["median"]]):
+        best = min(order[: max(slower, 1)], key=blur)["profile"]
         settings = replace(Case(DEFAULT_LAYOUT, "auto").settings, deadline=float(deadline))
         chosen = Pipeline(layout, settings).profile
         out.append({"deadline": float(deadline), "auto": chosen, "measured": best})

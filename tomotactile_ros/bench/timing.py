@@ -100,11 +100,11 @@ def undisturbed(times: Times) -> float:
 
 
 def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Ratio of undisturbed times that were measured in turn; quartiles of that of single rounds."""
+    """Ratio of undisturbed times that were measured in turn; median and quartiles of single rounds."""
     each = [undisturbed([a]) / undisturbed([b]) for a, b in zip(numerator, denominator)]
-    low, high = np.percentile(each, [25, 75])
+    low, median, high = np.percentile(each, [25, 50, 75])
     of_all = undisturbed(numerator) / undisturbed(denominator)
-    return {"ratio": of_all, "low": low, "high": high, "rounds": len(each)}
+    return {"ratio": of_all, "low": low, "median": median, "high": high, "rounds": len(each)}
 
 
 def timed(make: Call) -> tuple[Any, float]:
