@@ -24,7 +24,7 @@ from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, 
 from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
-from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_time, trial_frame
+from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
 from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import Result, Settings
 
@@ -154,12 +154,12 @@ class Pipeline:
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""
         trial = trial_frame(self._model.transfer, self.layout.sheet_resistance, self.settings.noise)
-        grounded, times = np.arange(self.layout.electrodes), {}
+        grounded, works = np.arange(self.layout.electrodes), {}
         for profile in MEASURED:
             settings = replace(self.settings, profile=profile)
             other = Pipeline(self.layout, settings, model=self._model)
-            times[profile] = median_time(partial(other._process_anew, trial, grounded, 3.3))
-        return choose(times, self.settings.deadline)
+            works[profile] = partial(other._process_anew, trial, grounded, 3.3)
+        return choose(median_times(works), self.settings.deadline)
 
     def _process_anew(self, *frame):
         self._make_image.forget()

@@ -11,7 +11,7 @@ from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.transfer import Transfer
 
 MEASURED = ("accurate", "balanced", "fast")  # most accurate first
-_REPEATS = 7
+_ROUNDS = 15
 _CONTACTS = 4
 _STRENGTH = 1.0  # conductance of each contact, times the sheet resistance
 
@@ -26,15 +26,15 @@ def trial_frame(transfer: Transfer, resistance: float, noise: float, drive_volta
     return voltages + noise * np.random.default_rng(0).standard_normal(voltages.shape)
 
 
-def median_time(work: Callable[[], object]) -> float:
-    """Median time of `work`, s, after one call that warms up."""
-    work()
-    times = []
-    for _ in range(_REPEATS):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return float(np.median(times))
+def median_times(works: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Median time of each, s; in turn, so that a busy moment is not all that one of them sees."""
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(_ROUNDS):
+        for name, work in works.items():
+            start = time.perf_counter()
+            work()
+            times[name].append(time.perf_counter() - start)
+    return {name: float(np.median(each)) for name, each in times.items()}
 
 
 def choose(times: dict[str, float], deadline: float) -> tuple[str, str]:
