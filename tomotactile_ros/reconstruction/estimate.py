@@ -22,7 +22,8 @@ from tomotactile_ros.reconstruction.settings import ContactEstimate
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
-_DISC = 0.5  # radius of a contact that still counts as a disc, in spacings of the electrodes
+_DISC = 0.4  # radius of a contact that still counts as a disc, in spacings of the electrodes,
+_RESOLVED = 0.5  # and where the image is that of g, which does not break into spots
 _SEEN = 0.23  # radius from which on the image tells the size of a contact, in spacings
 _BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
@@ -61,7 +62,8 @@ def strengths(
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
     resolved : the image is that of g, and discs are to be shown as such
     """
-    radii, wide = _sizes(blobs, exact, local, point_area, radius)
+    largest = _RESOLVED if resolved else _DISC
+    radii, wide = _sizes(blobs, exact, local, point_area, radius, largest * local.spacing)
     found, others, most = {}, [], LARGEST / local.resistance
     if any(wide):
         cores = [core_of(blob, values) for blob in blobs]
@@ -95,14 +97,14 @@ def _wide(blob, pixels, effective, local, point_area, radius):
     return Strength(blob.position, conductance, float(area))
 
 
-def _sizes(blobs, exact, local, point_area, radius):
+def _sizes(blobs, exact, local, point_area, radius, largest):
     """Radius of each blob, m, as far as the image tells it, and whether it is too wide for a disc."""
     if exact is None:
         radii = [radius] * len(blobs)
         wide = [blob.area > WIDE * point_area for blob in blobs]
     else:
         radii = [seen_radius(blob.pixels, exact, local, radius) for blob in blobs]
-        wide = [seen > _DISC * local.spacing for seen in radii]
+        wide = [seen > largest for seen in radii]
     return radii, wide if shares_of(local.grid).usable else [True] * len(blobs)
 
 
