@@ -57,7 +57,7 @@ def percent(part: float | None) -> str:
 TRADE = (
     "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "frame ms", "p99 ms", "MB",
     "HWHM mm", "PE mm", "p95", "blur mm", "contact mm", "p95", "defects mm", "two mm",
-    "force %", "two %", "noise",
+    "force %", "two %", "noise", "lambda",
 )  # fmt: skip
 
 
@@ -85,6 +85,7 @@ def trade_row(row: dict) -> Row:
         percent(force["one"]["mean"]),
         percent(force["two"]["mean"]),
         f"{row['noise_gain']:.2g}",
+        f"{row['regularization'] ** 0.5:.2g}",
     )
 
 
