@@ -163,8 +163,7 @@ def _take_turns(meter, local, completion, least):
         before, currents = measured, matrix.sum(axis=1)
         spread = least * abs(float(completion.impedance.diagonal().mean()))
         noise = spread / max(factor, 1e-300) * meter.amplification
-        possible = currents.sum() > 0 and np.abs(matrix).max() < meter.largest
-        if not (possible and noise < meter.largest_noise):
+        if not meter.is_possible(matrix, noise):
             return None
         couplings = matrix[meter.second, meter.first] - meter.untouched
         measured = Grounded(currents, couplings, noise)

@@ -89,10 +89,9 @@ class RowReader:
                 contacts = contacts + (1.0 if exact else _STRETCH) * (added - contacts)
             admittance, phi = self._complete(self._sheet + contacts, inverse, transfer)
             noise = spread / phi if phi > 0 else np.inf
-            currents = admittance.sum(axis=1)[self._back]
-            possible = currents.sum() > 0 and np.abs(admittance).max() < meter.largest
-            if not (possible and noise < meter.largest_noise):
+            if not meter.is_possible(admittance, noise):
                 return None
+            currents = admittance.sum(axis=1)[self._back]
             couplings = admittance.ravel()[self._pairs] - meter.untouched
             before, measured = measured, Grounded(currents, couplings, noise, contradiction)
             if before is not None and exact:
