@@ -99,7 +99,7 @@ class Simulator:
 
     def _solve(self, contacts):
         present = [
-            (contact.patches(across), self._conductance(contact))
+            (contact.patches(across), contact.conductance(self.scene.contact_law, across))
             for contact, across in zip(contacts, self._across)
             if contact is not None
         ]
@@ -114,19 +114,10 @@ class Simulator:
         reach = 2 * max(self.layout.outline.size)
         paths = [np.empty((0, 2))]
         for contact, across in zip(self.scene.contacts, self._across):
-            speed = np.linalg.norm(contact.velocity)
-            if speed > 0:
-                way = min(reach, speed * min(_HORIZON, contact.end - contact.start))
-                distance = np.arange(0, way, self._step / 3)
-                steps = distance[:, None] * (contact.velocity / speed)
-                points = contact.patches(across)[0]
-                paths.append((points + steps[:, None]).reshape(-1, 2))
+            steps = contact.shifts(self._step / 3, _HORIZON, reach)
+            points = contact.patches(across)[0]
+            paths.append((points + steps[:, None]).reshape(-1, 2))
         return np.concatenate(paths)
-
-    def _conductance(self, contact) -> float:
-        if self.scene.contact_law is None or contact.pressure is None:
-            return np.inf
-        return float(self.scene.contact_law.conductance(contact.pressure))
 
 
 def patches_across(contact: Contact, longest: float) -> int:

@@ -130,6 +130,13 @@ class Reader:
             self.refuse(key, value, "is not a text")
         return value
 
+    def flag(self, key: str, default: bool = _REQUIRED) -> bool:
+        """True or false."""
+        value = self._value(key, default)
+        if not isinstance(value, bool):
+            self.refuse(key, value, "is neither true nor false")
+        return value
+
     def choice(self, key: str, options: Sequence[str]) -> str:
         """One of a few words."""
         value = self._value(key, _REQUIRED)

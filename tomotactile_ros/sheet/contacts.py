@@ -16,14 +16,14 @@ Patches = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def contact_points(
-    sheet: Sheet, contacts: Sequence[tuple[Patches, float]]
+    sheet: Sheet, contacts: Sequence[tuple[Patches, float | np.ndarray]]
 ) -> tuple[Transfer, np.ndarray]:
     """Where the patches of any number of contacts meet the sheet.
 
     Parameters
     ----------
-    contacts : for each what `Contact.patches` returns, and its conductance, S/m^2; infinity for a
-        bare conductor at the drive voltage
+    contacts : for each what `Contact.patches` returns, and its conductance, S/m^2, one for all of
+        its patches or one for each; infinity for a bare conductor at the drive voltage
 
     Returns
     -------
@@ -33,7 +33,9 @@ def contact_points(
     """
     patches = [each for each, _ in contacts]
     points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
-    conductance = np.repeat([each for _, each in contacts], [len(each[1]) for each in patches])
+    conductance = np.concatenate(
+        [np.empty(0), *(np.broadcast_to(g, len(part[1])) for part, g in contacts)]
+    )
     inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))
     points, radii = points[inside], radii[inside]
     with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
