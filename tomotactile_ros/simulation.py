@@ -19,6 +19,7 @@ from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet import MODELS, make_sheet
 from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.touches import Touches
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
@@ -55,7 +56,7 @@ class Simulator:
             resistance = random_sheet(variation, layout.sheet_resistance)
         self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
-        self._across = [patches_across(contact, longest) for contact in scene.contacts]
+        self.live: Touches | None = None  # what presses from outside, beside the scene's contacts
         self.sheet.prepare(self._paths())
         self._last: tuple[list, np.ndarray] | None = None
 
@@ -93,16 +94,19 @@ class Simulator:
     def ideal_frame(self, t: float) -> np.ndarray:
         """(L, E) voltages before anything is wrong with their measurement."""
         now = [contact.at(t) for contact in self.scene.contacts]
+        if self.live is not None:
+            now += self.live.at(t)
         if self._last is None or not _same(now, self._last[0]):
             self._last = now, self._solve(now)
         return self._last[1]
 
     def _solve(self, contacts):
-        present = [
-            (contact.patches(across), contact.conductance(self.scene.contact_law, across))
-            for contact, across in zip(contacts, self._across)
-            if contact is not None
-        ]
+        present = []
+        for contact in contacts:
+            if contact is not None:
+                across = patches_across(contact, max(self.layout.outline.size))
+                conductance = contact.conductance(self.scene.contact_law, across)
+                present.append((contact.patches(across), conductance))
         return frame(
             *contact_points(self.sheet, present),
             self.scene.drive_voltage,
@@ -113,8 +117,9 @@ class Simulator:
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
         reach = 2 * max(self.layout.outline.size)
         paths = [np.empty((0, 2))]
-        for contact, across in zip(self.scene.contacts, self._across):
+        for contact in self.scene.contacts:
             steps = contact.shifts(self._step / 3, _HORIZON, reach)
+            across = patches_across(contact, max(self.layout.outline.size))
             points = contact.patches(across)[0]
             paths.append((points + steps[:, None]).reshape(-1, 2))
         return np.concatenate(paths)
