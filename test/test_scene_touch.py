@@ -331,6 +331,16 @@ def test_a_contact_without_memory_course_or_way_is_the_very_same_object():
     contact = disc(profile="hertz")
     scene = Scene("s", 3.3, [contact], contact_law=ContactLaw(1e-4, 1.0, Hysteresis(0.0)))
     assert scene.contacts[0] is contact is contact.at(0.0) is contact.at(7.0)
+    assert not contact.changes(0.0, 7.0)
+
+
+def test_when_a_contact_changes():
+    ends = disc(start=1.0, end=2.0)
+    spans = [(0, 0.9), (0, 1), (1, 1.9), (1.5, 2), (2, 3)]
+    assert [ends.changes(*span) for span in spans] == [False, True, False, True, False]
+    remembers = disc().under(ContactLaw(1e-4, 1.0, creep=Creep(0.1, (1.0,))))
+    for other in (disc(course=Tap(1.0)), disc(path=[[0, 0]], speed=1e-3), remembers):
+        assert other.changes(0.0, 0.1) and not other.changes(0.1, 0.1)
 
 
 @pytest.mark.parametrize("name", SCENES)

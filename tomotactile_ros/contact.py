@@ -199,7 +199,7 @@ class Contact:
         level = self._load.signal.value(age) if self.course is not None else 1.0
         if level <= 0:
             return None
-        if self.course is None and self._motion is None and self._law is None:
+        if self._constant:
             return self
         now = copy.copy(self)
         now._set("_level", level)
@@ -207,6 +207,17 @@ class Contact:
         if self._motion is not None:
             now._move(self._begin + self._motion.shift(age))
         return now
+
+    def changes(self, first: float, last: float) -> bool:
+        """Whether anything about it is different at some time from ``first`` to ``last`` (s)."""
+        if last < self.start or self.end <= first:
+            return False
+        there = self.start <= first and last < self.end
+        return not there or (last > first and not self._constant)
+
+    @property
+    def _constant(self) -> bool:
+        return self.course is None and self._motion is None and self._law is None
 
     def _move(self, center):
         if self.shape == "polygon":
@@ -350,7 +361,7 @@ def read_contact(reader: Reader) -> Contact:
         velocity=reader.numbers("velocity", 2, (0.0, 0.0)),
         path=reader.points("path") if "path" in reader else None,
         speed=reader.number("speed", None),
-        loop=reader.flag("loop", False),
+        loop=reader.flag("loop"),
     )
 
 

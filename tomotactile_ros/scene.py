@@ -121,7 +121,7 @@ def load_scene(path: str | os.PathLike) -> Scene:
         adc=read_adc(reader),
         defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
         layout=reader.text("layout", None),
-        live=reader.flag("live", False),
+        live=reader.flag("live"),
     )
 
 

@@ -123,18 +123,18 @@ class Reader:
         value = self._value(key, default)
         return value if value is default else self._integer(value, key)
 
+    def flag(self, key: str) -> bool:
+        """true or false; false if the key is not there."""
+        value = self._value(key, False)
+        if not isinstance(value, bool):
+            self.refuse(key, value, "is neither true nor false")
+        return value
+
     def text(self, key: str, default: str | None = _REQUIRED) -> str:
         """A text that is not blank."""
         value = self._value(key, default)
         if value is not default and not (isinstance(value, str) and value.strip()):
             self.refuse(key, value, "is not a text")
-        return value
-
-    def flag(self, key: str, default: bool = _REQUIRED) -> bool:
-        """True or false."""
-        value = self._value(key, default)
-        if not isinstance(value, bool):
-            self.refuse(key, value, "is neither true nor false")
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
