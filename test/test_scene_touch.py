@@ -343,6 +343,67 @@ def test_when_a_contact_changes():
         assert other.changes(0.0, 0.1) and not other.changes(0.1, 0.1)
 
 
+@pytest.mark.parametrize("course", [None, *COURSES], ids=lambda c: type(c).__name__)
+def test_what_presses_and_moves_survives_its_file(tmp_path, course):
+    way = {"path": [[0.05, 0.0], [0.0, 0.07]], "speed": 0.03, "loop": True}
+    first = disc(profile="punch", course=course, start=0.5, end=3.5, **way)
+    second = Contact("polygon", points=[[0, 0], [0.02, 0], [0, 0.02]], force=3.0, course=course,
+                     end=4.0, path=[[0.05, 0.05]], speed=1.0)  # fmt: skip
+    law = ContactLaw(1e-4, 1.2, Hysteresis(0.1), Creep(0.05, (0.5, 5.0)))
+    scene = Scene("any", 3.3, [first, second], contact_law=law)
+    scene.save(tmp_path / "any.yaml")
+    again = load_scene(tmp_path / "any.yaml")
+    assert again.contact_law == law
+    for t in np.linspace(0, 5, 41):
+        assert again.truth(t) == scene.truth(t)
+        for mine, theirs in zip(scene.contacts, again.contacts, strict=True):
+            mine, theirs = mine.at(t), theirs.at(t)
+            if mine is not None:
+                np.testing.assert_array_equal(mine.conductance(law, 6), theirs.conductance(law, 6))
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ("course: {kind: hop}", "contacts[0].course.kind: 'hop' is none of ramp, tap, sine"),
+        ("course: {kind: tap}", "contacts[0].course.duration: is missing"),
+        ("course: {kind: tap, rise: 1}", "contacts[0].course.rise: unknown key"),
+        ("course: {kind: sine, amplitude: 9, frequency: 1}", "contacts[0].course.amplitude: 9 N"),
+        ("profile: flat", "contacts[0].profile: 'flat' is none of even, hertz, punch"),
+        ("loop: 1", "contacts[0].loop: 1 is neither true nor false"),
+        ("path: [[0, x]], speed: 1", "contacts[0].path[0][1]: 'x' is not a number"),
+    ],
+)
+def test_mistakes_in_files_get_one_line_with_file_and_key(tmp_path, keys, line):
+    text = "format: tomotactile-scene/1\ndrive_voltage: 3.3\ncontacts:\n"
+    text += f"  - {{shape: disc, center: [0, 0], radius: 0.01, force: 1.0, {keys}}}\n"
+    (tmp_path / "s.yaml").write_text(text)
+    with pytest.raises(InputError) as error:
+        load_scene(tmp_path / "s.yaml")
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith(f"{tmp_path / 's.yaml'}: {line}")
+
+
+@pytest.mark.parametrize(
+    ("law", "line"),
+    [
+        ("hysteresis: 0.1", "contact_law.hysteresis: 0.1 is not a mapping"),
+        ("hysteresis: {relative: -1}", "contact_law.hysteresis.relative: -1.0 is negative"),
+        ("creep: {relative: 0.1}", "contact_law.creep.times: is empty"),
+        ("creep: {relative: 0.1, times: [1, 0]}", "contact_law.creep.times[1]: 0.0 is not a pos"),
+        ("creep: {relative: 0.1, times: [a]}", "contact_law.creep.times[0]: 'a' is not a number"),
+        ("crepe: 1", "contact_law.crepe: unknown key; did you mean 'creep'?"),
+    ],
+)
+def test_mistakes_in_the_law_get_one_line_with_file_and_key(tmp_path, law, line):
+    text = "format: tomotactile-scene/1\ndrive_voltage: 3.3\n"
+    text += f"contact_law: {{coefficient: 1e-4, exponent: 1, {law}}}\n"
+    (tmp_path / "s.yaml").write_text(text)
+    with pytest.raises(InputError) as error:
+        load_scene(tmp_path / "s.yaml")
+    assert str(error.value).startswith(f"{tmp_path / 's.yaml'}: {line}")
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_never_leave_the_sheet(name):
     """At 10,000 times of ten hours: every contact wholly on the sheet; none further than it says."""
@@ -381,9 +442,15 @@ def test_overlapping_contacts_of_no_shipped_scene_hide_each_other():
         ({"force": np.nan}, "force: nan is not a finite force"),
         ({"force": 1.0, "pressure": 1.0}, "force: is given, and so is pressure"),
         ({"course": Tap(1.0)}, "course: needs a force or a pressure"),
-        ({"force": 1.0, "course": Sine(2.0, 1.0)}, "amplitude: 2 N is above the mean of 1 N"),
-        ({"force": 1.0, "course": Ramp(0.0, 1.0)}, "fall: needs 'to'"),
-        ({"force": 1.0, "course": Ramp(2.0, 1.0), "end": 2.0}, "rise and fall take 3 s"),
+        (
+            {"force": 1.0, "course": Sine(2.0, 1.0)},
+            r"course\.amplitude: 2 N is above the mean of 1 N",
+        ),
+        ({"force": 1.0, "course": Ramp(0.0, 1.0)}, r"course\.fall: needs 'to'"),
+        (
+            {"force": 1.0, "course": Ramp(2.0, 1.0), "end": 2.0},
+            r"course\.rise: rise and fall take 3 s",
+        ),
         ({"path": [[0, 1]]}, "speed: is missing, a path needs it"),
         ({"path": [[0, 1]], "speed": 0.0}, "speed: 0.0 is not a positive speed"),
         ({"path": [[0, 1]], "speed": 1.0, "velocity": (1, 0)}, "path: is given, and so is velo"),

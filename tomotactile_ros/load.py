@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tomotactile_ros import checks
 from tomotactile_ros.course import HOLD, Course
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, complaints_at
 from tomotactile_ros.force_signal import Signal
 from tomotactile_ros.profile import PEAK, PROFILES
 
@@ -46,9 +46,9 @@ class Load:
         if self.course is not None and self.mean_pressure is None:
             raise InputError("course: needs a force or a pressure")
         if self.course is not None:
-            object.__setattr__(
-                self, "_signal", self.course.signal(self.mean_pressure * self.area, self.lasts)
-            )
+            with complaints_at("course."):
+                signal = self.course.signal(self.mean_pressure * self.area, self.lasts)
+            object.__setattr__(self, "_signal", signal)
 
     @property
     def mean_pressure(self) -> float | None:
