@@ -188,10 +188,34 @@ def test_a_moving_contact_with_a_profile_makes_the_frame_of_one_at_rest_there():
     place = moving.at(2.0)
     there = Contact("disc", place.center, radius=0.006, force=1.0, profile="hertz")
     first, second = (
-        Simulator(LAYOUT, Scene("s", 3.3, [c], contact_law=LAW)).frame(t)
+        Simulator(LAYOUT, Scene("s", 3.3, [c], contact_law=LAW), row_period=0.0).frame(t)
         for c, t in ((moving, 2.0), (there, 0.0))
     )
     np.testing.assert_allclose(first, second)
+
+
+def test_rows_of_contacts_that_take_turns_are_those_of_each_alone():
+    """One ends while another one, of equal patches but another profile, begins."""
+    times = {"course": Tap(0.1), "radius": 0.006, "force": 2.0}
+    ball = Contact("disc", (-0.03, 0.01), profile="hertz", **times)
+    even = Contact("disc", (0.04, 0.02), start=0.1, **times)
+    rows = Simulator(LAYOUT, Scene("s", 3.3, [ball, even], contact_law=LAW)).frame(0.092)
+    for contact, there in ((ball, slice(0, 8)), (even, slice(8, 16))):
+        alone = Simulator(LAYOUT, Scene("s", 3.3, [contact], contact_law=LAW)).frame(0.092)
+        np.testing.assert_allclose(rows[there], alone[there], atol=1e-9)
+    assert np.nanmin(np.nanmax(rows[[0, 15]], axis=1)) > 0.1
+
+
+def test_every_row_is_of_its_own_time():
+    """Ball, tap and way together: each row is that of a frozen sheet at the row's time."""
+    contact = Contact("disc", (-0.03, 0.01), radius=0.006, force=2.0, profile="hertz",
+                      course=Tap(0.03), path=[[0.03, 0.03], [0.03, -0.06]], speed=2.0)  # fmt: skip
+    law = ContactLaw(1e-4, 1.0, Hysteresis(0.2), Creep(0.1, (0.01,)))
+    scene = Scene("s", 3.3, [contact], contact_law=law)
+    rows = Simulator(LAYOUT, scene).frame(0.01)
+    frozen = Simulator(LAYOUT, scene, row_period=0.0)
+    expected = [frozen.frame(0.01 + 1e-3 * row)[row] for row in range(16)]
+    np.testing.assert_allclose(rows, expected, atol=1e-9)
 
 
 def test_overlapping_contacts_conduct_side_by_side():
@@ -310,7 +334,7 @@ def test_limit_of_creep_and_what_the_sensor_reads_of_it():
     assert g[1] == pytest.approx(1 + 0.075 * (2 - np.exp(-1) - np.exp(-0.1)))
     truth = scene.truth(1.0) + scene.truth(60.0)
     assert [contact["force"] for contact in truth] == pytest.approx([FORCE, FORCE])
-    simulator = Simulator(LAYOUT, scene, "closed_form")
+    simulator = Simulator(LAYOUT, scene, "closed_form", row_period=0.0)
     early, late = (np.nanmean(simulator.frame(t)) for t in (1.0, 60.0))
     forgetful = Simulator(LAYOUT, Scene("s", 3.3, [disc()], contact_law=LAW), "closed_form")
     assert early == pytest.approx(np.nanmean(forgetful.frame(0.0))) and late > early + 0.01

@@ -13,7 +13,15 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact, read_contact
 from tomotactile_ros.contact_law import ContactLaw, read_contact_law
-from tomotactile_ros.defects import Adc, Defects, Noise, read_adc, read_defects, read_section
+from tomotactile_ros.defects import (
+    Adc,
+    Defects,
+    Noise,
+    named_defects,
+    read_adc,
+    read_defects,
+    read_section,
+)
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
 from tomotactile_ros.layout import Layout
@@ -35,6 +43,7 @@ class Scene:
         drive voltage and their pressure is only part of the truth.
     live : whether contacts also come from outside while the scene is simulated, see `touches`.
     noise, adc, defects : of the measurement.
+    own_reading : the grounded electrode is read, too: what drops between it and ground.
     layout : name of the layout that the scene was made for, or None for any.
     """
 
@@ -47,6 +56,7 @@ class Scene:
     defects: Defects = field(default_factory=Defects)
     layout: str | None = None
     live: bool = False
+    own_reading: bool = False
 
     def __post_init__(self):
         checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
@@ -70,6 +80,7 @@ class Scene:
                     f"{place}defects.{key}: electrode {max(numbers)} does not exist, "
                     f"{layout.name} has 0 to {layout.electrodes - 1}"
                 )
+        self.defects.channels.check(layout.electrodes, f"{place}defects.")
 
     def truth(self, t: float) -> list[dict]:
         """What really touches at the time ``t`` (s), in the order of the scene.
@@ -83,6 +94,8 @@ class Scene:
     def save(self, path: str | os.PathLike) -> None:
         """Write the scene as YAML; an existing file is replaced whole or not at all."""
         content = {"format": FORMAT, "drive_voltage": float(self.drive_voltage)}
+        if self.own_reading:
+            content["own_reading"] = True
         if self.layout is not None:
             content["layout"] = self.layout
         if self.live:
@@ -95,8 +108,7 @@ class Scene:
                 content[key] = dict(vars(getattr(self, key)))
         defects = {
             key: dict(vars(value)) if hasattr(value, "__dict__") else value
-            for key, value in vars(self.defects).items()
-            if value
+            for key, value in named_defects(self.defects)
         }
         if defects:
             content["defects"] = defects
@@ -108,9 +120,17 @@ def load_scene(path: str | os.PathLike) -> Scene:
     path = find_config("scenes", path)
     reader = Reader.open(path, FORMAT)
     reader.only(
-        "format", "drive_voltage", "layout", "live", "contacts", "contact_law", "noise", "adc",
+        "format",
+        "drive_voltage",
+        "layout",
+        "live",
+        "contacts",
+        "contact_law",
+        "noise",
+        "adc",
         "defects",
-    )  # fmt: skip
+        "own_reading",
+    )
     return reader.build(
         Scene,
         name=Path(path).stem,
@@ -122,6 +142,7 @@ def load_scene(path: str | os.PathLike) -> Scene:
         defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
         layout=reader.text("layout", None),
         live=reader.flag("live"),
+        own_reading=reader.flag("own_reading"),
     )
 
 
