@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tomotactile_ros import contact, course, defects, profile
+from tomotactile_ros import channels, contact, course, defects, profile
 from tomotactile_ros.contact_law import ContactLaw
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
@@ -26,6 +26,7 @@ def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
     assert all(vars(scene.contact_law).values())
     for key in ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation"):
         assert getattr(scene.defects, key), key
+    assert all(getattr(scene.defects.channels, key) for key in channels.KEYS)
 
 
 @pytest.mark.parametrize(
