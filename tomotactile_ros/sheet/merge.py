@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.contacts import SAME
-from tomotactile_ros.sheet.green import softened
+from tomotactile_ros.sheet.green import FAR, softened
 
+_OF_CONTACTS = "parts", "rigid"
 _RIGID = 1e-12  # parts of the sheet by which points of a contact that moves as a whole seem to shift
 _MANY = 16  # electrodes near a contact's way, from which on a search tree is faster
 
@@ -21,7 +22,8 @@ class Merged:
 
     radii, resistance (T, n), m and ohm; owner (T, n) electrode that a point feeds, -1 for none;
     nearest electrode (T, n) and its distance apart (T, n), m; active (T, n), which points stand for
-    themselves and those merged with them; parts, slices of the points of each contact, and whether
+    themselves and those merged with them; leads (T, n), the point that stands for each, -1 outside,
+    and n + the electrode for those that feed one; parts, slices of the points of each contact, and whether
     it is rigid: moves as a whole.
     """
 
@@ -32,8 +34,14 @@ class Merged:
     nearest: np.ndarray
     apart: np.ndarray
     active: np.ndarray
+    leads: np.ndarray
     parts: tuple[slice, ...]
     rigid: tuple[bool, ...]
+
+    def states(self, some: slice) -> Merged:
+        """The same of some states only."""
+        arrays = {key: value[some] for key, value in vars(self).items() if key not in _OF_CONTACTS}
+        return replace(self, **arrays)
 
     def log_distance(self) -> np.ndarray:
         """(T, n, n) true ln |x_i - x_j|, once for each contact that only moves as a whole."""
@@ -54,7 +62,11 @@ class Merged:
         squared += (first[:, :, None, 1] - second[:, None, :, 1]) ** 2
         radii, others = self.radii[states, part], self.radii[states, other]
         mutual = (radii[:, :, None] ** 2 + others[:, None, :] ** 2) / 2
-        return 0.5 * np.log(softened(squared, mutual))
+        if squared.min() < FAR * mutual.max():
+            squared = softened(squared, mutual)
+        np.log(squared, out=squared)
+        squared *= 0.5
+        return squared
 
 
 def merge(layout: Layout, touching: Sequence) -> Merged:
@@ -86,8 +98,9 @@ def merge(layout: Layout, touching: Sequence) -> Merged:
     with np.errstate(divide="ignore", over="ignore"):
         resistance = 1 / total
     active = inside & (first == np.arange(count)) & np.isfinite(resistance)
+    leads = np.where(owner >= 0, count + owner, np.where(inside, first, -1))
     return Merged(
-        points, radii, resistance, owner, nearest, apart, active, tuple(parts), tuple(rigid)
+        points, radii, resistance, owner, nearest, apart, active, leads, tuple(parts), tuple(rigid)
     )
 
 

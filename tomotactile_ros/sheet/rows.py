@@ -7,6 +7,10 @@ The equations are those of `frames`, for the electrode l that is grounded in the
 What is small is done for all rows at once; a row of its own is only its n x n system. On a mesh, a
 point is a mixture of three unknowns: W (n, U) of them, three in each row of W, makes
 G(C, C) = W K W' of the Green function K (U, U) between the unknowns that any row needs.
+
+Where contacts are slow, nearly equal states need not all be solved: some are, `_STEP` apart, and
+rows between two of them are interpolated, each in its own ground condition; but never between a
+state in which a point feeds an electrode and one in which it does not.
 """
 
 from __future__ import annotations
@@ -25,7 +29,10 @@ from tomotactile_ros.sheet.merge import Merged, merge
 from tomotactile_ros.sheet.transfer import Sheet
 
 Touching = Sequence[tuple[Patches, ArrayLike]]
-_AT_ONCE = 32  # rows: with more, fast contacts meet too many unknowns
+_AT_ONCE = 32  # states: with more, fast contacts meet too many unknowns
+_STEP = 2e-4  # m that a point moves between states that are solved, see docs/model.md
+_RATIO = 1e-2  # by which a conductance changes meanwhile
+_FAR = 1e6  # steps
 
 
 def moving_rows(
@@ -51,10 +58,9 @@ def moving_rows(
         simple = together and sum(counts) and np.isfinite(to_ground[grounded[row]])
         alike.setdefault(counts if simple else None, []).append(row)
     for counts, rows in alike.items():
-        for part in [rows[i : i + _AT_ONCE] for i in range(0, len(rows), _AT_ONCE)]:
-            contacts = [touching[row] for row in part]
-            solve = _one_by_one if counts is None else _together
-            out[part] = solve(sheet, contacts, grounded[part], drive_voltage, to_ground)
+        contacts = [touching[row] for row in rows]
+        solve = _one_by_one if counts is None else _few_states
+        out[rows] = solve(sheet, contacts, grounded[rows], drive_voltage, to_ground)
     return out
 
 
@@ -72,34 +78,93 @@ def _one_by_one(sheet, touching, grounded, drive_voltage, to_ground):
     return np.array(rows)
 
 
-def _together(sheet, touching, grounded, drive_voltage, to_ground):
-    """(T, E) of states with the same number of patches each."""
-    found = merge(sheet.layout, touching)
+def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
+    """(L, E) from as many of the L states as it takes; all have the same number of patches."""
+    path = _path(touching)
+    chosen = np.diff(np.floor(path), prepend=-1) > 0
+    chosen[-1] = True
+    if 2 * np.count_nonzero(chosen) > len(path):
+        chosen[:] = True
+    solved = np.flatnonzero(chosen)
+    found = merge(sheet.layout, [touching[row] for row in solved])
+    unlike = np.flatnonzero((found.leads[1:] != found.leads[:-1]).any(axis=1))
+    for gap in unlike[np.diff(solved)[unlike] > 1]:
+        chosen[solved[gap] : solved[gap + 1]] = True
+    if np.count_nonzero(chosen) > len(solved):
+        solved = np.flatnonzero(chosen)
+        found = merge(sheet.layout, [touching[row] for row in solved])
+    before = np.cumsum(chosen) - 1
+    between = np.flatnonzero(~chosen)
+    length = path[solved[before[between] + 1]] - path[solved[before[between]]]
+    share = np.zeros((len(path), 1))
+    share[between, 0] = (path[between] - path[solved[before[between]]]) / length
+    state = np.concatenate([before, before[between] + 1])
+    ground = np.concatenate([grounded, grounded[between]])
+    voltages = np.empty((len(state), sheet.layout.electrodes))
+    for first in range(0, len(solved), _AT_ONCE):
+        part = np.flatnonzero((state >= first) & (state < first + _AT_ONCE))
+        some = found.states(slice(first, first + _AT_ONCE))
+        voltages[part] = _solve(
+            sheet, some, state[part] - first, ground[part], drive_voltage, to_ground
+        )
+    out = voltages[: len(path)]
+    out[between] += share[between] * (voltages[len(path) :] - out[between])
+    return out
+
+
+def _path(touching):
+    """(L,) how far the states have changed since the first one, in steps that must be solved."""
+    steps = np.zeros(len(touching) - 1)
+    for contact in zip(*touching):
+        points = np.array([patches[0] for patches, _ in contact])
+        steps = np.maximum(steps, np.abs(np.diff(points, axis=0)).max(axis=(1, 2)) / _STEP)
+        conductance = np.array([each for _, each in contact], float).reshape(len(contact), -1)
+        unlike = conductance[1:] != conductance[:-1]
+        if unlike.any():
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.abs(np.diff(np.log(conductance), axis=0)) / _RATIO
+            ratio = np.where(unlike, np.minimum(np.nan_to_num(ratio, nan=_FAR), _FAR), 0.0)
+            steps = np.maximum(steps, ratio.max(axis=1))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _solve(sheet, found, state, grounded, drive_voltage, to_ground):
+    """(P, E) potentials in `state` (P,) with electrode `grounded` (P,) at ground."""
     corners, weights, local, excess = _on_mesh(sheet, found)
     nodes, number = _numbered(corners, len(sheet.where))
     to_electrodes = sheet.to_electrodes[nodes]  # (U, E)
-    row = np.arange(len(grounded))
-    coupling = (to_electrodes.T[grounded[:, None, None], number] * weights).sum(axis=2)
-    coupling += np.where(found.nearest == grounded[:, None], excess, 0.0)
     system = _green(sheet, found, nodes, number, weights, local)
     _put_electrodes(system, found, to_electrodes, number, weights, excess)
+    number, weights, excess, nearest = (
+        each[state] for each in (number, weights, excess, found.nearest)
+    )
+    coupling = (to_electrodes.T[grounded[:, None, None], number] * weights).sum(axis=2)
+    coupling += np.where(nearest == grounded[:, None], excess, 0.0)
     own = sheet.electrode_electrode[grounded, grounded] + to_ground[grounded]
     half = coupling - 0.5 * own[:, None]
-    system -= half[:, :, None]
-    system -= half[:, None, :]
-    shorted = (found.owner == grounded[:, None]) & (
-        found.resistance + to_ground[grounded, None] <= 0
+    on_ground = found.owner[state] == grounded[:, None]
+    free = found.resistance[state] + to_ground[grounded, None] > 0
+    used = found.active[state] & (~on_ground | free)
+    alone = (on_ground & found.active[state]).any(axis=1)
+    alone |= np.bincount(state, minlength=len(system))[state] == 1
+    current = np.empty_like(half)
+    current[alone] = _currents(
+        system, found.resistance, state[alone], half[alone], used[alone], drive_voltage
     )
-    current = _currents(system, found.resistance, found.active & ~shorted, drive_voltage)
-    fed = np.zeros((len(row), len(nodes)))
+    for each in np.unique(state[~alone]):
+        rows = np.flatnonzero((state == each) & ~alone)
+        current[rows] = _shared_currents(
+            system[each], found.resistance[each], half[rows], used[rows[0]], drive_voltage
+        )
+    row = np.arange(len(state))
     place = (row[:, None, None] * len(nodes) + number).ravel()
-    fed += np.bincount(place, (weights * current[:, :, None]).ravel(), fed.size).reshape(fed.shape)
-    out = fed @ to_electrodes
-    place = (row[:, None] * out.shape[1] + found.nearest).ravel()
+    fed = np.bincount(place, (weights * current[:, :, None]).ravel(), len(row) * len(nodes))
+    out = fed.reshape(len(row), -1) @ to_electrodes
+    place = (row[:, None] * out.shape[1] + nearest).ravel()
     out += np.bincount(place, (excess * current).ravel(), out.size).reshape(out.shape)
-    total = current.sum(axis=1)
     out -= (coupling * current).sum(axis=1)[:, None]
-    return out + (own[:, None] - sheet.electrode_electrode[grounded]) * total[:, None]
+    total = current.sum(axis=1)[:, None]
+    return out + (own[:, None] - sheet.electrode_electrode[grounded]) * total
 
 
 def _on_mesh(sheet, found: Merged):
@@ -173,16 +238,49 @@ def _put_electrodes(system, found: Merged, to_electrodes, number, weights, exces
     system[state, :, point] = seen
 
 
-def _currents(system, resistance, used, drive_voltage):
-    """(T, n) current of each point, A; 0 where a point is not used."""
-    points = np.arange(resistance.shape[1])
-    system[:, points, points] += np.where(used, resistance, 0.0)
-    state, point = np.nonzero(~used)
-    system[state, point] = 0.0
-    system[state, :, point] = 0.0
-    system[state, point, point] = 1.0
+def _currents(green, resistance, state, half, used, drive_voltage):
+    """(P, n) current of each point, A, 0 where it is not used: one system for each row.
+
+    green (S, n, n), resistance (S, n), state (P,); Z_l(i, j) + R_l = G(i, j) - half_i - half_j
+    """
     current = np.where(used, drive_voltage, 0.0)
-    for matrix, drive in zip(system, current):
-        _, solution, failed = dposv(matrix.T, drive)
-        drive[:] = np.linalg.solve(matrix, drive) if failed else solution
+    points = np.arange(current.shape[1])
+    for row, each in enumerate(state):
+        system = green[each] - half[row] - half[row][:, None]
+        system[points, points] += np.where(used[row], resistance[each], 0.0)
+        _leave_out(system, used[row])
+        _, solution, failed = dposv(system.T, current[row], overwrite_a=True)
+        current[row] = np.linalg.solve(system, current[row]) if failed else solution
     return current
+
+
+def _shared_currents(green, resistance, half, used, drive_voltage):
+    """The same for rows of one state with no point on their grounded electrodes.
+
+    One factorisation serves them all: with A = G + diag(r), a = A^-1 1, b = A^-1 half the current
+    is (V0 + q) a + p b, p being its sum and q its product with `half`. Z_l does not change when a
+    constant is added to G and half of it to `half`, which makes A positive definite.
+    """
+    shift = green[used][:, used].max(initial=1.0)
+    half = np.where(used, half + 0.5 * shift, 0.0)
+    system = green + shift
+    points = np.arange(len(used))
+    system[points, points] += np.where(used, resistance, 0.0)
+    _leave_out(system, used)
+    right = np.column_stack([used.astype(float), half.T])
+    _, solved, failed = dposv(system, right)
+    if failed:
+        solved = np.linalg.solve(system, right)
+    a, b = solved[:, 0], solved[:, 1:].T
+    alpha, beta, gamma = a.sum(), 1 - half @ a, (half * b).sum(axis=1)
+    p = alpha * drive_voltage / (beta**2 - alpha * gamma)
+    return (p * beta / alpha)[:, None] * a + p[:, None] * b
+
+
+def _leave_out(system, used):
+    """Make 1 I = 0 of the equations of points that are not used."""
+    if not used.all():
+        gone = np.flatnonzero(~used)
+        system[gone] = 0.0
+        system[:, gone] = 0.0
+        system[gone, gone] = 1.0
