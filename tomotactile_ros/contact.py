@@ -1,6 +1,5 @@
 """What presses on the sheet: a region with a pressure, for a time, perhaps moving; its cells."""
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,6 +52,7 @@ class Contact:
     course : of the force from ``start`` on, see `course`; None: constant.
     start, end : s; the contact is there while start <= t < end.
     velocity : (2,) m/s, from ``start`` on.
+    width : longer side of its bounding box, m (no parameter).
     path, speed, loop : way points (W, 2), m, to which the center goes one after the other from
         ``start`` on, with ``speed`` m/s; then it rests, or returns to where it began and goes on.
     """
@@ -91,10 +91,17 @@ class Contact:
         self._set_form()
         self._set_load()
         self._set("_begin", self.center)
+        self._set("width", float(np.ptp(self.vertices, axis=0).max()))
         self._set("_motion", self._make_motion())
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
+
+    def _copy(self) -> "Contact":
+        """The same in a new object, which shares what is kept of the cells."""
+        copy = object.__new__(Contact)
+        copy.__dict__.update(self.__dict__)
+        return copy
 
     def _set_form(self) -> None:
         """Keep the contact's region about its own centre: it is the same wherever it moves."""
@@ -183,7 +190,7 @@ class Contact:
         law = law if law is not None and law.remembers else None
         if law is self._law or self._load.mean_pressure is None:
             return self
-        mine = copy.copy(self)
+        mine = self._copy()
         mine._set("_law", law)
         return mine
 
@@ -201,7 +208,7 @@ class Contact:
             return None
         if self._constant:
             return self
-        now = copy.copy(self)
+        now = self._copy()
         now._set("_level", level)
         now._set("_felt", level if self._law is None else self._law.felt(self._load.signal, age))
         if self._motion is not None:
@@ -233,10 +240,15 @@ class Contact:
         mean = self._load.mean_pressure
         if law is None or mean is None:
             return math.inf
-        felt = mean * self._felt
-        if self.profile == "even":
-            return float(law.conductance(felt))
-        return law.conductance(felt * unit_disc_pressures(self.profile, across))
+        key = "conductance", law, across
+        kept, found = self._cells.get(key, (None, None))
+        if kept != self._felt:
+            even = self.profile == "even"
+            pressure = 1.0 if even else unit_disc_pressures(self.profile, across)
+            found = law.conductance(mean * self._felt * pressure)
+            found = float(found) if even else found
+            self._cells[key] = self._felt, found
+        return found
 
     def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Cut the contact into cells of a lattice that is fixed to it.
@@ -263,17 +275,21 @@ class Contact:
         -------
         points : (Q, 2) m; areas : (Q,) m², in sum that of the contact; radii : (Q,) m.
         """
+        key = "patches", across
+        if key not in self._cells:
+            self._cells[key] = self._make_patches(across)
+        points, areas, radii = self._cells[key]
+        return self.center + points, areas, radii
+
+    def _make_patches(self, across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The patches about the centre."""
         if self.shape == "disc":
             points, areas, radii = unit_disc_patches(across)
-            return self.center + self.radius * points, self.radius**2 * areas, self.radius * radii
-        if ("patches", across) not in self._cells:
-            vertices = self.vertices - self.center
-            spacing = np.ptp(vertices, axis=0).max() / across
-            cells, areas = self.sample(spacing)
-            rim = rim_of(vertices, spacing)
-            self._cells["patches", across] = join(*rim, cells - self.center, areas, spacing)
-        points, areas, radii = self._cells["patches", across]
-        return self.center + points, areas, radii
+            return self.radius * points, self.radius**2 * areas, self.radius * radii
+        vertices = self.vertices - self.center
+        spacing = np.ptp(vertices, axis=0).max() / across
+        cells, areas = self.sample(spacing)
+        return join(*rim_of(vertices, spacing), cells - self.center, areas, spacing)
 
     def legs(self, longest: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Straight parts of its way: vertices (V, 2) at the beginning of each, and the way (2,).

@@ -39,13 +39,19 @@ class Motion:
         if self.loop:
             corners = np.concatenate([corners, corners[:1]])
         ways = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        corners, ways = corners[np.append(True, ways > 0)], ways[ways > 0]
         object.__setattr__(self, "corners", corners)
         object.__setattr__(self, "_at", np.concatenate([[0.0], np.cumsum(ways)]))
 
     def shift(self, age: float) -> np.ndarray:
         """(2,) ``age`` s after the beginning."""
         way = self.speed * age
-        return self._at_way(np.array([way % self._at[-1] if self.loop else way]))[0]
+        if self.endless:
+            return way / self._at[-1] * self.corners[-1]
+        way = way % self._at[-1] if self.loop else min(way, self._at[-1])
+        leg = min(int(np.searchsorted(self._at, way, side="right")), len(self._at) - 1) - 1
+        part = (way - self._at[leg]) / (self._at[leg + 1] - self._at[leg])
+        return self.corners[leg] + part * (self.corners[leg + 1] - self.corners[leg])
 
     def legs(self, lasts: float, longest: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Straight parts of the way while the contact lasts (s): where each begins, the way on.

@@ -9,6 +9,7 @@ sequence number give the same frame on every machine.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -72,6 +73,7 @@ class Simulator:
             resistance = random_sheet(variation, layout.sheet_resistance)
         self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
+        self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.live: Touches | None = None  # what presses from outside, beside the scene's contacts
         self.sheet.prepare(self._paths())
         self._set_wiring()
@@ -208,16 +210,17 @@ class Simulator:
                 across = patches_across(contact, max(self.layout.outline.size))
                 patches = contact.patches(across)
                 conductance = contact.conductance(self.scene.contact_law, across)
-                touching.append((patches, np.broadcast_to(conductance, len(patches[1]))))
+                if not isinstance(conductance, np.ndarray):
+                    conductance = np.full(len(patches[1]), conductance)
+                touching.append((patches, conductance))
         return touching
 
     def _paths(self):
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
         reach = 2 * max(self.layout.outline.size)
         paths = [np.empty((0, 2))]
-        for contact in self.scene.contacts:
+        for contact, across in zip(self.scene.contacts, self._across):
             steps = contact.shifts(self._step / 3, _HORIZON, reach)
-            across = patches_across(contact, max(self.layout.outline.size))
             points = contact.patches(across)[0]
             paths.append((points + steps[:, None]).reshape(-1, 2))
         return np.concatenate(paths)
@@ -225,8 +228,8 @@ class Simulator:
 
 def patches_across(contact: Contact, longest: float) -> int:
     """Patches to the width of a contact on a sheet whose longer side is `longest` (m)."""
-    width = np.ptp(contact.vertices, axis=0).max()
-    return int(np.clip(np.ceil(width / longest * _PATCHES - _TINY), *_ACROSS))
+    count = math.ceil(contact.width / longest * _PATCHES - _TINY)
+    return min(max(count, _ACROSS[0]), _ACROSS[1])
 
 
 def _scan_order(order, electrodes: int) -> np.ndarray:
