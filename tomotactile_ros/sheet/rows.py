@@ -29,7 +29,7 @@ from tomotactile_ros.sheet.merge import Merged, merge
 from tomotactile_ros.sheet.transfer import Sheet
 
 Touching = Sequence[tuple[Patches, ArrayLike]]
-_AT_ONCE = 32  # states: with more, fast contacts meet too many unknowns
+_AT_ONCE = 16  # states: with more, fast contacts meet too many unknowns
 _STEP = 2e-4  # m that a point moves between states that are solved, see docs/model.md
 _RATIO = 1e-2  # by which a conductance changes meanwhile
 _FAR = 1e6  # steps
@@ -244,12 +244,17 @@ def _currents(green, resistance, state, half, used, drive_voltage):
     green (S, n, n), resistance (S, n), state (P,); Z_l(i, j) + R_l = G(i, j) - half_i - half_j
     """
     current = np.where(used, drive_voltage, 0.0)
-    points = np.arange(current.shape[1])
+    own = np.where(used, resistance[state], 0.0)
+    some = ~used.all(axis=1)
+    system = np.empty(green.shape[1:])
+    diagonal = system.reshape(-1)[:: len(system) + 1]
     for row, each in enumerate(state):
-        system = green[each] - half[row] - half[row][:, None]
-        system[points, points] += np.where(used[row], resistance[each], 0.0)
-        _leave_out(system, used[row])
-        _, solution, failed = dposv(system.T, current[row], overwrite_a=True)
+        np.subtract(green[each], half[row], out=system)
+        system -= half[row][:, None]
+        diagonal += own[row]
+        if some[row]:
+            _leave_out(system, used[row])
+        _, solution, failed = dposv(system.T, current[row])
         current[row] = np.linalg.solve(system, current[row]) if failed else solution
     return current
 
@@ -279,8 +284,7 @@ def _shared_currents(green, resistance, half, used, drive_voltage):
 
 def _leave_out(system, used):
     """Make 1 I = 0 of the equations of points that are not used."""
-    if not used.all():
-        gone = np.flatnonzero(~used)
-        system[gone] = 0.0
-        system[:, gone] = 0.0
-        system[gone, gone] = 1.0
+    gone = np.flatnonzero(~used)
+    system[gone] = 0.0
+    system[:, gone] = 0.0
+    system[gone, gone] = 1.0
