@@ -82,10 +82,11 @@ def test_rows_of_an_uneven_sheet_behind_a_switch():
 
 
 @pytest.mark.parametrize("speed", [1e-3, 0.02, 0.08])
-def test_rows_of_slow_contacts_are_interpolated_to_a_tenth_of_a_millivolt(speed):
+def test_rows_of_slow_contacts_are_interpolated_to_half_a_millivolt(speed):
     for start in (-0.02, 0.033, 0.05):
         rows = simulator(disc(start, 0.03, velocity=(speed, speed)), disc(-0.05, -0.05))
-        np.testing.assert_allclose(rows.frame(0.1), one_by_one(rows, 0.1), atol=1e-4)
+        error = (rows.frame(0.1) - one_by_one(rows, 0.1))[OFF]
+        assert np.abs(error).max() < 5e-4 and np.sqrt(np.mean(error**2)) < 2e-5
 
 
 def test_another_model_agrees_within_a_hundredth_at_a_metre_per_second():
