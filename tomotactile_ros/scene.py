@@ -12,7 +12,15 @@ import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact, ContactLaw, read_contact
-from tomotactile_ros.defects import Adc, Defects, Noise, read_adc, read_defects, read_section
+from tomotactile_ros.defects import (
+    Adc,
+    Defects,
+    Noise,
+    named_defects,
+    read_adc,
+    read_defects,
+    read_section,
+)
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
 from tomotactile_ros.layout import Layout
@@ -67,6 +75,8 @@ class Scene:
                     f"{layout.name} has 0 to {layout.electrodes - 1}"
                 )
 
+        self.defects.sheet.check(layout, f"{place}defects.")
+
     def truth(self, t: float) -> list[dict]:
         """What really touches at the time ``t`` (s), in the order of the scene.
 
@@ -84,11 +94,7 @@ class Scene:
         for key in ("contact_law", "noise", "adc"):
             if getattr(self, key) is not None:
                 content[key] = dict(vars(getattr(self, key)))
-        defects = {
-            key: dict(vars(value)) if hasattr(value, "__dict__") else value
-            for key, value in vars(self.defects).items()
-            if value
-        }
+        defects = named_defects(self.defects)
         if defects:
             content["defects"] = defects
         write_mapping(path, content)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.region import Region
+from tomotactile_ros.region import Region, ring
 from tomotactile_ros.yamlio import Reader
 
 KEYS = ("anisotropy", "gradient", "tears", "patches", "temperature")
@@ -63,13 +63,20 @@ class Anisotropy:
         checks.number(self.direction, "direction", "number of degrees")
 
     @cached_property
+    def axes(self) -> np.ndarray:
+        """(2, 2), rows: unit vectors along the direction and across it."""
+        angle = math.radians(self.direction)
+        return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+
+    @cached_property
     def tensor(self) -> np.ndarray:
         """(2, 2) of determinant 1, which the conductance is multiplied by."""
-        angle = math.radians(self.direction)
-        along = np.array([math.cos(angle), math.sin(angle)])
-        across = np.array([-along[1], along[0]])
-        root = math.sqrt(self.ratio)
-        return root * np.outer(along, along) + np.outer(across, across) / root
+        return self.axes.T @ np.diag([self.ratio**0.5, self.ratio**-0.5]) @ self.axes
+
+    @cached_property
+    def stretch(self) -> np.ndarray:
+        """(2, 2) symmetric: points times it are where the sheet is isotropic."""
+        return self.axes.T @ np.diag([self.ratio**-0.25, self.ratio**0.25]) @ self.axes
 
 
 @dataclass(frozen=True)
@@ -102,8 +109,12 @@ class Tear:
         ends = checks.points(self.line, "line")
         if len(ends) != 2 or not np.linalg.norm(ends[1] - ends[0]) > 0:
             raise InputError(f"line: {checks.show(self.line)} is not two different points [x, y]")
-        object.__setattr__(self, "line", tuple(map(tuple, ends.tolist())))
+        object.__setattr__(self, "line", _tuples(ends))
         checks.length(self.width, "width")
+
+    def widened(self, least: float) -> Tear:
+        """The same tear, ``least`` (m) wide at least."""
+        return replace(self, width=max(self.width, least))
 
     @cached_property
     def corners(self) -> np.ndarray:
@@ -139,10 +150,11 @@ class Patch:
         if (self.points is None) == (self.center is None) or (self.center is None) != (
             self.radius is None
         ):
-            raise InputError("patch: needs a center and a radius, or points")
+            raise InputError("factor: its patch needs a center and a radius, or points")
         if self.points is not None:
-            object.__setattr__(self, "points", tuple(map(tuple, np.asarray(self.points, float))))
-            Region(np.array(self.points))
+            points = checks.points(self.points, "points", least=3)
+            object.__setattr__(self, "points", _tuples(points))
+            ring(points, "points")
         else:
             checks.pair(self.center, "center", "position in m")
             checks.length(self.radius, "radius")
@@ -183,9 +195,9 @@ class Temperature:
 
     def __post_init__(self):
         if (self.rate is None) == (self.relative is None):
-            raise InputError("temperature: needs relative and period, or a rate")
+            raise InputError("rate: needed, or relative and period, but not both")
         if (self.relative is None) != (self.period is None):
-            raise InputError("temperature: relative and period belong together")
+            raise InputError("period: belongs together with relative")
         if self.rate is not None:
             checks.number(self.rate, "rate", "number in 1/s")
             return
@@ -213,6 +225,11 @@ class SheetField:
     def __bool__(self) -> bool:
         return any(vars(self).values())
 
+    def rims(self, least_width: float = 0.0) -> list[np.ndarray]:
+        """(V, 2) closed lines, m, along which the conductance jumps; see `resistance_of`."""
+        parts = [*self.patches, *(tear.widened(least_width) for tear in self.tears)]
+        return [np.vstack([part.corners, part.corners[:1]]) for part in parts]
+
     def check(self, layout: Layout, place: str = "") -> None:
         """Refuse tears and patches that lie outside the sheet."""
         for key in ("tears", "patches"):
@@ -223,12 +240,16 @@ class SheetField:
                     )
 
 
-def conductance_of(
-    layout: Layout, field: SheetField, variation: SheetVariation | None = None
+def resistance_of(
+    layout: Layout,
+    field: SheetField,
+    variation: SheetVariation | None = None,
+    least_width: float = 0.0,
 ) -> Field | None:
-    """Conductance (n,) or (n, 2, 2), S, at points (n, 2) of a sheet; None where it is even.
+    """Sheet resistance (n,), ohm/sq, at points (n, 2); None where it is even.
 
-    The temperature's factor is left out.
+    Anisotropy and temperature are left out. Tears are `least_width` (m) wide at least: what a mesh
+    resolves; an insulating slit disturbs by its length.
     """
     factors: list[Field] = []
     if variation is not None and variation.relative > 0:
@@ -236,18 +257,31 @@ def conductance_of(
     if field.gradient is not None and field.gradient.relative:
         factors.append(_gradient(field.gradient, layout))
     factors += [_within(patch, patch.factor) for patch in field.patches]
-    factors += [_within(tear, INSULATING) for tear in field.tears]
-    tensor = None
-    if field.anisotropy is not None and field.anisotropy.ratio != 1:
-        tensor = field.anisotropy.tensor
-    if not factors and tensor is None:
+    factors += [_within(tear.widened(least_width), INSULATING) for tear in field.tears]
+    if not factors:
         return None
 
-    def conductance(points):
-        resistance = np.full(len(points), float(layout.sheet_resistance))
+    def resistance(points):
+        values = np.full(len(points), float(layout.sheet_resistance))
         for factor in factors:
-            resistance *= factor(points)
-        return 1 / resistance if tensor is None else tensor / resistance[:, None, None]
+            values *= factor(points)
+        return values
+
+    return resistance
+
+
+def conductance_of(
+    layout: Layout, field: SheetField, variation: SheetVariation | None = None
+) -> Field | None:
+    """Conductance (n,) or, of an anisotropic sheet, (n, 2, 2), S, at points (n, 2); None: even."""
+    resistance = resistance_of(layout, field, variation)
+    if field.anisotropy is None:
+        return resistance and (lambda points: 1 / resistance(points))
+    even = 1 / layout.sheet_resistance
+
+    def conductance(points):
+        scalar = np.full(len(points), even) if resistance is None else 1 / resistance(points)
+        return scalar[:, None, None] * field.anisotropy.tensor
 
     return conductance
 
@@ -315,14 +349,12 @@ def _read(
 
 def _read_tear(section):
     section.only("line", "width")
-    return section.build(
-        Tear, line=tuple(map(tuple, section.points("line"))), width=section.number("width")
-    )
+    return section.build(Tear, line=_tuples(section.points("line")), width=section.number("width"))
 
 
 def _read_patch(section):
     section.only("factor", "center", "radius", "points")
-    points = tuple(map(tuple, section.points("points"))) if "points" in section else None
+    points = _tuples(section.points("points")) if "points" in section else None
     return section.build(
         Patch,
         factor=section.number("factor"),
@@ -330,3 +362,7 @@ def _read_patch(section):
         radius=section.number("radius", None),
         points=points,
     )
+
+
+def _tuples(points):
+    return tuple(map(tuple, points.tolist()))

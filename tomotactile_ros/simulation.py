@@ -7,18 +7,16 @@ costs nothing. The same scene, seed, time and sequence number give the same fram
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import SheetVariation
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet import MODELS, make_sheet
 from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet_field import resistance_of
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
@@ -26,7 +24,6 @@ _PATCHES = 60  # along the longer side, for the patches of wide contacts
 _ACROSS = 4, 24  # of them to the width of the smallest and of the widest contact
 _TINY = 1e-6  # keeps counts of patches from rounding either way
 _HORIZON = 60.0  # s of motion that are solved ahead
-_WAVES = 256  # of a random field
 
 
 class Simulator:
@@ -49,15 +46,30 @@ class Simulator:
         self.grounded = np.arange(layout.electrodes)
         self.row_period = ROW_PERIOD
         longest = max(layout.outline.size)
-        variation = scene.defects.sheet_variation
-        resistance = None
-        if variation is not None and variation.relative > 0:
-            resistance = random_sheet(variation, layout.sheet_resistance)
-        self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
+        self.sheet = self._make_sheet(model, h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
         self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.sheet.prepare(self._paths())
-        self._last: tuple[list, np.ndarray] | None = None
+        self._last: tuple[list, float, np.ndarray] | None = None
+
+    def _make_sheet(self, model, h):
+        """The sheet as the scene has it; tears are as wide as half an element at least."""
+        uneven, width = self.scene.defects.sheet, h / 2
+        return make_sheet(
+            self.layout,
+            model,
+            resistance=resistance_of(
+                self.layout, uneven, self.scene.defects.sheet_variation, width
+            ),
+            anisotropy=uneven.anisotropy,
+            lines=uneven.rims(width),
+            h=h,
+        )
+
+    def sheet_factor(self, t: float) -> float:
+        """Sheet resistance at the time `t` (s), in parts of what it is without temperature."""
+        temperature = self.scene.defects.sheet.temperature
+        return 1.0 if temperature is None else float(temperature.factor(t))
 
     @property
     def model(self) -> str:
@@ -92,21 +104,25 @@ class Simulator:
 
     def ideal_frame(self, t: float) -> np.ndarray:
         """(L, E) voltages before anything is wrong with their measurement."""
+        factor = self.sheet_factor(t)
         now = [contact.at(t) for contact in self.scene.contacts]
-        if self._last is None or not _same(now, self._last[0]):
-            self._last = now, self._solve(now)
-        return self._last[1]
+        if self._last is None or factor != self._last[1] or not _same(now, self._last[0]):
+            self._last = now, factor, self._solve(now, factor)
+        return self._last[2]
 
-    def _solve(self, contacts):
+    def _solve(self, contacts, factor):
+        """Voltages are ratios of resistances: a warmer sheet is like better contacts and wires."""
         present = [
             (contact.patches(across), self._conductance(contact))
             for contact, across in zip(contacts, self._across)
             if contact is not None
         ]
+        transfer, resistance = contact_points(self.sheet, present)
         return frame(
-            *contact_points(self.sheet, present),
+            transfer,
+            resistance / factor,
             self.scene.drive_voltage,
-            switch_resistance=self.scene.defects.switch_resistance,
+            switch_resistance=self.scene.defects.switch_resistance / factor,
         )
 
     def _paths(self):
@@ -143,23 +159,3 @@ def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
     """Voltages as a converter with 2^bits steps from 0 to `full_scale` (V) returns them."""
     step = full_scale / 2**bits
     return np.clip(np.round(voltages / step), 0, 2**bits - 1) * step
-
-
-def random_sheet(
-    variation: SheetVariation, sheet_resistance: float
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Sheet resistance (ohm/sq) at points (n, 2): log-normal with the given mean.
-
-    Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves
-    with random directions, lengths and phases: the same field at every point of every mesh.
-    """
-    random = np.random.default_rng(variation.seed)
-    waves = random.standard_normal((_WAVES, 2)) / variation.length
-    phases = 2 * np.pi * random.random(_WAVES)
-    spread = np.sqrt(np.log1p(variation.relative**2))
-
-    def resistance(points):
-        field = np.cos(points @ waves.T + phases).sum(axis=1) * np.sqrt(2 / _WAVES)
-        return sheet_resistance * np.exp(spread * field - spread**2 / 2)
-
-    return resistance
