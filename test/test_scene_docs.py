@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tomotactile_ros import channels, contact, course, defects, profile
+from tomotactile_ros import channels, contact, course, defects, profile, sheet_field
 from tomotactile_ros.contact_law import ContactLaw
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
@@ -27,6 +27,7 @@ def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
     for key in ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation"):
         assert getattr(scene.defects, key), key
     assert all(getattr(scene.defects.channels, key) for key in channels.KEYS)
+    assert all(getattr(scene.defects.sheet, key) for key in sheet_field.KEYS)
 
 
 @pytest.mark.parametrize(
@@ -57,6 +58,14 @@ def test_words_and_numbers_of_the_page_are_those_of_the_code():
     assert {key for _, keys in course.KINDS.values() for key in keys} <= names
     assert {f.name for f in dataclasses.fields(ContactLaw)} - {"hysteresis", "creep"} <= names
     assert {f.name for f in dataclasses.fields(defects.Drift)} <= names
+    for part in (
+        sheet_field.Anisotropy,
+        sheet_field.Gradient,
+        sheet_field.Tear,
+        sheet_field.Patch,
+        sheet_field.Temperature,
+    ):
+        assert {f.name for f in dataclasses.fields(part)} <= names, part
     assert f"holds for {HOLD:g} s" in TEXT and f"At most {MOST} are taken" in TEXT
 
 

@@ -236,6 +236,7 @@ def test_experiment_is_a_bare_5_mm_contact_at_5_volt(name):
 def test_defects_scene_names_every_defect():
     defects = load_scene("defects").defects
     assert all(vars(defects).values())
+    assert all(vars(defects.sheet).values())
 
 
 @pytest.mark.parametrize(

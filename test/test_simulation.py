@@ -8,7 +8,8 @@ from tomotactile_ros.defects import Adc, Defects, Drift, Hum, Noise, SheetVariat
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.scene import Scene
-from tomotactile_ros.simulation import Simulator, convert, random_sheet
+from tomotactile_ros.sheet_field import random_sheet
+from tomotactile_ros.simulation import Simulator, convert
 
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 CONTACT = Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4)

@@ -12,6 +12,7 @@ from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet_field import Anisotropy, SheetField, Tear, Temperature
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 DRIVE = 3.3
@@ -41,15 +42,17 @@ def one_by_one(rows: Simulator, t: float) -> np.ndarray:
     drive, to_ground = rows.scene.drive_voltage, rows.scene.defects.switch_resistance
     out = []
     for i, ground in enumerate(rows.grounded):
-        there = [c.at(t + i * rows.row_period) for c in rows.scene.contacts]
-        law = rows.scene.contact_law
+        now = t + i * rows.row_period
+        there = [c.at(now) for c in rows.scene.contacts]
+        law, warm = rows.scene.contact_law, rows.sheet_factor(now)
         patches = [
             (c.patches(across), np.inf if law is None else float(law.conductance(c.pressure)))
             for c, across in zip(there, rows._across)
             if c is not None
         ]
-        meets = contact_points(rows.sheet, patches)
-        out += [*frame(*meets, drive, grounded=[ground], switch_resistance=to_ground)]
+        transfer, resistance = contact_points(rows.sheet, patches)
+        wire = {"grounded": [ground], "switch_resistance": to_ground / warm}
+        out += [*frame(transfer, resistance / warm, drive, **wire)]
     return np.array(out)
 
 
@@ -79,6 +82,40 @@ def test_rows_of_an_uneven_sheet_behind_a_switch():
     uneven = Defects(sheet_variation=SheetVariation(0.2, 0.05, seed=1), switch_resistance=300.0)
     rows = simulator(*MOVING["two apart"], defects=uneven)
     np.testing.assert_allclose(rows.frame(0.0), one_by_one(rows, 0.0), atol=1e-9 * DRIVE)
+
+
+@pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
+def test_rows_of_an_anisotropic_torn_sheet(contacts):
+    """Distances that count are those in stretched coordinates, with electrodes as ellipses there."""
+    tear = Tear(((-0.09, 0.01), (0.02, 0.06)), 1e-4)
+    uneven = Defects(sheet=SheetField(Anisotropy(1.5, 30.0), tears=(tear,)))
+    rows = simulator(*contacts, defects=uneven)
+    got = rows.frame(0.0)
+    np.testing.assert_allclose(got, one_by_one(rows, 0.0), atol=1e-9 * DRIVE)
+    assert np.nanmax(np.abs(got - simulator(*contacts).frame(0.0))) > 0.1
+
+
+WARMING = Defects(sheet=SheetField(temperature=Temperature(rate=20.0)), switch_resistance=300.0)
+
+
+@pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
+def test_rows_of_a_sheet_that_becomes_warm(contacts):
+    rows = simulator(*contacts, defects=WARMING)
+    got = rows.frame(0.0)
+    np.testing.assert_allclose(got, one_by_one(rows, 0.0), atol=1e-9 * DRIVE)
+    cold = replace(WARMING, sheet=SheetField())
+    assert np.nanmax(np.abs(got - simulator(*contacts, defects=cold).frame(0.0))) > 0.01
+
+
+@pytest.mark.parametrize("law", [LAW, None], ids=["law", "bare"])
+def test_contacts_at_rest_on_a_sheet_that_becomes_warm(law):
+    """Rows differ by the sheet alone; where only the switch tells its temperature, by that."""
+    rest = disc(0.03, 0.02), disc(-0.05, -0.05)
+    rows = simulator(*rest, law=law, defects=WARMING)
+    got = rows.frame(0.0)
+    np.testing.assert_allclose(got, one_by_one(rows, 0.0), atol=1e-4 * DRIVE)
+    cold = replace(WARMING, sheet=SheetField())
+    assert np.nanmax(np.abs(got - simulator(*rest, law=law, defects=cold).frame(0.0))) > 1e-3
 
 
 @pytest.mark.parametrize("speed", [1e-3, 0.02, 0.08])

@@ -3,12 +3,14 @@
 Only the descriptions, and how they are read from a scene file; the simulation applies them.
 """
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from tomotactile_ros import channels, checks
+from tomotactile_ros import channels, checks, sheet_field
 from tomotactile_ros.channels import Channels, read_channels
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.sheet_field import SheetField, SheetVariation, read_sheet_field
 from tomotactile_ros.yamlio import Reader
 
 T = TypeVar("T")
@@ -65,28 +67,6 @@ class Hum:
 
 
 @dataclass(frozen=True)
-class SheetVariation:
-    """Random field of the sheet resistance.
-
-    Parameters
-    ----------
-    relative : standard deviation in parts of the mean, 0 to 1.
-    length : correlation length, m.
-    seed : of the random numbers.
-    """
-
-    relative: float
-    length: float
-    seed: int = 0
-
-    def __post_init__(self):
-        if checks.not_negative(self.relative, "relative", "number") > 1:
-            raise InputError(f"relative: {self.relative:g} is above 1")
-        checks.length(self.length, "length")
-        _check_seed(self.seed)
-
-
-@dataclass(frozen=True)
 class Defects:
     """What is wrong with the sensor; each part is modelled only if it is named.
 
@@ -96,8 +76,8 @@ class Defects:
     swapped : pairs of electrodes whose wires are exchanged.
     drift, hum, sheet_variation : see there; None for none.
     switch_resistance : between the grounded electrode and ground, ohm.
-    channels : of the readings, and what lies between each electrode and ground; in a scene file
-        their keys stand beside the others.
+    sheet, channels : what else is wrong with the sheet; with the readings, and what lies between
+        each electrode and ground. In a scene file their keys stand beside the others.
     """
 
     dead: tuple[int, ...] = ()
@@ -106,6 +86,7 @@ class Defects:
     hum: Hum | None = None
     switch_resistance: float = 0.0
     sheet_variation: SheetVariation | None = None
+    sheet: SheetField = field(default_factory=SheetField)
     channels: Channels = field(default_factory=Channels)
 
     def __post_init__(self):
@@ -122,10 +103,19 @@ def _check_seed(seed: int) -> None:
     checks.integer(seed, "seed", 0, 2**32 - 1)
 
 
-def named_defects(defects: Defects) -> list[tuple[str, object]]:
-    """Keys of a scene file and values of all defects that there are."""
-    both = {**vars(defects), **vars(defects.channels)}
-    return [(key, value) for key, value in both.items() if key != "channels" and value]
+def named_defects(defects: Defects) -> dict[str, object]:
+    """What a scene file says of all defects that there are."""
+    everything = {**vars(defects), **vars(defects.sheet), **vars(defects.channels)}
+    own = {key: each for key, each in everything.items() if key not in ("sheet", "channels")}
+    return {key: _content(each) for key, each in own.items() if each}
+
+
+def _content(value):
+    if isinstance(value, tuple):
+        return [_content(each) for each in value]
+    if not dataclasses.is_dataclass(value):
+        return value
+    return {key: each for key, each in dataclasses.asdict(value).items() if each is not None}
 
 
 def read_section(
@@ -153,9 +143,8 @@ def read_adc(reader: Reader) -> Adc | None:
 
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
-    reader.only(
-        "dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation", *channels.KEYS
-    )
+    own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
+    reader.only(*own, *sheet_field.KEYS, *channels.KEYS)
     swapped = []
     for key, entry in reader.entries("swapped"):
         swapped.append(entry.integers(key))
@@ -171,5 +160,6 @@ def read_defects(reader: Reader) -> Defects:
         sheet_variation=read_section(
             reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
         ),
+        sheet=read_sheet_field(reader),
         channels=read_channels(reader),
     )

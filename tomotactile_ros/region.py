@@ -83,6 +83,12 @@ class Region:
         """(P,) distance of (P, 2) points to the nearest rim, holes included, m, never negative."""
         return shapely.distance(self._polygon.boundary, shapely.points(points))
 
+    def parts_of(self, line: np.ndarray) -> list[np.ndarray]:
+        """The parts (V, 2) of a polyline (V, 2) that lie in the region."""
+        found = shapely.intersection(self._polygon, shapely.linestrings(line))
+        parts = shapely.get_parts(shapely.line_merge(found))
+        return [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString"]
+
     def is_met_by(self, shell: np.ndarray, path: np.ndarray) -> bool:
         """Whether the polygon ``shell`` (V, 2) touches the region while it moves by ``path`` (2,).
 

@@ -82,6 +82,8 @@ class Scene:
                 )
         self.defects.channels.check(layout.electrodes, f"{place}defects.")
 
+        self.defects.sheet.check(layout, f"{place}defects.")
+
     def truth(self, t: float) -> list[dict]:
         """What really touches at the time ``t`` (s), in the order of the scene.
 
@@ -106,10 +108,7 @@ class Scene:
         for key in ("noise", "adc"):
             if getattr(self, key) is not None:
                 content[key] = dict(vars(getattr(self, key)))
-        defects = {
-            key: dict(vars(value)) if hasattr(value, "__dict__") else value
-            for key, value in named_defects(self.defects)
-        }
+        defects = named_defects(self.defects)
         if defects:
             content["defects"] = defects
         write_mapping(path, content)

@@ -10,13 +10,12 @@ sequence number give the same frame on every machine.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import SheetVariation
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
@@ -24,6 +23,7 @@ from tomotactile_ros.sheet import MODELS, make_sheet
 from tomotactile_ros.sheet.contacts import Patches, contact_points
 from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.rows import moving_rows
+from tomotactile_ros.sheet_field import resistance_of
 from tomotactile_ros.touches import Touches
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
@@ -32,7 +32,6 @@ _PATCHES = 60  # along the longer side, for the patches of wide contacts
 _ACROSS = 4, 24  # of them to the width of the smallest and of the widest contact
 _TINY = 1e-6  # keeps counts of patches from rounding either way
 _HORIZON = 60.0  # s of motion that are solved ahead
-_WAVES = 256  # of a random field
 
 
 class Simulator:
@@ -67,17 +66,13 @@ class Simulator:
         self.row_period = checks.not_negative(row_period, "row_period", "time in s")
         self.grounded = _scan_order(order, layout.electrodes)
         longest = max(layout.outline.size)
-        variation = scene.defects.sheet_variation
-        resistance = None
-        if variation is not None and variation.relative > 0:
-            resistance = random_sheet(variation, layout.sheet_resistance)
-        self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
+        self.sheet = self._make_sheet(model, h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
         self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.live: Touches | None = None  # what presses from outside, beside the scene's contacts
         self.sheet.prepare(self._paths())
         self._set_wiring()
-        self._kept: tuple[tuple, np.ndarray] | None = None
+        self._kept: tuple[tuple, float, np.ndarray] | None = None
 
     def _set_wiring(self):
         """What hangs on each electrode: its wire, its channel, what lies between it and ground."""
@@ -90,6 +85,25 @@ class Simulator:
         if self._channels.ground_resistance is not None:
             self._to_ground += self._channels.ground_resistance
         self._to_ground[self._channels.open] = np.inf
+
+    def _make_sheet(self, model, h):
+        """The sheet as the scene has it; tears are as wide as half an element at least."""
+        uneven, width = self.scene.defects.sheet, h / 2
+        return make_sheet(
+            self.layout,
+            model,
+            resistance=resistance_of(
+                self.layout, uneven, self.scene.defects.sheet_variation, width
+            ),
+            anisotropy=uneven.anisotropy,
+            lines=uneven.rims(width),
+            h=h,
+        )
+
+    def sheet_factor(self, t: float) -> float:
+        """Sheet resistance at the time `t` (s), in parts of what it is without temperature."""
+        temperature = self.scene.defects.sheet.temperature
+        return 1.0 if temperature is None else float(temperature.factor(t))
 
     @property
     def model(self) -> str:
@@ -163,41 +177,43 @@ class Simulator:
         if not self._changes(times.min(), times.max()):
             return self._resting(self._present(times[0]))[grounded]
         states = [self._present(t) for t in times]
+        factors = np.array([self.sheet_factor(t) for t in times])
         alike: dict[tuple, list[int]] = {}
         for row, state in enumerate(states):
-            alike.setdefault(tuple(map(id, state)), []).append(row)
+            alike.setdefault((factors[row], *map(id, state)), []).append(row)
         out = np.empty((len(times), self.layout.electrodes))
         for rows in alike.values():
             if len(rows) > 1:
-                out[rows] = self._resting(states[rows[0]])[grounded[rows]]
+                out[rows] = self._resting(states[rows[0]], factors[rows[0]])[grounded[rows]]
         alone = [rows[0] for rows in alike.values() if len(rows) == 1]
         if alone:
             out[alone] = moving_rows(
                 self.sheet,
-                [self._touching(states[row]) for row in alone],
+                [self._touching(states[row], factors[row]) for row in alone],
                 grounded[alone],
                 self.scene.drive_voltage,
-                self._to_ground,
+                self._to_ground[grounded[alone]] / factors[alone],
             )
         return out
 
-    def _resting(self, state):
+    def _resting(self, state, factor=1.0):
         """(E, E) potentials with each electrode grounded in turn while nothing changes; kept."""
-        if self._kept is None or not _same(state, self._kept[0]):
-            touching = self._touching(state)
+        if self._kept is None or factor != self._kept[1] or not _same(state, self._kept[0]):
             voltages = frame(
-                *contact_points(self.sheet, touching),
+                *contact_points(self.sheet, self._touching(state, factor)),
                 self.scene.drive_voltage,
-                switch_resistance=self._to_ground,
+                switch_resistance=self._to_ground / factor,
                 own_reading=True,
             )
-            self._kept = state, voltages
-        return self._kept[1]
+            self._kept = state, factor, voltages
+        return self._kept[2]
 
     def _changes(self, first: float, last: float) -> bool:
         """Whether anything on the sheet may change between two times, s, both included."""
-        return self.live is not None or any(
-            contact.changes(first, last) for contact in self.scene.contacts
+        return (
+            self.live is not None
+            or self.scene.defects.sheet.temperature is not None
+            or any(contact.changes(first, last) for contact in self.scene.contacts)
         )
 
     def _present(self, t: float) -> tuple:
@@ -205,8 +221,12 @@ class Simulator:
         live = () if self.live is None else self.live.at(t)
         return (*(contact.at(t) for contact in self.scene.contacts), *live)
 
-    def _touching(self, state: tuple) -> list[tuple[Patches, np.ndarray]]:
-        """Patches of each contact that is there, and the conductance of each patch, S/m^2."""
+    def _touching(self, state: tuple, factor: float = 1.0) -> list[tuple[Patches, np.ndarray]]:
+        """Patches of each contact that is there, and the conductance of each patch, S/m^2.
+
+        Voltages are ratios of resistances: where that of the sheet is `factor` times what it was,
+        contacts (and wires) act as if theirs was divided by it.
+        """
         touching = []
         for contact in state:
             if contact is not None:
@@ -215,7 +235,7 @@ class Simulator:
                 conductance = contact.conductance(self.scene.contact_law, across)
                 if not isinstance(conductance, np.ndarray):
                     conductance = np.full(len(patches[1]), conductance)
-                touching.append((patches, conductance))
+                touching.append((patches, factor * conductance))
         return touching
 
     def _paths(self):
@@ -256,23 +276,3 @@ def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
     """Voltages as a converter with 2^bits steps from 0 to `full_scale` (V) returns them."""
     step = full_scale / 2**bits
     return np.clip(np.round(voltages / step), 0, 2**bits - 1) * step
-
-
-def random_sheet(
-    variation: SheetVariation, sheet_resistance: float
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Sheet resistance (ohm/sq) at points (n, 2): log-normal with the given mean.
-
-    Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves
-    with random directions, lengths and phases: the same field at every point of every mesh.
-    """
-    random = np.random.default_rng(variation.seed)
-    waves = random.standard_normal((_WAVES, 2)) / variation.length
-    phases = 2 * np.pi * random.random(_WAVES)
-    spread = np.sqrt(np.log1p(variation.relative**2))
-
-    def resistance(points):
-        field = np.cos(points @ waves.T + phases).sum(axis=1) * np.sqrt(2 / _WAVES)
-        return sheet_resistance * np.exp(spread * field - spread**2 / 2)
-
-    return resistance

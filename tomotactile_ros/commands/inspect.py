@@ -86,7 +86,7 @@ def _describe_scene(scene, layout):
         value = getattr(scene, key)
         if value is not None:
             yield f"  {key:17} {_short({k: v for k, v in vars(value).items() if v is not None})}"
-    for key, value in named_defects(scene.defects):
+    for key, value in named_defects(scene.defects).items():
         yield f"  {key:17} {_short(value)}"
     for key, meaning in (
         ("live", "contacts also come from outside"),

@@ -1,10 +1,15 @@
 """The physics of the sheet: models that fill a `Transfer`, and what is computed from one."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet, Resistance
 from tomotactile_ros.sheet.transfer import Sheet
+from tomotactile_ros.sheet_field import Anisotropy
 
 MODELS = ("auto", "fem", "closed_form")
 
@@ -14,6 +19,8 @@ def make_sheet(
     model: str = "auto",
     *,
     resistance: Resistance | None = None,
+    anisotropy: Anisotropy | None = None,
+    lines: Sequence[np.ndarray] = (),
     shunting: bool = True,
     h: float | None = None,
 ) -> Sheet:
@@ -24,14 +31,19 @@ def make_sheet(
     layout : Layout
     model : `auto` takes the closed form for a uniform rectangle and finite elements otherwise
     resistance : function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
+    anisotropy : of the whole sheet; none without it
+    lines : polylines (V, 2), m, that elements follow: where the resistance jumps
     shunting : electrodes as equipotentials; without it, points with a radius (Kojima et al. 2023)
     h : element size of the mesh, m
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
-    uniform = layout.outline.is_uniform_rectangle and resistance is None
-    if model == "closed_form" and resistance is not None:
+    even = resistance is None and anisotropy is None
+    uniform = layout.outline.is_uniform_rectangle and even
+    if model == "closed_form" and not even:
         raise InputError("model: the closed form needs a uniform sheet resistance; use model fem")
     if model == "closed_form" or (model == "auto" and uniform):
         return ClosedFormSheet(layout, shunting=shunting)
-    return FemSheet(layout, h=h, shunting=shunting, resistance=resistance)
+    return FemSheet(
+        layout, h=h, shunting=shunting, resistance=resistance, anisotropy=anisotropy, lines=lines
+    )

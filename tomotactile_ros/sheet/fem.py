@@ -16,11 +16,14 @@ obey sum_j w_j (G_kk - G_jk) = 1 / K_kk with w_j = -K_jk / K_kk, therefore
 Points between nodes feed and read by the weights of their triangle. The logarithm as the mesh has
 it, ln |x_i - x_j| between the nodes and ln radius_k on one, weighted likewise, is then exchanged
 for the true one: contacts may be smaller and closer than elements.
+
+An anisotropic sheet is an isotropic one in stretched coordinates. Cotangents, angles and logarithms
+are taken there; discs are ellipses there, which act like discs of their mean semi-axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,8 +33,10 @@ from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
 from tomotactile_ros.sheet.kept import KeptGreen
 from tomotactile_ros.sheet.mesh import make_mesh
+from tomotactile_ros.sheet.metric import Metric
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 from tomotactile_ros.sheet.triangles import at_ends, corner_angles, links, stiffness
+from tomotactile_ros.sheet_field import Anisotropy
 
 Resistance = Callable[[np.ndarray], np.ndarray]  # ohm/sq (n,) at points (n, 2), m
 _FEW = 300  # points whose mutual Green function is computed at once
@@ -45,6 +50,8 @@ class FemSheet:
     ring           nodes on the rim of each electrode, at least
     shunting       electrodes as equipotentials (True) or as rings that feed and average evenly
     resistance     function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
+    anisotropy     of the whole sheet; none without it
+    lines          polylines (V, 2), m, that elements follow: where the resistance jumps
     """
 
     model = "fem"
@@ -57,18 +64,22 @@ class FemSheet:
         ring: int = 16,
         shunting: bool = True,
         resistance: Resistance | None = None,
+        anisotropy: Anisotropy | None = None,
+        lines: Sequence[np.ndarray] = (),
     ):
         self.layout = layout
         self.shunting = shunting
         self.h = h or max(layout.outline.size) / 40
-        self.mesh = mesh = make_mesh(layout, self.h, ring, inner=0 if shunting else 3)
+        self.metric = Metric(anisotropy, layout.radius)
+        inner = 0 if shunting else 3
+        self.mesh = mesh = make_mesh(layout, self.h, ring, inner=inner, lines=lines)
         centroids = mesh.points[mesh.triangles].mean(axis=1)
         uniform = np.full(len(centroids), float(layout.sheet_resistance))
         self._resistance = (
             uniform if resistance is None else np.asarray(resistance(centroids), float)
         )
         self._number()
-        cotangents, angles = corner_angles(mesh.points, mesh.triangles)
+        cotangents, angles = corner_angles(self.metric.at(mesh.points), mesh.triangles)
         ends, conductance = links(mesh.triangles, cotangents, 1 / self._resistance)
         self.stiffness = stiffness(self.unknown[ends], conductance, len(self.where))
         along = self.where[1:, np.argmax(layout.outline.size)]
@@ -90,26 +101,27 @@ class FemSheet:
         self.where = np.empty((tied + np.count_nonzero(alone), 2))
         self.where[self.unknown] = mesh.points
         self.where[:tied] = self.layout.positions[:tied]
+        self._seen_at = self.metric.at(self.where)
         self.electrode_of = np.full(len(self.where), -1)
         self.electrode_of[:tied] = np.arange(tied)
 
     def _node_radius(self, ends, conductance, angles):
         """(M,) radius of the disc as which each unknown acts, m; of an electrode its own."""
-        points, nodes = self.mesh.points, self.mesh.triangles.ravel()
-        local = np.bincount(nodes, np.repeat(self._resistance, 3)) / np.bincount(nodes)
+        points, nodes = self.metric.at(self.mesh.points), self.mesh.triangles.ravel()
+        # what conducts around a node: seen from the rim, a half disc or a quarter
+        around = (angles / self._resistance[:, None]).ravel()
+        around = np.bincount(nodes, around) / (2 * np.pi)
         total = at_ends(ends, conductance, len(points))
         logs = conductance * np.log(np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1))
-        # seen from the rim, a half disc or a quarter: the same disc, but only its part in the sheet
-        opening = np.bincount(nodes, angles.ravel()) / (2 * np.pi)
         mean_log = at_ends(ends, logs, len(points)) / total
-        radius = np.exp(mean_log - 2 * np.pi * opening / (local * total))
-        self._reach = np.where(self.electrode_of >= 0, self.layout.radius, 0.0)
-        out = np.full(len(self.where), self.layout.radius)
+        radius = np.exp(mean_log - 2 * np.pi * around / total)
+        self._reach = np.where(self.electrode_of >= 0, self.metric.radius, 0.0)
+        out = np.full(len(self.where), self.metric.radius)
         single = self.electrode_of[self.unknown] < 0
         out[self.unknown[single]] = radius[single]
         self._local = np.empty(len(self.where))  # sheet resistance, times 2 on a straight rim
-        self._local[self.unknown] = local / opening
-        self._centre_local = (local / opening)[[nodes[-1] for nodes in self.mesh.electrodes]]
+        self._local[self.unknown] = 1 / around
+        self._centre_local = 1 / around[[nodes[-1] for nodes in self.mesh.electrodes]]
         return out
 
     def _solve_electrodes(self):
@@ -124,7 +136,7 @@ class FemSheet:
                 share = 1 / self._local[ring]
                 share /= share.sum()
                 feed[ring, electrode] = share
-                excess = np.log(self._radius[ring] * self.mesh.ring / self.layout.radius)
+                excess = np.log(self._radius[ring] * self.mesh.ring / self.metric.radius)
                 correction[electrode] = (share**2 * self._local[ring] * excess).sum() / (2 * np.pi)
         self._to_electrodes = self._solve(feed)  # (M, E)
         fed = np.flatnonzero(feed.any(axis=1))
@@ -156,11 +168,12 @@ class FemSheet:
         """`Transfer` to contacts at `points` (K, 2), discs of `radius` (scalar or (K,)), m."""
         points = np.asarray(points, float).reshape(-1, 2)
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
+        seen_at, acts = self.metric.at(points), self.metric.mean * radius
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
         to_points = np.einsum("kce,kc->ek", self._to_electrodes[corners], weights)
         apart, nearest = self.layout.nearest(points)
-        excess, local = self.electrode_excess(radius, corners, weights, apart, nearest)
+        excess, local = self.electrode_excess(points, radius, corners, weights, nearest)
         to_points[nearest, np.arange(len(points))] += excess
 
         def green(i, j):
@@ -169,7 +182,7 @@ class FemSheet:
             nodes, number = np.unique(corners[both], return_inverse=True)
             mixing = _weights(number.reshape(-1, 3), weights[both], len(nodes))
             first, second = mixing[: len(i)], mixing[-len(j) :]
-            true_log = _log_distance(points[i], points[j], mutual_radius(radius[i], radius[j]))
+            true_log = _log_distance(seen_at[i], seen_at[j], mutual_radius(acts[i], acts[j]))
             excess = first @ (self._mesh_log(nodes) @ second.T) - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
             return first @ (self._kept.among(nodes) @ second.T) + scale * excess
@@ -183,7 +196,7 @@ class FemSheet:
                 return block[np.ix_(i, j)]
         else:
             pairs = _pairs(corners, weights)
-            excess = self._self_log(*pairs) - np.log(radius)
+            excess = self._self_log(*pairs) - np.log(acts)
             self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
             found = green
         between = self.electrode_electrode
@@ -201,29 +214,31 @@ class FemSheet:
 
     def electrode_excess(
         self,
+        points: np.ndarray,
         radius: np.ndarray,
         corners: np.ndarray,
         weights: np.ndarray,
-        apart: np.ndarray,
         nearest: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """(K,) ohm, by which G to the nearest electrode exceeds the mesh's; (K,) local ohm/sq."""
         local = (weights * self._local[corners]).sum(axis=1)
-        excess = self._electrode_log(radius, corners, weights, apart, nearest)
+        reach = self.metric.reach(points - self.layout.positions[nearest])
+        acts = self.metric.mean * radius
+        excess = self._electrode_log(acts, corners, weights, reach, nearest)
         return excess * local / (2 * np.pi), local
 
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
         reach = self._reach[nodes]
-        squared = _squared_distance(self.where[nodes], self.where[nodes])
+        squared = _squared_distance(self._seen_at[nodes], self._seen_at[nodes])
         squared = np.maximum(squared, np.maximum.outer(reach, reach) ** 2)
         np.fill_diagonal(squared, self._radius[nodes] ** 2)
         return 0.5 * np.log(squared)
 
     def _electrode_log(self, radius, corners, weights, apart, nearest):
         """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
-        centre, least = self.layout.positions[nearest], self.layout.radius
-        at_corners = np.linalg.norm(self.where[corners] - centre[:, None], axis=2)
+        centre, least = self.layout.positions[nearest], self.metric.radius
+        at_corners = self.metric.reach(self.where[corners] - centre[:, None])
         rounded = (weights * np.log(np.maximum(at_corners, least))).sum(axis=1)
         excess = rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
         return np.where(apart < _NEAR * self.h, excess, 0.0)
@@ -237,7 +252,7 @@ class FemSheet:
 
     def _self_log(self, rows, columns, product):
         """(K,) ln of the radius of the disc as which each point acts on itself."""
-        x, y = (self.where[rows] - self.where[columns]).T
+        x, y = (self._seen_at[rows] - self._seen_at[columns]).T
         apart = np.maximum(np.hypot(x, y).T, self._reach[rows])
         apart = np.where(rows == columns, self._radius[rows], apart)
         return (product * np.log(apart)).sum(axis=1)

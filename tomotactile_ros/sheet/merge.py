@@ -10,6 +10,7 @@ import numpy as np
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet.contacts import SAME
 from tomotactile_ros.sheet.green import FAR, softened
+from tomotactile_ros.sheet.metric import Metric
 
 _OF_CONTACTS = "parts", "rigid"
 _RIGID = 1e-12  # parts of the sheet by which points of a contact that moves as a whole seem to shift
@@ -21,10 +22,10 @@ class Merged:
     """Points (T, n, 2) of T states, all of them there in each state, used or not.
 
     radii, resistance (T, n), m and ohm; owner (T, n) electrode that a point feeds, -1 for none;
-    nearest electrode (T, n) and its distance apart (T, n), m; active (T, n), which points stand for
-    themselves and those merged with them; leads (T, n), the point that stands for each, -1 outside,
-    and n + the electrode for those that feed one; parts, slices of the points of each contact, and whether
-    it is rigid: moves as a whole.
+    nearest electrode (T, n); active (T, n), which points stand for themselves and those merged with
+    them; leads (T, n), the point that stands for each, -1 outside, and n + the electrode for those
+    that feed one; parts, slices of the points of each contact, and whether it is rigid: moves as a
+    whole.
     """
 
     points: np.ndarray
@@ -32,7 +33,6 @@ class Merged:
     resistance: np.ndarray
     owner: np.ndarray
     nearest: np.ndarray
-    apart: np.ndarray
     active: np.ndarray
     leads: np.ndarray
     parts: tuple[slice, ...]
@@ -43,30 +43,31 @@ class Merged:
         arrays = {key: value[some] for key, value in vars(self).items() if key not in _OF_CONTACTS}
         return replace(self, **arrays)
 
-    def log_distance(self) -> np.ndarray:
+    def log_distance(self, metric: Metric) -> np.ndarray:
         """(T, n, n) true ln |x_i - x_j|, once for each contact that only moves as a whole."""
+        seen = metric.at(self.points), metric.mean * self.radii
         states, count = self.owner.shape
         out = np.empty((states, count, count))
         for i, (part, rigid) in enumerate(zip(self.parts, self.rigid)):
             some = slice(0, 1) if rigid else slice(None)
-            out[:, part, part] = self._log(part, part, some)
+            out[:, part, part] = _log(*seen, part, part, some)
             for other in self.parts[:i]:
-                block = self._log(part, other, slice(None))
+                block = _log(*seen, part, other, slice(None))
                 out[:, part, other] = block
                 out[:, other, part] = block.transpose(0, 2, 1)
         return out
 
-    def _log(self, part, other, states):
-        first, second = self.points[states, part], self.points[states, other]
-        squared = (first[:, :, None, 0] - second[:, None, :, 0]) ** 2
-        squared += (first[:, :, None, 1] - second[:, None, :, 1]) ** 2
-        radii, others = self.radii[states, part], self.radii[states, other]
-        mutual = (radii[:, :, None] ** 2 + others[:, None, :] ** 2) / 2
-        if squared.min() < FAR * mutual.max():
-            squared = softened(squared, mutual)
-        np.log(squared, out=squared)
-        squared *= 0.5
-        return squared
+
+def _log(points, radii, part, other, states):
+    first, second = points[states, part], points[states, other]
+    squared = (first[:, :, None, 0] - second[:, None, :, 0]) ** 2
+    squared += (first[:, :, None, 1] - second[:, None, :, 1]) ** 2
+    mutual = (radii[states, part][:, :, None] ** 2 + radii[states, other][:, None, :] ** 2) / 2
+    if squared.min() < FAR * mutual.max():
+        squared = softened(squared, mutual)
+    np.log(squared, out=squared)
+    squared *= 0.5
+    return squared
 
 
 def merge(layout: Layout, touching: Sequence) -> Merged:
@@ -100,7 +101,7 @@ def merge(layout: Layout, touching: Sequence) -> Merged:
     active = inside & (first == np.arange(count)) & np.isfinite(resistance)
     leads = np.where(owner >= 0, count + owner, np.where(inside, first, -1))
     return Merged(
-        points, radii, resistance, owner, nearest, apart, active, leads, tuple(parts), tuple(rigid)
+        points, radii, resistance, owner, nearest, active, leads, tuple(parts), tuple(rigid)
     )
 
 

@@ -7,6 +7,7 @@ polygon of n corners has the capacity of a slightly smaller disc; that of its ri
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,16 +58,24 @@ class Mesh:
         return 1 / (2 * np.pi) - (q - 1) / (q + 1) / (n * np.tan(np.pi / n) * np.log(q))
 
 
-def make_mesh(layout: Layout, h: float, ring: int = 16, *, inner: int = 0) -> Mesh:
+def make_mesh(
+    layout: Layout,
+    h: float,
+    ring: int = 16,
+    *,
+    inner: int = 0,
+    lines: Sequence[np.ndarray] = (),
+) -> Mesh:
     """Mesh of `layout` with element size `h` (m) and `ring` nodes on each electrode's rim at least.
 
-    `inner` rings inside each electrode are needed where it is no equipotential.
+    `inner` rings inside each electrode are needed where it is no equipotential; triangles follow
+    `lines`, polylines (V, 2), outside electrodes.
 
     Raises InputError where the triangles do not fill the outline, with a size that would.
     """
     scale = max(layout.outline.size)
     size = LocalSize(layout, h, ring, inner)
-    points, last = place_nodes(layout, size)
+    points, last = place_nodes(layout, size, lines)
     hull = Delaunay(points / scale, qhull_options=_JOGGLE)
     triangles, neighbours = hull.simplices, hull.neighbors
     a, b, c = (points[triangles[:, i]] for i in range(3))

@@ -8,23 +8,30 @@ large one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.sheet.rim import curves
+from tomotactile_ros.sheet.rim import Segment, curves
 
 _TINY = 1e-6  # keeps counts of elements from rounding either way
+_ON_LINE = 0.5  # of the local element size between nodes on a line
 _CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
 
 
-def place_nodes(layout: Layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
+def place_nodes(
+    layout: Layout, size: LocalSize, lines: Sequence[np.ndarray] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (N, 2) and radius (E,) of the outermost ring around each electrode, m."""
     corners, along = _rim(layout, size)
     rings, last = _rings(layout, size)
-    return _thin([corners, rings, along, _background(layout, size, last)], size), last
+    groups = [corners, rings, along, _background(layout, size, last)]
+    if lines:
+        groups.insert(1, _on_lines(layout, size, lines))
+    return _thin(groups, size), last
 
 
 class LocalSize:
@@ -56,8 +63,33 @@ def _rim(layout, size):
         for start, end in pairwise([0.0, *crossings, 1.0]):
             samples = 4 * (end - start) * curve.length / (size.radius * size.step)
             pieces.append((curve, np.linspace(start, end, int(np.clip(samples, 32, 20000)) + 1)))
-    corners = np.array([curve(t[0]) for curve, t in pieces])
-    local = size(np.concatenate([curve((t[1:] + t[:-1]) / 2) for curve, t in pieces]))
+    return np.array([curve(t[0]) for curve, t in pieces]), _between(pieces, size)
+
+
+def _on_lines(layout, size, lines):
+    """Nodes along polylines on the sheet, outside electrodes.
+
+    They are half as far apart as others and from these at least `_CROWDED`: no other node comes into
+    a circle over two of them, so that Delaunay triangles follow the line.
+    """
+    pieces, ends = [], []
+    for line in lines:
+        for part in layout.outline.parts_of(line):
+            ends.append(part)
+            for start, end in pairwise(part):
+                curve = Segment(start, end)
+                steps = np.clip(4 * curve.length / (size.radius * size.step), 32, 20000)
+                pieces.append((curve, np.linspace(0, 1, int(steps) + 1)))
+    if not pieces:
+        return np.empty((0, 2))
+    points = np.concatenate([*ends, _between(pieces, size, _ON_LINE)])
+    clear = size.radius * (1 + size.step / 2)
+    return points[layout.nearest(points)[0] > clear]
+
+
+def _between(pieces, size, part=1.0):
+    """Nodes between the ends of `pieces` of curves, apart by a `part` of the local size."""
+    local = part * size(np.concatenate([curve((t[1:] + t[:-1]) / 2) for curve, t in pieces]))
     ends = np.cumsum([len(t) - 1 for _, t in pieces])[:-1]
     between = []
     for (curve, t), spacing in zip(pieces, np.split(local, ends)):
@@ -65,7 +97,7 @@ def _rim(layout, size):
         count = max(1, round(measure[-1] - _TINY))
         wanted = np.arange(1, count) / count * measure[-1]
         between.append(curve(np.interp(wanted, measure, t)))
-    return corners, np.concatenate(between)
+    return np.concatenate(between)
 
 
 def _rings(layout, size):

@@ -48,19 +48,19 @@ def moving_rows(
     ----------
     touching : for each row what `contact_points` takes
     grounded : (L,) electrode that is grounded in each row
-    to_ground : (E,) resistance between each electrode and ground, ohm; infinite: never grounded
+    to_ground : (L,) resistance between that electrode and ground in each row, ohm; infinite: open
     """
     out = np.empty((len(grounded), sheet.layout.electrodes))
     together = isinstance(sheet, FemSheet) and sheet.shunting
     alike: dict[object, list[int]] = {}
     for row, contacts in enumerate(touching):
         counts = tuple(len(patches[1]) for patches, _ in contacts)
-        simple = together and sum(counts) and np.isfinite(to_ground[grounded[row]])
+        simple = together and sum(counts) and np.isfinite(to_ground[row])
         alike.setdefault(counts if simple else None, []).append(row)
     for counts, rows in alike.items():
         contacts = [touching[row] for row in rows]
         solve = _one_by_one if counts is None else _few_states
-        out[rows] = solve(sheet, contacts, grounded[rows], drive_voltage, to_ground)
+        out[rows] = solve(sheet, contacts, grounded[rows], drive_voltage, to_ground[rows])
     return out
 
 
@@ -70,10 +70,10 @@ def _one_by_one(sheet, touching, grounded, drive_voltage, to_ground):
             *contact_points(sheet, contacts),
             drive_voltage,
             grounded=[ground],
-            switch_resistance=to_ground,
+            switch_resistance=wire,
             own_reading=True,
         )[0]
-        for contacts, ground in zip(touching, grounded)
+        for contacts, ground, wire in zip(touching, grounded, to_ground)
     ]
     return np.array(rows)
 
@@ -95,17 +95,18 @@ def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
         found = merge(sheet.layout, [touching[row] for row in solved])
     before = np.cumsum(chosen) - 1
     between = np.flatnonzero(~chosen)
-    length = path[solved[before[between] + 1]] - path[solved[before[between]]]
+    start, stop = (path[solved[before[between] + each]] for each in (0, 1))
+    length = np.where(stop > start, stop - start, 1.0)
     share = np.zeros((len(path), 1))
-    share[between, 0] = (path[between] - path[solved[before[between]]]) / length
+    share[between, 0] = (path[between] - start) / length
     state = np.concatenate([before, before[between] + 1])
-    ground = np.concatenate([grounded, grounded[between]])
+    ground, wires = (np.concatenate([each, each[between]]) for each in (grounded, to_ground))
     voltages = np.empty((len(state), sheet.layout.electrodes))
     for first in range(0, len(solved), _AT_ONCE):
         part = np.flatnonzero((state >= first) & (state < first + _AT_ONCE))
         some = found.states(slice(first, first + _AT_ONCE))
         voltages[part] = _solve(
-            sheet, some, state[part] - first, ground[part], drive_voltage, to_ground
+            sheet, some, state[part] - first, ground[part], drive_voltage, wires[part]
         )
     out = voltages[: len(path)]
     out[between] += share[between] * (voltages[len(path) :] - out[between])
@@ -129,7 +130,7 @@ def _path(touching):
 
 
 def _solve(sheet, found, state, grounded, drive_voltage, to_ground):
-    """(P, E) potentials in `state` (P,) with electrode `grounded` (P,) at ground."""
+    """(P, E) potentials in `state` (P,) with `grounded` (P,) at ground, behind `to_ground` (P,)."""
     corners, weights, local, excess = _on_mesh(sheet, found)
     nodes, number = _numbered(corners, len(sheet.where))
     to_electrodes = sheet.to_electrodes[nodes]  # (U, E)
@@ -140,10 +141,10 @@ def _solve(sheet, found, state, grounded, drive_voltage, to_ground):
     )
     coupling = (to_electrodes.T[grounded[:, None, None], number] * weights).sum(axis=2)
     coupling += np.where(nearest == grounded[:, None], excess, 0.0)
-    own = sheet.electrode_electrode[grounded, grounded] + to_ground[grounded]
+    own = sheet.electrode_electrode[grounded, grounded] + to_ground
     half = coupling - 0.5 * own[:, None]
     on_ground = found.owner[state] == grounded[:, None]
-    free = found.resistance[state] + to_ground[grounded, None] > 0
+    free = found.resistance[state] + to_ground[:, None] > 0
     used = found.active[state] & (~on_ground | free)
     alone = (on_ground & found.active[state]).any(axis=1)
     alone |= np.bincount(state, minlength=len(system))[state] == 1
@@ -177,7 +178,7 @@ def _on_mesh(sheet, found: Merged):
     element, weights = sheet.mesh.locate(points)
     corners = sheet.unknown[sheet.mesh.triangles[element]]
     excess, local = sheet.electrode_excess(
-        found.radii.ravel(), corners, weights, found.apart.ravel(), found.nearest.ravel()
+        points, found.radii.ravel(), corners, weights, found.nearest.ravel()
     )
     corners, weights = corners.reshape(*shape, 3), weights.reshape(*shape, 3)
     on = found.owner >= 0
@@ -199,7 +200,7 @@ def _numbered(corners, count):
 def _green(sheet, found: Merged, nodes, number, weights, local):
     """(T, n, n) Green function between the points of each state, but for those on electrodes."""
     green, log = sheet.between(nodes)
-    true_log = found.log_distance()
+    true_log = found.log_distance(sheet.metric)
     least, most = local.min(), local.max()
     if most - least <= 1e-9 * most:
         scale = most / (2 * np.pi)

@@ -1,0 +1,242 @@
+"""Uneven, anisotropic, torn and warm sheets: against closed forms, smaller sheets and the reference."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Defects
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.sheet.closed_form import ClosedFormSheet
+from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet_field import (
+    Anisotropy,
+    Gradient,
+    Patch,
+    SheetField,
+    SheetVariation,
+    Tear,
+    Temperature,
+    conductance_of,
+    resistance_of,
+)
+from tomotactile_ros.simulation import Simulator
+
+DRIVE = 3.3
+LAW = ContactLaw(1e-4, 1.0)
+GRID = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1e4, margin=0.005)
+H = 0.0025
+OFF = ~np.eye(16, dtype=bool)
+
+
+def simulated(field, place=(0.013, 0.021), layout=GRID, variation=None, t=0.0):
+    contact = Contact("disc", center=place, radius=0.005, pressure=2e4)
+    defects = Defects(sheet=field, sheet_variation=variation)
+    scene = Scene("any", DRIVE, (contact,), LAW, defects=defects)
+    return Simulator(layout, scene, h=H, row_period=0).frame(t)
+
+
+def rms(difference):
+    return np.sqrt(np.nanmean(difference**2))
+
+
+EVEN = simulated(SheetField())
+
+
+@pytest.mark.parametrize("ratio, limit", [(1.5, 0.01), (1 / 3, 0.02)])
+def test_anisotropy_is_the_closed_form_of_a_stretched_sheet(ratio, limit):
+    """Isotropic where x is shortened and y lengthened; ellipses there, here discs of their mean semi-axis."""
+    scale = np.array([ratio**-0.25, ratio**0.25])
+    radius = scale.mean()
+    outline = Outline.rectangle(*(0.1 * scale))
+    stretched = Layout("s", outline, 1e4, radius * GRID.radius, GRID.positions * scale)
+    place = np.array([0.013, 0.021])
+    disc = Contact("disc", center=place * scale, radius=0.005 * radius)
+    # the same current through a disc of another area
+    points = contact_points(
+        ClosedFormSheet(stretched, ring=12), [(disc.patches(24), 2 / radius**2)]
+    )
+    expected = frame(*points, DRIVE)
+    found = simulated(SheetField(anisotropy=Anisotropy(ratio)), place)
+    assert rms(found - expected) < limit < 0.2 * rms(found - EVEN)
+
+
+def test_direction_of_anisotropy():
+    """A sheet that is turned by 90 degrees with all that is on it."""
+    place = np.array([0.013, 0.021])
+    first = simulated(SheetField(anisotropy=Anisotropy(2.0, 20.0)), place)
+    turned = place @ np.array([[0, 1], [-1, 0]])
+    second = simulated(SheetField(anisotropy=Anisotropy(2.0, 110.0)), turned)
+    grid = np.arange(16).reshape(4, 4)
+    moved = np.rot90(grid, 3).ravel()  # electrode that comes to each place of the grid
+    assert rms(second - first[np.ix_(moved, moved)]) < 1e-3
+
+
+def test_cut_in_two_the_half_that_is_touched_is_a_sheet_of_its_own():
+    field = SheetField(tears=(Tear(((0.0, -0.06), (0.0, 0.06)), 1e-4),))
+    torn = simulated(field, (-0.028, 0.012))
+    left = np.flatnonzero(GRID.positions[:, 0] < 0)
+    right = np.setdiff1d(np.arange(16), left)
+    # nothing flows to the other half: all of the touched one is at the drive voltage
+    assert torn[np.ix_(right, left)].min() > 0.99 * DRIVE
+    half = Layout(
+        "half",
+        Outline.rectangle(0.05, 0.1),
+        1e4,
+        GRID.radius,
+        GRID.positions[left] + np.array([0.025, 0.0]),
+    )
+    alone = simulated(SheetField(), (-0.003, 0.012), half)
+    assert rms(torn[np.ix_(left, left)] - alone) < 0.005 * DRIVE
+    assert rms(EVEN[np.ix_(left, left)] - alone) > 0.05 * DRIVE
+
+
+def test_a_tear_may_end_anywhere_and_meet_an_electrode():
+    electrode = GRID.positions[5]
+    whole, split = (
+        simulated(SheetField(tears=(Tear((electrode - [reach, 0], electrode + [0.02, 0]), 1e-4),)))
+        for reach in (1e-3, 0.02)
+    )
+    for voltages in (whole, split):
+        assert np.isfinite(voltages[OFF]).all() and voltages[OFF].min() >= 0
+        assert voltages[OFF].max() <= DRIVE
+    assert rms(whole - split) > 1e-3
+
+
+def test_lines_alone_change_nothing():
+    """Elements that follow lines of an even sheet: as far as another mesh goes."""
+    field = SheetField(tears=(Tear(((-0.02, 0.0), (0.03, 0.013)), 1e-4),))
+    contact = Contact("disc", center=(0.013, 0.021), radius=0.005).patches(6)
+    found = [
+        frame(*contact_points(FemSheet(GRID, h=H, lines=lines), [(contact, 2.0)]), DRIVE)
+        for lines in ([], field.rims(H / 2))
+    ]
+    assert rms(found[0] - found[1]) < 0.003
+
+
+@pytest.mark.parametrize(
+    "field, variation",
+    [
+        (SheetField(gradient=Gradient(0.3, 40.0)), None),
+        (SheetField(patches=(Patch(4.0, (0.008, 0.012), 0.012),)), None),
+        (SheetField(patches=(Patch(0.25, points=((0, 0), (0.03, 0.0), (0.03, 0.03))),)), None),
+        (SheetField(tears=(Tear(((-0.06, 0.0), (0.03, 0.0)), 1e-3),)), None),
+        (SheetField(anisotropy=Anisotropy(1.5, 30.0)), SheetVariation(0.2, 0.03, 1)),
+    ],
+)
+def test_against_the_reference_model(field, variation):
+    """As good as on an even sheet (5 mV), where the defect shifts readings by ten times as much."""
+    pytest.importorskip("skfem")
+    try:
+        import gmsh  # noqa: F401
+    except (ImportError, OSError) as error:
+        pytest.skip(f"no Gmsh: {error}")
+    from tomotactile_ros.bench.reference import ReferenceSheet, disc, reference_frame
+
+    lines = [(line, 1.5e-3) for line in field.rims()]
+    sheet = ReferenceSheet(GRID, conductance_of(GRID, field, variation), h=0.003, lines=lines)
+    expected = reference_frame(sheet.solve([(disc((0.013, 0.021), 0.005), 2.0)]), DRIVE)
+    found = simulated(field, variation=variation)
+    assert rms(found - expected) < 0.012
+    assert rms(expected - EVEN) > 5 * rms(found - expected)
+
+
+def test_fields_multiply():
+    field = SheetField(
+        gradient=Gradient(0.2, 90.0), patches=(Patch(3.0, (0.0, 0.0), 0.01),)
+    )  # fmt: skip
+    where = np.array([[0.02, 0.05], [0.02, -0.05], [0.02, 0.0], [0.0, 0.0]])
+    expected = 1e4 * np.array([1.2, 0.8, 1.0, 3.0])
+    np.testing.assert_allclose(resistance_of(GRID, field)(where), expected)
+    tensor = conductance_of(GRID, SheetField(anisotropy=Anisotropy(4.0, 90.0)))(where)[0]
+    np.testing.assert_allclose(tensor, np.diag([0.5e-4, 2e-4]), atol=1e-12)
+    assert resistance_of(GRID, SheetField()) is None is conductance_of(GRID, SheetField())
+
+
+def test_temperature_is_another_sheet_resistance():
+    sine = SheetField(temperature=Temperature(relative=0.1, period=40.0))
+    warm = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1.1e4, margin=0.005)
+    expected = simulated(SheetField(), layout=warm)
+    np.testing.assert_allclose(simulated(sine, t=10.0)[OFF], expected[OFF], rtol=1e-9)
+    np.testing.assert_array_equal(simulated(sine, t=0.0), EVEN)
+    rate = SheetField(temperature=Temperature(rate=np.log(1.1) / 5))
+    np.testing.assert_allclose(simulated(rate, t=5.0)[OFF], expected[OFF], rtol=1e-9)
+
+
+SCENE = """format: tomotactile-scene/1
+drive_voltage: 3.3
+defects:
+  anisotropy: {ratio: 1.5, direction: 30}
+  gradient: {relative: 0.2}
+  tears: [{line: [[0, 0], [0.02, 0]], width: 0.001}]
+  patches: [{factor: 2, center: [0.01, 0], radius: 0.01}, {factor: 2, points: [[0, 0], [1, 0], [0, 1]]}]
+  temperature: {relative: 0.05, period: 600}
+"""
+
+
+def test_a_scene_names_them_and_survives_its_file(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    scene = load_scene(tmp_path / "scene.yaml")
+    assert scene.defects.sheet == SheetField(
+        Anisotropy(1.5, 30.0),
+        Gradient(0.2, 0.0),
+        (Tear(((0.0, 0.0), (0.02, 0.0)), 0.001),),
+        (Patch(2.0, (0.01, 0.0), 0.01), Patch(2.0, points=((0, 0), (1, 0), (0, 1)))),
+        Temperature(0.05, 600.0),
+    )
+    assert scene.defects.sheet.anisotropy.stretch.shape == (2, 2)  # must not get into the file
+    scene.save(tmp_path / "again.yaml")
+    assert load_scene(tmp_path / "again.yaml").defects == scene.defects
+
+
+@pytest.mark.parametrize(
+    "old, new, expected",
+    [
+        ("ratio: 1.5", "ratio: 0", "anisotropy.ratio: 0.0 is not a positive number"),
+        ("ratio: 1.5", "ratio: -2", "anisotropy.ratio: -2.0 is not a positive number"),
+        (
+            "ratio: 1.5",
+            "ratio: 1e9",
+            "anisotropy.ratio: 1000000000.0 is no number from 0.01 to 100",
+        ),
+        ("direction", "angle", "anisotropy.angle: unknown key"),
+        ("relative: 0.2", "relative: 1", "gradient.relative: 1 is not between -1 and 1"),
+        ("relative: 0.2", "relative: .nan", "gradient.relative: nan is not a finite number"),
+        ("[0.02, 0]]", "[0, 0]]", "tears[0].line: ((0.0, 0.0), (0.0, 0.0)) is not two different"),
+        ("[0.02, 0]]", "[0.02]]", "tears[0].line[1]: [0.02] is not a list of 2 numbers"),
+        ("width: 0.001", "width: 0", "tears[0].width: 0.0 is not a positive length"),
+        ("factor: 2, center", "factor: 0, center", "patches[0].factor: 0.0 is not a positive"),
+        (
+            ", radius: 0.01",
+            "",
+            "patches[0].factor: its patch needs a center and a radius, or points",
+        ),
+        ("[1, 0], [0, 1]", "[1, 0]", "patches[1].points: 2 points given, at least 3"),
+        ("period: 600", "period: 0", "temperature.period: 0.0 is not a positive time"),
+        (", period: 600", "", "temperature.period: belongs together with relative"),
+        ("period: 600", "period: 600, rate: 1", "temperature.rate: needed, or relative and period"),
+    ],
+)
+def test_mistakes_get_one_line(tmp_path, old, new, expected):
+    assert old in SCENE
+    (tmp_path / "scene.yaml").write_text(SCENE.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        load_scene(tmp_path / "scene.yaml")
+    line = str(caught.value).replace(f"{tmp_path}/", "")
+    assert line.startswith("scene.yaml: defects.") and expected in line and "\n" not in line
+
+
+def test_a_tear_outside_the_sheet():
+    tear = Tear(((0.06, 0.0), (0.08, 0.0)), 0.001)
+    with pytest.raises(InputError, match=r"^scene any: defects.tears\[0\]: lies outside"):
+        simulated(SheetField(tears=(tear,)))
+
+
+def test_the_closed_form_refuses_anisotropy():
+    scene = Scene("any", DRIVE, defects=Defects(sheet=SheetField(anisotropy=Anisotropy(2.0))))
+    with pytest.raises(InputError, match="needs a uniform sheet resistance"):
+        Simulator(GRID, scene, "closed_form")
