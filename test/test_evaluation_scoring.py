@@ -34,8 +34,8 @@ def true(x, y, force=1.0, **more):
 
 def test_pairs_are_the_best_in_all_and_not_the_nearest_first():
     truth = [true(0.0, 0.0), true(0.006, 0.0)]
-    found = score_frame([Found(0.005, 0.0, 2.0), Found(0.014, 0.0, 0.5)], truth)
-    assert sorted(found.place) == pytest.approx([0.005, 0.008])
+    found = score_frame([Found(0.004, 0.0, 2.0), Found(0.0105, 0.0, 0.5)], truth)
+    assert sorted(found.place) == pytest.approx([0.004, 0.0045])
     assert sorted(found.force) == pytest.approx([0.5, 1.0])
     assert (found.ghosts, found.doubled, found.missed) == (0, 0, 0)
 
