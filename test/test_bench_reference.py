@@ -1,0 +1,124 @@
+"""The reference model: converged, in agreement with the closed form, symmetric, any outline and form."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.bench.reference import (
+    Admittance,
+    Ellipse,
+    ReferenceSheet,
+    disc,
+    reference_frame,
+)
+from tomotactile_ros.contact import Contact
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.sheet.closed_form import ClosedFormSheet
+from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.frames import frame
+
+pytest.importorskip("skfem")
+try:
+    import gmsh  # noqa: F401
+except (ImportError, OSError) as error:
+    pytest.skip(f"no Gmsh: {error}", allow_module_level=True)
+
+DRIVE = 3.3
+GRID = equal_grid(3, 3, (0.1, 0.1), 0.0025, 1e4, margin=0.01)
+PLACE = (0.013, 0.021)
+
+
+def voltages(layout, contacts, **options):
+    return reference_frame(ReferenceSheet(layout, **options).solve(contacts), DRIVE)
+
+
+def rms(difference):
+    return np.sqrt(np.nanmean(difference**2))
+
+
+@pytest.mark.parametrize(
+    "contact, g",
+    [
+        (Contact("disc", center=PLACE, radius=0.005), 2.0),
+        (Contact("disc", center=PLACE, radius=0.005), np.inf),
+        (Contact("disc", center=(0.003, 0.002), radius=0.006), 2.0),  # over an electrode
+        (Contact("rectangle", center=PLACE, size=(0.03, 0.01), angle=30), 1.0),
+    ],
+)
+def test_against_the_closed_form(contact, g):
+    """A series against elements: nothing in common but the equation. 1 mV of 3.3 V."""
+    closed = contact_points(ClosedFormSheet(GRID, ring=12), [(contact.patches(24), g)])
+    difference = voltages(GRID, [(contact, g)]) - frame(*closed, DRIVE)
+    assert rms(difference) < 1e-3
+
+
+def test_halving_the_elements():
+    """A disc of 5 mm that overlaps an electrode's rim: half a millivolt at most, and converging."""
+    contact = [(disc((0.004, 0.004), 0.005), 2.0)]
+    coarse, middle, fine = (voltages(GRID, contact, h=h) for h in (0.006, 0.003, 0.0015))
+    assert rms(middle - fine) < 0.5e-3
+    assert rms(middle - fine) < 0.4 * rms(coarse - middle)
+
+
+def test_currents_balance_and_packing_keeps_them():
+    contacts = [(disc(PLACE, 0.005), 2.0), (Ellipse((-0.02, 0.01), (0.01, 0.004), 30.0), 0.5)]
+    state = ReferenceSheet(GRID).solve(contacts)
+    np.testing.assert_allclose(state.matrix.sum(axis=1), state.drive, rtol=1e-9)
+    # all electrodes at V0: every contact is without current; all at 0 V: at most what its area passes
+    assert 0 < state.drive.sum() < sum(shape.area * g for shape, g in contacts)
+    again = Admittance.unpack(state.packed.astype(np.float32))
+    assert rms(reference_frame(again, DRIVE) - reference_frame(state, DRIVE)) < 1e-6
+
+
+def test_a_poor_contact_over_the_whole_sheet_feeds_its_area():
+    """All electrodes grounded, g -> 0: the current is g A."""
+    g = 1e-9
+    state = ReferenceSheet(GRID).solve([([(-1, -1), (1, -1), (1, 1), (-1, 1)], g)])
+    assert state.drive.sum() == pytest.approx(g * 0.01, rel=1e-6)
+
+
+def test_conductance_that_varies_inside_a_contact():
+    """A Hertz pressure has two thirds of the current of its peak, and its own centre."""
+    radius, peak = 0.006, 1e-6
+
+    def hertz(points):
+        apart = ((points - PLACE) ** 2).sum(axis=1) / radius**2
+        return peak * np.sqrt(np.maximum(1 - apart, 0))
+
+    state = ReferenceSheet(GRID).solve([(disc(PLACE, radius), hertz)])
+    assert state.drive.sum() == pytest.approx(2 / 3 * peak * np.pi * radius**2, rel=2e-3)
+
+
+def test_other_outlines_turn_with_their_contacts():
+    """A ring of electrodes on a circle: turned by one electrode, readings move by one."""
+    angle = 2 * np.pi * np.arange(6) / 6
+    ring = 0.04 * np.column_stack([np.cos(angle), np.sin(angle)])
+    layout = Layout("ring", Outline.circle(0.045), 1e4, 0.002, ring)
+    turn = np.array([[np.cos(angle[1]), np.sin(angle[1])], [-np.sin(angle[1]), np.cos(angle[1])]])
+    first = voltages(layout, [(disc((0.02, 0.005), 0.004), 1.0)])
+    second = voltages(layout, [(disc(np.array([0.02, 0.005]) @ turn, 0.004), 1.0)])
+    assert rms(np.roll(first, (1, 1), axis=(0, 1)) - second) < 0.5e-3
+
+
+def test_rows_of_their_own_states_and_resistance_to_ground():
+    states = [ReferenceSheet(GRID).solve([(disc((x, 0.02), 0.004), 1.0)]) for x in (0.0, 0.01)]
+    rows = [states[row % 2] for row in range(9)]
+    mixed = reference_frame(rows, DRIVE)
+    for row, state in enumerate(rows):
+        np.testing.assert_array_equal(mixed[row], reference_frame(state, DRIVE)[row])
+    impedance = np.linalg.inv(states[0].matrix)
+    behind = reference_frame(states[0], DRIVE, ground_resistance=150.0, grounded=[4])[0]
+    expected = DRIVE * (1 - impedance[:, 4] / (impedance[4, 4] + 150.0))
+    np.testing.assert_allclose(np.delete(behind, 4), np.delete(expected, 4))
+
+
+def test_nothing_touches():
+    state = ReferenceSheet(GRID).solve([])
+    found = reference_frame(state, DRIVE)
+    assert (found[~np.eye(9, dtype=bool)] == 0).all()
+
+
+def test_a_bare_conductor_on_an_electrode_is_refused():
+    with pytest.raises(InputError, match="a bare conductor touches an electrode"):
+        ReferenceSheet(GRID).solve([(disc((0.0, 0.0), 0.005), np.inf)])
