@@ -150,8 +150,20 @@ def test_a_bag_is_read_without_ros(tmp_path, storage):
     assert [f.stamp for f in frames] == pytest.approx(recording["stamps"])
     assert frames[0].grounded.tolist() == [0, 1, 2, 3]
     assert frames[0].drive_voltage == 5.0
+    assert [f.row_period for f in frames] == pytest.approx([2.5e-3] * 5)
     (file,) = path.glob("*.mcap" if storage == "mcap" else "*.db3")
     assert len(list(read_frames(file))) == 5
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3", "sqlite3 of Humble"])
+def test_a_bag_from_before_there_were_row_periods_is_read(tmp_path, storage):
+    path = write_bag(tmp_path / "bag", storage.split()[0], without=["row_period"])
+    if storage.endswith("Humble"):
+        forget_definitions(next(path.glob("*.db3")))
+    frames = list(read_frames(path))
+    recording = a_recording()
+    assert np.array_equal([f.voltages for f in frames], recording["voltages"], equal_nan=True)
+    assert [f.row_period for f in frames] == [0.0] * 5
 
 
 def test_the_commands_take_a_bag_of_their_layout(tmp_path):
@@ -160,6 +172,8 @@ def test_the_commands_take_a_bag_of_their_layout(tmp_path):
     assert np.array_equal(loaded.voltages, recording["voltages"], equal_nan=True)
     assert loaded.grounded.tolist() == [0, 1, 2, 3]
     assert loaded.drive_voltage == 5.0
+    assert loaded.row_period == pytest.approx(2.5e-3)
+    assert loaded.stamps == pytest.approx(recording["stamps"])
     assert load_recording(path, LAYOUT, drive_voltage=2.0).drive_voltage == 2.0
     assert load_recording(path, LAYOUT).truth is None
     with pytest.raises(
@@ -179,6 +193,8 @@ def test_the_commands_take_a_bag_of_their_layout(tmp_path):
         ({"voltages": np.full(16, np.inf, np.float32)}, "frame 12: a voltage is infinite"),
         ({"grounded": np.array([0, 1, 2, 4], np.uint16)}, "frame 12: grounded: must be"),
         ({"drive_voltage": np.nan}, "frame 12: drive_voltage: nan"),
+        ({"row_period": -1e-3}, "frame 12: row_period: -0.001"),
+        ({"row_period": np.nan}, "frame 12: row_period: nan"),
     ],
 )
 def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change, complaint):
@@ -193,13 +209,19 @@ def forget_definitions(file: Path) -> None:
         assert bag.execute("DELETE FROM message_definitions").rowcount > 0
 
 
-def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None) -> Path:
-    """Write the recording as a rosbag2; `third`: fields that differ in the third frame."""
+def write_bag(
+    path: Path, storage: str, topics=("/voltage_frame",), third=None, without=()
+) -> Path:
+    """Write the recording as a rosbag2; `third`: fields that differ in the third frame.
+
+    `without`: fields that the message did not have when the bag was recorded.
+    """
     rosbags = pytest.importorskip("rosbags.rosbag2")
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    text = (ROOT / "msg" / "VoltageFrame.msg").read_text()
+    lines = (ROOT / "msg" / "VoltageFrame.msg").read_text().splitlines()
+    text = "\n".join(line for line in lines if line.split()[-1:] not in [[w] for w in without])
     store.register(get_types_from_msg(text, MESSAGE))
     types, recording = store.types, a_recording()
     plugin = getattr(rosbags.StoragePlugin, storage.upper())
@@ -221,7 +243,9 @@ def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None) 
                     "electrodes": E,
                     "grounded": recording["grounded"].astype(np.uint16),
                     "voltages": recording["voltages"][k].ravel(),
+                    "row_period": 2.5e-3,
                 }
+                fields = {key: value for key, value in fields.items() if key not in without}
                 message = types[MESSAGE](**fields | (third or {} if k == 2 else {}))
                 writer.write(connection, nanoseconds, store.serialize_cdr(message, MESSAGE))
     return path

@@ -3,10 +3,11 @@
 Only the descriptions, and how they are read from a scene file; the simulation applies them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
-from tomotactile_ros import checks
+from tomotactile_ros import channels, checks
+from tomotactile_ros.channels import Channels, read_channels
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.yamlio import Reader
 
@@ -95,6 +96,8 @@ class Defects:
     swapped : pairs of electrodes whose wires are exchanged.
     drift, hum, sheet_variation : see there; None for none.
     switch_resistance : between the grounded electrode and ground, ohm.
+    channels : of the readings, and what lies between each electrode and ground; in a scene file
+        their keys stand beside the others.
     """
 
     dead: tuple[int, ...] = ()
@@ -103,6 +106,7 @@ class Defects:
     hum: Hum | None = None
     switch_resistance: float = 0.0
     sheet_variation: SheetVariation | None = None
+    channels: Channels = field(default_factory=Channels)
 
     def __post_init__(self):
         checks.not_negative(self.switch_resistance, "switch_resistance", "resistance in ohm")
@@ -116,6 +120,12 @@ class Defects:
 
 def _check_seed(seed: int) -> None:
     checks.integer(seed, "seed", 0, 2**32 - 1)
+
+
+def named_defects(defects: Defects) -> list[tuple[str, object]]:
+    """Keys of a scene file and values of all defects that there are."""
+    both = {**vars(defects), **vars(defects.channels)}
+    return [(key, value) for key, value in both.items() if key != "channels" and value]
 
 
 def read_section(
@@ -143,7 +153,9 @@ def read_adc(reader: Reader) -> Adc | None:
 
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
-    reader.only("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
+    reader.only(
+        "dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation", *channels.KEYS
+    )
     swapped = []
     for key, entry in reader.entries("swapped"):
         swapped.append(entry.integers(key))
@@ -159,4 +171,5 @@ def read_defects(reader: Reader) -> Defects:
         sheet_variation=read_section(
             reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
         ),
+        channels=read_channels(reader),
     )

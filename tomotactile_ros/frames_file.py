@@ -32,6 +32,8 @@ class FramesFile:
     stamps : (N,) s.
     truth : for each frame a list of contacts, see `contacts_of`.
     contact_law : of the contacts.
+    row_period : s; row i of a frame was taken at its stamp + i * row_period; 0 for all at once, and
+        where the file says nothing.
     """
 
     voltages: np.ndarray
@@ -40,6 +42,7 @@ class FramesFile:
     stamps: np.ndarray | None = None
     truth: list[list[dict]] | None = None
     contact_law: ContactLaw | None = None
+    row_period: float = 0.0
 
 
 def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> FramesFile:
@@ -73,6 +76,7 @@ def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> Frames
         _stamps(path, arrays, len(voltages)),
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
+        _row_period(path, arrays),
     )
 
 
@@ -113,13 +117,16 @@ def save_frames(
     voltages: np.ndarray,
     grounded: np.ndarray,
     stamps: np.ndarray,
+    row_period: float = 0.0,
 ) -> None:
     """Write voltages (N, L, E) V, grounded (L,), stamps (N,) s, and the scene's truth at these.
 
-    The truth is JSON, a list of contacts for each frame. Beside these layout_id, drive_voltage (V)
-    and contact_law (coefficient, exponent), empty if none.
+    The truth is JSON, a list of contacts for each frame. Beside these layout_id, drive_voltage (V),
+    row_period (s), contact_law (coefficient, exponent), empty if none, and, where the rows of a
+    frame differ in time, truth_last: the truth at the time of each frame's last row.
     """
     law = scene.contact_law
+    last = stamps + row_period * (len(grounded) - 1)
     content = {
         "voltages": voltages.astype(np.float32),
         "grounded": grounded.astype(np.uint16),
@@ -127,8 +134,11 @@ def save_frames(
         "truth": json.dumps([scene.truth(t) for t in stamps]),
         "layout_id": layout.id,
         "drive_voltage": scene.drive_voltage,
+        "row_period": float(row_period),
         "contact_law": [] if law is None else [law.coefficient, law.exponent],
     }
+    if row_period > 0:
+        content["truth_last"] = json.dumps([scene.truth(t) for t in last])
     save_arrays(path, content)
 
 
@@ -144,6 +154,13 @@ def _drive_voltage(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> fl
         return None
     (volts,) = _numbers(path, "drive_voltage", arrays["drive_voltage"], 1)
     return checks.positive(volts, f"{path}: drive_voltage", "voltage in V")
+
+
+def _row_period(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> float:
+    if "row_period" not in arrays:
+        return 0.0
+    (seconds,) = _numbers(path, "row_period", arrays["row_period"], 1)
+    return checks.not_negative(seconds, f"{path}: row_period", "time in s")
 
 
 def _stamps(

@@ -12,7 +12,15 @@ import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact, ContactLaw, read_contact
-from tomotactile_ros.defects import Adc, Defects, Noise, read_adc, read_defects, read_section
+from tomotactile_ros.defects import (
+    Adc,
+    Defects,
+    Noise,
+    named_defects,
+    read_adc,
+    read_defects,
+    read_section,
+)
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
 from tomotactile_ros.layout import Layout
@@ -33,6 +41,7 @@ class Scene:
     contact_law : makes a pressure a conductance; None: all contacts are bare conductors at the
         drive voltage and their pressure is only part of the truth.
     noise, adc, defects : of the measurement.
+    own_reading : the grounded electrode is read, too: what drops between it and ground.
     layout : name of the layout that the scene was made for, or None for any.
     """
 
@@ -44,6 +53,7 @@ class Scene:
     adc: Adc | None = None
     defects: Defects = field(default_factory=Defects)
     layout: str | None = None
+    own_reading: bool = False
 
     def __post_init__(self):
         checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
@@ -66,6 +76,7 @@ class Scene:
                     f"{place}defects.{key}: electrode {max(numbers)} does not exist, "
                     f"{layout.name} has 0 to {layout.electrodes - 1}"
                 )
+        self.defects.channels.check(layout.electrodes, f"{place}defects.")
 
     def truth(self, t: float) -> list[dict]:
         """What really touches at the time ``t`` (s), in the order of the scene.
@@ -78,6 +89,8 @@ class Scene:
     def save(self, path: str | os.PathLike) -> None:
         """Write the scene as YAML; an existing file is replaced whole or not at all."""
         content = {"format": FORMAT, "drive_voltage": float(self.drive_voltage)}
+        if self.own_reading:
+            content["own_reading"] = True
         if self.layout is not None:
             content["layout"] = self.layout
         content["contacts"] = [contact.to_dict() for contact in self.contacts]
@@ -86,8 +99,7 @@ class Scene:
                 content[key] = dict(vars(getattr(self, key)))
         defects = {
             key: dict(vars(value)) if hasattr(value, "__dict__") else value
-            for key, value in vars(self.defects).items()
-            if value
+            for key, value in named_defects(self.defects)
         }
         if defects:
             content["defects"] = defects
@@ -99,7 +111,15 @@ def load_scene(path: str | os.PathLike) -> Scene:
     path = find_config("scenes", path)
     reader = Reader.open(path, FORMAT)
     reader.only(
-        "format", "drive_voltage", "layout", "contacts", "contact_law", "noise", "adc", "defects"
+        "format",
+        "drive_voltage",
+        "layout",
+        "contacts",
+        "contact_law",
+        "noise",
+        "adc",
+        "defects",
+        "own_reading",
     )
     return reader.build(
         Scene,
@@ -111,6 +131,7 @@ def load_scene(path: str | os.PathLike) -> Scene:
         adc=read_adc(reader),
         defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
         layout=reader.text("layout", None),
+        own_reading=reader.flag("own_reading"),
     )
 
 

@@ -1,24 +1,28 @@
 """Frames of a scene on a layout, with everything that the scene says is wrong.
 
-Physics first (`sheet`), then the measurement in the order in which hardware does it: wiring, noise
-and hum on the wire, drift of the amplifier, conversion, dead channels. What a scene does not name
-costs nothing. The same scene, seed, time and sequence number give the same frame on every machine.
+Rows are taken one after another, each of the sheet as it is at its own time. Physics first
+(`sheet`), then the measurement in the order in which hardware does it: wiring, what a row keeps of
+the one before, noise and hum on the wire, gain, offset and drift of the amplifier, stuck channels,
+conversion, dead channels. What a scene does not name costs nothing. The same scene, seed, time and
+sequence number give the same frame on every machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tomotactile_ros import checks
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.defects import SheetVariation
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet import MODELS, make_sheet
-from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.contacts import Patches, contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.rows import moving_rows
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
@@ -37,17 +41,29 @@ class Simulator:
     layout, scene : what to simulate
     model : `fem` by default, so that data and images never share a model; or of `sheet.MODELS`
     h : element size of the mesh, m
+    row_period : s from one row to the next; 0 for frames that are taken all at once
+    order : electrodes that are grounded, row after row, in any order and as often as one likes; all
+        in turn without it
 
     Raises InputError where the scene does not fit the layout or the model cannot do what it names.
     """
 
-    def __init__(self, layout: Layout, scene: Scene, model: str = "fem", *, h: float | None = None):
+    def __init__(
+        self,
+        layout: Layout,
+        scene: Scene,
+        model: str = "fem",
+        *,
+        h: float | None = None,
+        row_period: float = ROW_PERIOD,
+        order: Sequence[int] | None = None,
+    ):
         if model not in MODELS:
             raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
         scene.check(layout)
         self.layout, self.scene = layout, scene
-        self.grounded = np.arange(layout.electrodes)
-        self.row_period = ROW_PERIOD
+        self.row_period = checks.not_negative(row_period, "row_period", "time in s")
+        self.grounded = _scan_order(order, layout.electrodes)
         longest = max(layout.outline.size)
         variation = scene.defects.sheet_variation
         resistance = None
@@ -57,7 +73,20 @@ class Simulator:
         self._step = longest / _PATCHES
         self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.sheet.prepare(self._paths())
-        self._last: tuple[list, np.ndarray] | None = None
+        self._set_wiring()
+        self._kept: tuple[tuple, np.ndarray] | None = None
+
+    def _set_wiring(self):
+        """What hangs on each electrode: its wire, its channel, what lies between it and ground."""
+        defects, electrodes = self.scene.defects, self.layout.electrodes
+        self._wire = np.arange(electrodes)  # electrode that each channel is connected with
+        for first, second in defects.swapped:
+            self._wire[[first, second]] = self._wire[[second, first]]
+        self._channels = defects.channels.of(electrodes)
+        self._to_ground = np.full(electrodes, float(defects.switch_resistance))
+        if self._channels.ground_resistance is not None:
+            self._to_ground += self._channels.ground_resistance
+        self._to_ground[self._channels.open] = np.inf
 
     @property
     def model(self) -> str:
@@ -67,47 +96,110 @@ class Simulator:
     def frame(self, t: float, sequence: int = 0) -> np.ndarray:
         """(L, E) voltages, V, of the frame that starts at `t` (s); NaN: no valid reading.
 
-        `sequence` numbers the frame: it chooses the noise.
+        Row i shows the sheet at `t + i * row_period`. `sequence` numbers the frame: it chooses the
+        noise.
         """
-        voltages = self.ideal_frame(t).copy()
-        defects, scene = self.scene.defects, self.scene
-        for first, second in defects.swapped:
-            voltages[[first, second]] = voltages[[second, first]]
-            voltages[:, [first, second]] = voltages[:, [second, first]]
-        times = t + self.row_period * np.arange(len(self.grounded))
+        return self._measure(t, self.grounded, self.grounded[-1], sequence)
+
+    def row(self, t: float, electrode: int, sequence: int = 0, before: int | None = None):
+        """(E,) voltages, V, of a single row that is taken at `t` (s) with `electrode` grounded.
+
+        Parameters
+        ----------
+        sequence : number of the row, chooses its noise
+        before : the electrode that was grounded one row period earlier, for scenes whose channels
+            do not settle; the one in front of `electrode` in the scan without it
+        """
+        grounded = _scan_order([electrode], self.layout.electrodes)
+        if before is None:
+            place = np.flatnonzero(self.grounded == electrode)
+            before = self.grounded[place[0] - 1] if len(place) else electrode
+        return self._measure(t, grounded, before, sequence)[0]
+
+    def ideal_frame(self, t: float) -> np.ndarray:
+        """(L, E) voltages before anything is wrong with their measurement."""
+        rows = self._rows(t + self.row_period * np.arange(len(self.grounded)), self.grounded)
+        if not self.scene.own_reading:
+            rows[np.arange(len(rows)), self.grounded] = np.nan
+        return rows
+
+    def _measure(self, t, grounded, before, sequence):
+        """(L, E) readings of rows from `t` on; `before` was grounded in the row before them."""
+        defects, scene, channels = self.scene.defects, self.scene, self._channels
+        times = t + self.row_period * np.arange(len(grounded))
+        if channels.settling is None:
+            voltages = self._rows(times, self._wire[grounded])[:, self._wire]
+        else:
+            scan = self._wire[np.concatenate([[before], grounded])]
+            rows = self._rows(np.concatenate([[t - self.row_period], times]), scan)
+            voltages = channels.settled(rows[:, self._wire])
+        if not scene.own_reading:
+            voltages[np.arange(len(grounded)), grounded] = np.nan
         if scene.noise is not None and scene.noise.rms > 0:
             random = np.random.default_rng([scene.noise.seed, sequence])
             voltages += scene.noise.rms * random.standard_normal(voltages.shape)
         if defects.hum is not None:
             hum = defects.hum.amplitude * np.sin(2 * np.pi * defects.hum.frequency * times)
             voltages += hum[:, None]
+        channels.amplify(voltages)
         if defects.drift is not None:
             drift = defects.drift
             phases = 2 * np.pi * np.random.default_rng(drift.seed).random(voltages.shape[1])
             voltages += drift.amplitude * np.sin(2 * np.pi * times[:, None] / drift.period + phases)
+        channels.stick(voltages)
         if scene.adc is not None:
             voltages = convert(voltages, scene.adc.bits, scene.adc.range)
         voltages[:, list(defects.dead)] = np.nan
         return voltages
 
-    def ideal_frame(self, t: float) -> np.ndarray:
-        """(L, E) voltages before anything is wrong with their measurement."""
-        now = [contact.at(t) for contact in self.scene.contacts]
-        if self._last is None or not _same(now, self._last[0]):
-            self._last = now, self._solve(now)
-        return self._last[1]
+    def _rows(self, times, grounded):
+        """(L, E) potentials of all electrodes at `times` (L,), each with its own one grounded."""
+        first, last = times.min(), times.max()
+        if not any(changes(contact, first, last) for contact in self.scene.contacts):
+            return self._resting(self._present(first))[grounded]
+        states = [self._present(t) for t in times]
+        alike: dict[tuple, list[int]] = {}
+        for row, state in enumerate(states):
+            alike.setdefault(tuple(map(id, state)), []).append(row)
+        out = np.empty((len(times), self.layout.electrodes))
+        for rows in alike.values():
+            if len(rows) > 1:
+                out[rows] = self._resting(states[rows[0]])[grounded[rows]]
+        alone = [rows[0] for rows in alike.values() if len(rows) == 1]
+        if alone:
+            out[alone] = moving_rows(
+                self.sheet,
+                [self._touching(states[row]) for row in alone],
+                grounded[alone],
+                self.scene.drive_voltage,
+                self._to_ground,
+            )
+        return out
 
-    def _solve(self, contacts):
-        present = [
+    def _resting(self, state):
+        """(E, E) potentials with each electrode grounded in turn while nothing changes; kept."""
+        if self._kept is None or not _same(state, self._kept[0]):
+            touching = self._touching(state)
+            voltages = frame(
+                *contact_points(self.sheet, touching),
+                self.scene.drive_voltage,
+                switch_resistance=self._to_ground,
+                own_reading=True,
+            )
+            self._kept = state, voltages
+        return self._kept[1]
+
+    def _present(self, t: float) -> tuple:
+        """What the scene's contacts are at the time `t` (s): equal objects mean an equal state."""
+        return tuple(contact.at(t) for contact in self.scene.contacts)
+
+    def _touching(self, state: tuple) -> list[tuple[Patches, float]]:
+        """Patches of each contact that is there, and its conductance, S/m^2 (one, or of each)."""
+        return [
             (contact.patches(across), self._conductance(contact))
-            for contact, across in zip(contacts, self._across)
+            for contact, across in zip(state, self._across)
             if contact is not None
         ]
-        return frame(
-            *contact_points(self.sheet, present),
-            self.scene.drive_voltage,
-            switch_resistance=self.scene.defects.switch_resistance,
-        )
 
     def _paths(self):
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
@@ -133,6 +225,27 @@ def patches_across(contact: Contact, longest: float) -> int:
     """Patches to the width of a contact on a sheet whose longer side is `longest` (m)."""
     width = np.ptp(contact.vertices, axis=0).max()
     return int(np.clip(np.ceil(width / longest * _PATCHES - _TINY), *_ACROSS))
+
+
+def changes(contact: Contact, first: float, last: float) -> bool:
+    """Whether a contact begins, ends or moves between the times `first` and `last`, s, both included."""
+    if last < contact.start or contact.end <= first:
+        return False
+    inside = contact.start <= first and last < contact.end
+    return not inside or (last > first and bool(contact.velocity.any()))
+
+
+def _scan_order(order, electrodes: int) -> np.ndarray:
+    """(L,) electrodes that are grounded in turn."""
+    if order is None:
+        return np.arange(electrodes)
+    found = np.asarray(order)
+    if found.ndim != 1 or not found.size or found.dtype.kind not in "iu":
+        raise InputError(f"order: {checks.show(order)} is not a list of electrodes")
+    if found.min() < 0 or found.max() >= electrodes:
+        wrong = found.min() if found.min() < 0 else found.max()
+        raise InputError(f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}")
+    return found.astype(np.intp)
 
 
 def _same(first, second) -> bool:

@@ -123,6 +123,13 @@ class Reader:
         value = self._value(key, default)
         return value if value is default else self._integer(value, key)
 
+    def flag(self, key: str) -> bool:
+        """true or false; false if the key is not there."""
+        value = self._value(key, False)
+        if not isinstance(value, bool):
+            self.refuse(key, value, "is neither true nor false")
+        return value
+
     def text(self, key: str, default: str | None = _REQUIRED) -> str:
         """A text that is not blank."""
         value = self._value(key, default)

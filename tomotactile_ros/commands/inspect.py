@@ -11,6 +11,7 @@ import numpy as np
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.contact import Contact
+from tomotactile_ros.defects import named_defects
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
 from tomotactile_ros.frames_file import contacts_of, load_arrays
@@ -86,9 +87,10 @@ def _describe_scene(scene, layout):
         value = getattr(scene, key)
         if value is not None:
             yield f"  {key:17} " + ", ".join(f"{k} {v:g}" for k, v in vars(value).items())
-    for key, value in vars(scene.defects).items():
-        if value:
-            yield f"  {key:17} {_short(value)}"
+    for key, value in named_defects(scene.defects):
+        yield f"  {key:17} {_short(value)}"
+    if scene.own_reading:
+        yield "  own_reading       the grounded electrode is read, too"
     yield f"  on {layout.name}, contacts where they begin (#), electrodes (o)"
     canvas = _Canvas(layout.outline)
     for contact in scene.contacts:
@@ -118,6 +120,7 @@ def _describe_arrays(path):
         yield f"  {key:14} {value.dtype.name if value.dtype.kind != 'U' else 'text'} {value.shape}"
     if _is_stack(content.get("voltages")):
         yield from _describe_voltages(content["voltages"])
+        yield f"  {_row_times(content.get('row_period'))}"
     if _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
         yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
@@ -125,6 +128,13 @@ def _describe_arrays(path):
     for key in ("truth", "contacts"):
         if key in content:
             yield from _describe_contacts(key, contacts_of(path, key, content[key]))
+
+
+def _row_times(row_period):
+    """What a file of frames says about the times of its rows."""
+    if row_period is None or not np.any(row_period):
+        return "rows of a frame all at once, or their times are not known"
+    return f"row i of a frame at its stamp + i x {show(np.ravel(row_period).tolist()[0])} s"
 
 
 def _is_stack(array):

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
+from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import check_folder
 from tomotactile_ros.frames_file import save_frames
@@ -13,7 +14,7 @@ from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 HELP = "simulate the voltage frames of a scene"
 
@@ -23,7 +24,14 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, help="scene file or name of an installed one")
     parser.add_argument("--frames", required=True, type=int, help="number of frames")
     parser.add_argument("--out", required=True, help="file to write (.npz)")
-    parser.add_argument("--rate", type=float, help="frames per second (default: 1 ms a row)")
+    parser.add_argument(
+        "--rate", type=float, help="frames per second (default: one behind the other)"
+    )
+    parser.add_argument(
+        "--row-period",
+        type=float,
+        help="s from row to row, 0 for all at once (default: 1e-3, less where --rate asks for it)",
+    )
     parser.add_argument("--model", default="fem", choices=MODELS, help="physics (default: fem)")
 
 
@@ -33,15 +41,31 @@ def run(args: Namespace) -> None:
         raise InputError(f"--frames: {args.frames} is not a positive number of frames")
     if args.rate is not None and not 0 < args.rate < 1e6:
         raise InputError(f"--rate: {args.rate:g} is not between 0 and 1e6 frames per second")
+    row_period, rate = _pace(args.row_period, args.rate, layout.electrodes)
     check_folder(args.out)
-    simulator = Simulator(layout, scene, args.model)
-    rate = args.rate or 1 / (simulator.row_period * len(simulator.grounded))
+    simulator = Simulator(layout, scene, args.model, row_period=row_period)
     stamps = np.arange(args.frames) / rate
     voltages = np.stack(
         [simulator.frame(t, n) for n, t in enumerate(track(stamps, "simulating frames"))]
     )
-    save_frames(args.out, layout, scene, voltages, simulator.grounded, stamps)
+    save_frames(args.out, layout, scene, voltages, simulator.grounded, stamps, row_period)
+    rows = f"rows {1e3 * row_period:.3g} ms apart" if row_period else "rows all at once"
     print(
         f"{args.out}: {args.frames} frames of {layout.name} under {scene.name}, "
-        f"{rate:.3g} per second, by model {simulator.model}"
+        f"{rate:.3g} per second, {rows}, by model {simulator.model}"
     )
+
+
+def _pace(row_period: float | None, rate: float | None, rows: int) -> tuple[float, float]:
+    """Row period, s, and frames per second: what was asked for, the other to fit."""
+    if row_period is None:
+        row_period = ROW_PERIOD if rate is None else min(ROW_PERIOD, 1 / (rate * rows))
+    checks.not_negative(row_period, "--row-period", "time in s")
+    if rate is None:
+        rate = 1 / (rows * (row_period or ROW_PERIOD))
+    if rate * rows * row_period > 1 + 1e-9:
+        raise InputError(
+            f"--row-period: {rows} rows of {row_period:g} s last longer than a frame at "
+            f"{rate:g} frames per second"
+        )
+    return row_period, rate

@@ -19,7 +19,11 @@ _BLOCK = 16  # rows converted at a time: one by one costs more, all at the end t
 
 @dataclass(frozen=True, eq=False)
 class RowsOfFrame:
-    """A frame in device time; `frame_time` and `last_sample` in µs, voltages (L, E) in V."""
+    """A frame in device time; `frame_time` and `last_sample` in µs, voltages (L, E) in V.
+
+    `row_period` (µs) is the median time from the end of one row to the end of the next, so that a
+    row that was late or a counter that slipped does not move it; 0 where no row tells.
+    """
 
     voltages: np.ndarray
     grounded: np.ndarray
@@ -28,6 +32,7 @@ class RowsOfFrame:
     last_sample: int
     drive_voltage: float
     missing: int
+    row_period: float
 
 
 @dataclass
@@ -122,7 +127,8 @@ class FrameAssembler:
         self._received = [False] * self._shape[0]
         self._missing = self._shape[0]
         self._block: list[Row] = []
-        self._row_end, self._drive_voltage = 0, 0.0
+        self._ends = np.full(self._shape[0], -1)
+        self._drive_voltage = 0.0
 
     def _convert(self) -> None:
         """Make voltages of the rows that wait; few are left to do when the last one comes."""
@@ -132,7 +138,7 @@ class FrameAssembler:
         voltages[counts == NO_READING] = np.nan
         voltages[np.arange(len(rows)), [row.grounded for row in rows]] = np.nan
         self._voltages[[row.row for row in rows]] = voltages
-        self._row_end = max(self._row_end, *(row.row_end for row in rows))
+        self._ends[[row.row for row in rows]] = [row.row_end for row in rows]
         self._drive_voltage = rows[-1].drive_voltage
 
     def _finish(self) -> None:
@@ -147,7 +153,15 @@ class FrameAssembler:
             self._grounded.astype(np.uint16),
             sequence,
             frame_time,
-            frame_time + self._row_end,
+            frame_time + int(self._ends.max()),
             self._drive_voltage,
             self._missing,
+            row_period(self._ends),
         )
+
+
+def row_period(ends: np.ndarray) -> float:
+    """Median distance of the ends (L,) of rows, -1 for those that are missing; the first begins at 0."""
+    known = np.flatnonzero(ends >= 0)
+    distances = np.diff(ends[known], prepend=0) / np.diff(known, prepend=-1)
+    return max(0.0, float(np.median(distances)))

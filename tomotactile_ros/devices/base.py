@@ -20,12 +20,13 @@ from tomotactile_ros.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One scan of the sheet: every electrode grounded in turn, all others read.
+    """One scan of the sheet: electrodes grounded one after another, all others read.
 
     Attributes
     ----------
     voltages : (L, E) float32, V
-        One row per ground condition; NaN where there is no valid reading.
+        One row per ground condition; NaN where there is no valid reading.  The grounded electrode's
+        own entry may hold what it reads, or NaN.
     grounded : (L,) uint16
         The grounded electrode of each row.
     sequence : int
@@ -33,6 +34,8 @@ class Frame:
     stamp : float, s
         Start of the frame's first row, Unix time.
     drive_voltage : float, V
+    row_period : float, s
+        Row i was taken at stamp + i * row_period; 0: all at once, or not known.
     """
 
     voltages: np.ndarray
@@ -40,6 +43,7 @@ class Frame:
     sequence: int
     stamp: float
     drive_voltage: float
+    row_period: float = 0.0
 
 
 def unix_time(monotonic: float) -> float:

@@ -84,6 +84,10 @@ class DeviceClock:
         elapsed = device - self._device0
         return self._host0 + elapsed * (1.0 + self._slope) + self._intercept
 
+    def duration(self, device: float) -> float:
+        """What a short time by the `device` clock is by the host's."""
+        return device * (1.0 + self._slope)
+
     def stamp(self, device: float) -> float:
         """Host time of `device`, later than every stamp before by `LEAST_STEP` or more."""
         self._last_mapped = max(self.to_host(device), self._last_mapped + self.LEAST_STEP)

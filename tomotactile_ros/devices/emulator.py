@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable
 from itertools import takewhile
 
+import numpy as np
+
 from tomotactile_ros.command_line import Parser
 from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
@@ -121,15 +123,20 @@ def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
         )
     scene = load_scene(arguments.scene)
     simulator = Simulator(layout, scene)
-    simulator.row_period = 1.0 / (arguments.rate * layout.electrodes)
-    return EmulatedDevice(
-        simulator.frame,
+
+    def scan(t: float, sequence: int) -> np.ndarray:
+        simulator.row_period = device.row_period
+        return simulator.frame(t, sequence)
+
+    device = EmulatedDevice(
+        scan,
         layout.electrodes,
         rate=arguments.rate,
         adc_bits=scene.adc.bits if scene.adc else 16,
         range=scene.adc.range if scene.adc else scene.drive_voltage,
         drive_voltage=scene.drive_voltage,
     )
+    return device
 
 
 def _interrupt(signum: int, frame: object) -> None:

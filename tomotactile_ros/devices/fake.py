@@ -64,7 +64,9 @@ class FakeDevice(ThreadedDevice):
             self._set_state("streaming", f"simulated, {self._rate:g} frames/s")
             stamp = unix_time(start)
             drive = self._simulator.scene.drive_voltage
-            self._deliver(Frame(voltages, self._grounded, sequence, stamp, drive), end)
+            row_period = self._simulator.row_period
+            frame = Frame(voltages, self._grounded, sequence, stamp, drive, row_period)
+            self._deliver(frame, end)
             behind = int((time.monotonic() - end) / period)
             self._skipped += behind
             sequence += 1 + behind

@@ -66,6 +66,11 @@ class EmulatedDevice:
         self._readings: list[bytes] = []
         self._rate_changed = False
 
+    @property
+    def row_period(self) -> float:
+        """Time from one row of the frame under way to the next, s."""
+        return self._period / self.rows
+
     def receive(self, data: bytes, now: float) -> bytes:
         """Carry out the commands in `data`; return the answers. `now` as for `rows_due`."""
         return b"".join(self._answer(packet, now) for packet in self._parser.feed(data))

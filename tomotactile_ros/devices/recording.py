@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,13 @@ def load_recording(
     first = frames[0]
     for frame in frames:
         _check_alike(path, frame, first)
-    voltages = np.array([frame.voltages for frame in frames])
-    return FramesFile(voltages, first.grounded, first.drive_voltage)
+    return FramesFile(
+        np.array([frame.voltages for frame in frames]),
+        first.grounded,
+        first.drive_voltage,
+        np.array([frame.stamp for frame in frames]),
+        row_period=float(np.median([frame.row_period for frame in frames])),
+    )
 
 
 def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Iterator[Frame]:
@@ -90,6 +96,7 @@ def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Ite
         if np.isinf(frame.voltages).any():
             raise InputError(f"{where}: a voltage is infinite; NaN marks an invalid reading")
         checks.positive(frame.drive_voltage, f"{where}: drive_voltage", "voltage in V")
+        checks.not_negative(frame.row_period, f"{where}: row_period", "time in s")
         yield frame
     if frame is None:
         raise InputError(f"{path}: holds no frame")
@@ -112,7 +119,14 @@ def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iter
         raise InputError(f"{path}: stamps: is missing, the time of each frame in s is needed")
     drive = loaded.drive_voltage or drive_voltage
     for sequence, (voltages, stamp) in enumerate(zip(loaded.voltages, loaded.stamps)):
-        yield Frame(voltages.astype(np.float32), loaded.grounded, sequence, float(stamp), drive)
+        yield Frame(
+            voltages.astype(np.float32),
+            loaded.grounded,
+            sequence,
+            float(stamp),
+            drive,
+            loaded.row_period,
+        )
 
 
 def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
@@ -125,7 +139,7 @@ def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
             connections = [c for c in reader.connections if c.msgtype == MESSAGE]
             _check_topics(path, connections)
             for connection, _, data in reader.messages(connections):
-                message = reader.deserialize(data, connection.msgtype)
+                message = _deserialize(reader, data)
                 if layout_id not in (None, message.layout_id):
                     raise InputError(
                         f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
@@ -137,6 +151,14 @@ def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
     except Exception as error:  # noqa: BLE001 - a damaged bag ends in errors of many kinds
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: not a readable rosbag2 ({reason})") from None
+
+
+def _deserialize(reader, data: bytes):
+    """A message of the bag; one of before there was a row period where the bag does not say."""
+    try:
+        return reader.deserialize(data, MESSAGE)
+    except Exception:  # noqa: BLE001 - too short, in whatever words
+        return _typestore(without="float32 row_period").deserialize_cdr(data, MESSAGE)
 
 
 def _check_topics(path: Path, connections: list) -> None:
@@ -163,14 +185,18 @@ def _frame_of_message(path: Path, message: object) -> Frame:
         int(message.sequence),
         stamp,
         float(message.drive_voltage),
+        float(getattr(message, "row_period", 0.0)),
     )
 
 
-def _typestore():
+@cache
+def _typestore(without: str = ""):
+    """Types of ROS 2 and this package's frame, or an older one `without` a line."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     typestore = get_typestore(Stores.ROS2_HUMBLE)
-    typestore.register(get_types_from_msg(_definition(), MESSAGE))
+    lines = [line for line in _definition().splitlines() if line != without]
+    typestore.register(get_types_from_msg("\n".join(lines), MESSAGE))
     return typestore
 
 

@@ -258,10 +258,15 @@ class SerialDevice(ThreadedDevice):
         self._framed = arrival
         if self._state[0] != "streaming":
             self._set_state("streaming", self._describe())
-        self._deliver(
-            Frame(rows.voltages, rows.grounded, rows.sequence, stamp, rows.drive_voltage),
-            self._clock.to_host(1e-6 * rows.last_sample),
+        frame = Frame(
+            rows.voltages,
+            rows.grounded,
+            rows.sequence,
+            stamp,
+            rows.drive_voltage,
+            self._clock.duration(1e-6 * rows.row_period),
         )
+        self._deliver(frame, self._clock.to_host(1e-6 * rows.last_sample))
         self._clock.fit()
 
 

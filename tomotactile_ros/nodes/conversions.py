@@ -42,6 +42,7 @@ def frame_to_message(frame: Frame, layout_id: str, header: Header) -> VoltageFra
         sequence=frame.sequence % 2**32,
         layout_id=layout_id,
         drive_voltage=float(frame.drive_voltage),
+        row_period=float(frame.row_period),
         electrodes=frame.voltages.shape[1],
         grounded=_filled("H", frame.grounded, np.uint16),
     )
@@ -66,6 +67,7 @@ def message_to_frame(message: VoltageFrame) -> Frame:
         sequence=message.sequence,
         stamp=stamp_of(message.header),
         drive_voltage=message.drive_voltage,
+        row_period=message.row_period,
     )
 
 
@@ -83,6 +85,8 @@ def check_frame(frame: Frame, layout: Layout) -> None:
         )
     if not (np.isfinite(frame.drive_voltage) and frame.drive_voltage > 0):
         raise InputError(f"the drive voltage is {frame.drive_voltage:g} V, it must be positive")
+    if not (np.isfinite(frame.row_period) and frame.row_period >= 0):
+        raise InputError(f"the row period is {frame.row_period:g} s, it must be 0 or positive")
     largest = np.fmax.reduce(np.abs(frame.voltages), axis=None)
     if np.isnan(largest):
         raise InputError("no voltage is valid")

@@ -2,7 +2,10 @@
 
 For each ground condition l, contacts C with resistances r_C to the driving layer at V0 obey
 
-    (Z_l(C, C) + diag(r_C)) I_C = V0 1,        v_n = Z_l(n, C) I_C  (+ r_s sum(I_C) behind a switch)
+    (Z_l(C, C) + R_l + diag(r_C)) I_C = V0 1,        v_n = (Z_l(n, C) + R_l) I_C
+
+with R_l for what lies between electrode l and ground: it lifts the grounded electrode itself to
+R_l sum(I_C), and everything on the sheet with it.
 
 `Z_l` differs from the ungrounded `G` by a matrix of rank two, so one factorisation of
 `A = G(C, C) + diag(r_C)` serves all l but those under a contact. With `a = A^-1 1`,
@@ -24,7 +27,8 @@ def frame(
     drive_voltage: float,
     *,
     grounded: ArrayLike | None = None,
-    switch_resistance: float = 0.0,
+    switch_resistance: ArrayLike = 0.0,
+    own_reading: bool = False,
 ) -> np.ndarray:
     """Voltages of one frame.
 
@@ -34,7 +38,9 @@ def frame(
     resistance : (K,) contact resistance of each point, ohm; 0 is a bare conductor at the drive
         voltage, infinity is no contact
     grounded : (L,) grounded electrode of each row; all electrodes in turn without it
-    switch_resistance : between the grounded electrode and ground, ohm
+    switch_resistance : between the grounded electrode and ground, ohm; one for all, or (E,);
+        infinite where it is never grounded: its row is at the drive voltage if anything touches
+    own_reading : what the grounded electrode itself is at instead of NaN
 
     Returns
     -------
@@ -42,6 +48,7 @@ def frame(
     conductor on the very electrode that is grounded is a short circuit: ground wins there.
     """
     electrodes = transfer.electrodes
+    to_earth = np.broadcast_to(np.asarray(switch_resistance, float), electrodes)
     grounded = np.arange(electrodes) if grounded is None else np.asarray(grounded, int)
     resistance = np.asarray(resistance, float)
     out = np.zeros((len(grounded), electrodes))
@@ -52,21 +59,26 @@ def frame(
     green = contacts.among(np.arange(len(touching)))
     under_contact = np.zeros(electrodes + 1, bool)  # the last for contacts on no electrode
     under_contact[contacts.electrode_of] = True
-    covered = under_contact[grounded]
-    if len(touching) and not covered.all():
-        out[~covered] = _rows(
+    open_wire = np.isinf(to_earth[grounded])
+    covered = under_contact[grounded] & ~open_wire
+    alone = ~covered & ~open_wire
+    if len(touching):
+        out[open_wire] = drive_voltage
+    if len(touching) and alone.any():
+        out[alone] = _rows(
             green + np.diag(resistance),
             contacts.electrode_point,
             transfer.electrode_electrode,
-            grounded[~covered],
+            grounded[alone],
             drive_voltage,
-            switch_resistance,
+            to_earth[grounded[alone]],
         )
     for row in np.flatnonzero(covered):
         out[row] = _row_under_contact(
-            contacts, green, resistance, grounded[row], drive_voltage, switch_resistance
+            contacts, green, resistance, grounded[row], drive_voltage, to_earth[grounded[row]]
         )
-    out[np.arange(len(grounded)), grounded] = np.nan
+    if not own_reading:
+        out[np.arange(len(grounded)), grounded] = np.nan
     return out
 
 
