@@ -126,6 +126,7 @@ def test_full_mode_covers_every_choice():
     assert set(cases.quick_cases()) <= set(full)
     measured = {part.name for part in run.parts("full")}
     assert {"trade equal-16x16 80²", "peers", "growth", "stability"} <= measured
+    assert {"time", "channels", "sheets", "layouts", "crowd"} <= measured
 
 
 def test_what_is_left_out_is_said(monkeypatch):
@@ -421,6 +422,7 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "1000")
     for module in (peers, growth):
         monkeypatch.setattr(module, "_SECONDS", 0.0)
+    monkeypatch.setattr(run, "SENSOR", ("crowd",))
     some = stability.trials()[-3:]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
@@ -429,8 +431,9 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     result = json.loads(out.read_text())
     assert set(result) == {
         "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "auto", "peers",
-        "growth", "stability",
+        "growth", "stability", "sensor",
     }  # fmt: skip
+    assert {row["method"] for row in result["sensor"]["crowd"]} == set(cases.PROFILES)
     assert result["machine"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert {path.name for path in out.parent.iterdir()} == {
         "bench.json", "bench-front.png", "bench-growth.png",
