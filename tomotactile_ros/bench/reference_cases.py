@@ -1,0 +1,369 @@
+"""The states of sheets of which the benchmark keeps reference data: families, seeded.
+
+A family is one layout, sheets of it, and states: what presses on which sheet. Pressures become
+conductances by the contact law of the settings' default (g = 1e-4 p, S/m^2 and Pa).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from zlib import crc32
+
+import numpy as np
+import shapely
+
+from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.reference_mesh import Ellipse, Shape, disc
+from tomotactile_ros.bench.trials import LAW
+from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region, regular_polygon
+from tomotactile_ros.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
+
+SIDE, RESISTANCE = 0.2, 1e4  # m, ohm/sq
+_LENGTH = 0.05  # m, correlation length of uneven sheets
+
+
+@dataclass(frozen=True)
+class Press:
+    """One contact: its form, its words, and the pressure in Pa."""
+
+    shape: Shape
+    words: str
+    pressure: float
+
+    @property
+    def conductance(self) -> float:
+        """S/m^2."""
+        return float(LAW.conductance(self.pressure))
+
+
+@dataclass(frozen=True)
+class State:
+    """What presses, the number of the sheet that it presses on, and the case that it belongs to."""
+
+    case: str
+    contacts: list[Press]
+    sheet: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """An uneven sheet and its words."""
+
+    words: str = "even"
+    field: SheetField = field(default_factory=SheetField)
+    variation: SheetVariation | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """States of one layout; the npz file of its data has its name."""
+
+    name: str
+    layout: Layout
+    states: list[State]
+    sheets: list[Sheet]
+
+
+def truth(press: Press, outline: Outline) -> dict:
+    """What is there to be found: of the part that lies on the sheet.
+
+    x, y : centroid, m; area : m^2; radius : of the disc of that area, m; pressure : Pa; force : N;
+    conductance : S/m^2; shape, center, and disc_radius of a disc.
+    """
+    shape = press.shape
+    corners = (
+        shape.shell
+        if isinstance(shape, Region)
+        else shapely.get_coordinates(_polygon_of(shape))[:-1]
+    )
+    holes = shape.holes if isinstance(shape, Region) else ()
+    sheet = shapely.Polygon(outline.shell, outline.holes)
+    part = shapely.Polygon(corners, holes).intersection(sheet)
+    content = {
+        "shape": press.words,
+        "x": part.centroid.x,
+        "y": part.centroid.y,
+        "area": part.area,
+        "radius": math.sqrt(part.area / math.pi),
+        "pressure": press.pressure,
+        "force": press.pressure * part.area,
+        "conductance": press.conductance,
+    }
+    if isinstance(shape, Ellipse):
+        content["center"] = [float(each) for each in shape.center]
+        if press.words == "disc":
+            content["disc_radius"] = shape.semi_axes[0]
+    return content
+
+
+def _polygon_of(ellipse: Ellipse, corners: int = 256) -> shapely.Polygon:
+    angle = 2 * np.pi / corners * np.arange(corners)
+    same_area = math.sqrt(2 * np.pi / corners / math.sin(2 * np.pi / corners))
+    a, b = same_area * np.array(ellipse.semi_axes)
+    points = np.column_stack([a * np.cos(angle), b * np.sin(angle)])
+    return shapely.Polygon(_turned(points, ellipse.angle) + ellipse.center)
+
+
+def _turned(points, degrees):
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return points @ np.array([[cos, sin], [-sin, cos]])
+
+
+# -- layouts ------------------------------------------------------------------------------------
+
+
+def void() -> Layout:
+    """8 x 8 without its four central electrodes."""
+    grid = find_layout("equal-8x8")
+    kept = np.setdiff1d(np.arange(64), [27, 28, 35, 36])
+    return Layout("void-60", grid.outline, RESISTANCE, grid.radius, grid.positions[kept])
+
+
+def random_places() -> Layout:
+    """40 electrodes at random places, 18 mm apart at least."""
+    random, places = np.random.default_rng(40), []
+    while len(places) < 40:
+        place = (random.random(2) - 0.5) * 0.19
+        if all(np.linalg.norm(place - other) > 0.018 for other in places):
+            places.append(place)
+    return Layout("random-40", Outline.rectangle(SIDE, SIDE), RESISTANCE, 0.0025, np.array(places))
+
+
+def l_shape() -> Layout:
+    """An L of 200 mm with arms of 100 mm; those electrodes of an 8 x 8 grid that lie on it."""
+    grid = equal_grid(8, 8, (SIDE, SIDE), 0.0025, RESISTANCE, margin=0.0125)
+    half = SIDE / 2
+    corners = [(-half, -half), (half, -half), (half, 0), (0, 0), (0, half), (-half, half)]
+    outline = Outline.polygon(corners)
+    on = outline.contains(grid.positions)
+    return Layout("l-shape-48", outline, RESISTANCE, 0.0025, grid.positions[on])
+
+
+def ring() -> Layout:
+    """16 electrodes on the rim of a circle of 100 mm."""
+    angle = 2 * np.pi / 16 * np.arange(16)
+    places = 0.1 * np.column_stack([np.cos(angle), np.sin(angle)])
+    return Layout("rim-16", Outline.circle(0.1), RESISTANCE, 0.005, places)
+
+
+# -- contacts -----------------------------------------------------------------------------------
+
+
+def _anywhere(random, outline: Outline, clearance: float, reach: float = 1.0) -> np.ndarray:
+    """(2,) a place on the sheet, `clearance` (m) from its rim, within `reach` of its half size."""
+    while True:
+        place = (random.random(2) - 0.5) * outline.size * reach
+        inside = outline.kind != "circle" or np.linalg.norm(place) <= reach * outline.radius
+        clear = outline.contains(place[None])[0] and outline.rim_distance(place[None])[0]
+        if inside and clear >= clearance:
+            return place
+
+
+def _pressed(shape, words, random, least=5e3, most=5e4) -> Press:
+    return Press(shape, words, float(least * (most / least) ** random.random()))
+
+
+def textbook_states(layout, random, count, case="textbook", sheet=0, reach=1.0) -> list[State]:
+    """Discs of 4 to 12 mm, 5 to 50 kPa, anywhere on the sheet."""
+    states = []
+    for _ in range(count):
+        radius = 0.004 + 0.008 * random.random()
+        place = _anywhere(random, layout.outline, radius + 1e-4, reach)
+        states.append(State(case, [_pressed(disc(place, radius), "disc", random)], sheet))
+    return states
+
+
+def near_states(layout, random, count) -> list[State]:
+    """Discs of 8 and 12 mm on electrodes, beside them, over the rim and in corners, `count` each."""
+    half = np.array(layout.outline.size) / 2
+    inner = layout.positions[(np.abs(layout.positions) < 0.8 * half).all(axis=1)]
+    states = []
+    for radius in (0.008, 0.012):
+        for i in range(count):
+            angle = 2 * np.pi * random.random()
+            way = np.array([math.cos(angle), math.sin(angle)])
+            on, beside = random.integers(len(inner), size=2)
+            side = (i % 4) * 90.0
+            # the centre from 0.3 radius outside to one radius inside
+            depth = half[0] + radius * (0.3 - 1.3 * random.random())
+            at_rim = np.array([depth, half[1] * (1.6 * random.random() - 0.8)])
+            corner = half - radius * (0.2 + 0.9 * random.random(2))
+            places = {
+                "on an electrode": inner[on] + 0.3 * layout.radius * random.random() * way,
+                "beside an electrode": inner[beside] + (radius + layout.radius / 2) * way,
+                "rim": _turned(at_rim[None], side)[0],
+                "corner": _turned(corner[None], side)[0],
+            }
+            for case, place in places.items():
+                press = _pressed(disc(place, radius), "disc", random)
+                states.append(State(f"{case}, {1e3 * radius:g} mm", [press]))
+    return states
+
+
+def uneven_sheets() -> list[Sheet]:
+    """Random fields of 10 and 20 %, gradients of +-20 %, anisotropy of 1.5 : 1."""
+    sheets = [
+        Sheet(f"random {relative:.0%}", variation=SheetVariation(relative, _LENGTH, seed))
+        for relative in (0.1, 0.2)
+        for seed in (1, 2, 3)
+    ]
+    sheets += [
+        Sheet("gradient 20%", SheetField(gradient=Gradient(0.2, direction)))
+        for direction in (0.0, 120.0)
+    ]
+    sheets += [
+        Sheet("anisotropy 1.5", SheetField(anisotropy=Anisotropy(1.5, direction)))
+        for direction in (0.0, 30.0, 45.0, 90.0)
+    ]
+    return sheets
+
+
+def crowd_states(layout, random, count) -> list[State]:
+    """3 to 6 discs of 4 to 10 mm, 25 mm apart at least, the strongest ten times the weakest."""
+    states = []
+    for number in (3, 4, 5, 6):
+        for _ in range(count):
+            places, presses = [], []
+            while len(places) < number:
+                place = _anywhere(random, layout.outline, 0.011)
+                if all(np.linalg.norm(place - other) > 0.025 for other in places):
+                    places.append(place)
+            forces = 0.5 * 10 ** np.concatenate([[0, 1], random.random(number - 2)])
+            for place, force in zip(places, forces):
+                radius = 0.004 + 0.006 * random.random()
+                pressure = float(force / (math.pi * radius**2))
+                presses.append(Press(disc(place, radius), "disc", pressure))
+            states.append(State(f"{number} contacts", presses))
+    return states
+
+
+def pair_states(layout, random, distances, count) -> list[State]:
+    """Two discs of 5 mm, 20 kPa, at each of the `distances`, m."""
+    states = []
+    for distance in distances:
+        for _ in range(count):
+            while True:
+                middle = _anywhere(random, layout.outline, 0.01)
+                angle = math.pi * random.random()
+                way = distance / 2 * np.array([math.cos(angle), math.sin(angle)])
+                places = np.array([middle + way, middle - way])
+                inside = layout.outline.contains(places)
+                if inside.all() and layout.outline.rim_distance(places).min() > 0.006:
+                    break
+            presses = [Press(disc(place, 0.005), "disc", 2e4) for place in places]
+            states.append(State(f"{1e3 * distance:g} mm apart", presses))
+    return states
+
+
+def wide_states(layout, random, count) -> list[State]:
+    """Wide contacts of many forms, `count` each, and plates and the whole sheet at 20 to 400 N."""
+    states = []
+
+    def add(case, shape, words=None):
+        states.append(State(case, [_pressed(shape, words or case, random, 5e3, 2e4)]))
+
+    for radius in (0.015, 0.02, 0.03, 0.04):
+        for _ in range(count):
+            place = _anywhere(random, layout.outline, radius + 1e-4)
+            add(f"disc of {1e3 * radius:g} mm", disc(place, radius), "disc")
+    for _ in range(count):
+        add("rectangle 80 x 50", _rectangle(random, layout, 0.08, 0.05))
+        add("line 100 x 5", _rectangle(random, layout, 0.1, 0.005))
+        corners = np.array([[-30, -30], [30, -30], [30, -10], [-10, -10], [-10, 30], [-30, 30]])
+        add("L", Region(_placed(random, layout, corners / 1e3, 0.043)))
+        centre = _anywhere(random, layout.outline, 0.0305)
+        holes = (centre + regular_polygon(0.02, 72),)
+        add("ring", Region(centre + regular_polygon(0.03, 72), holes))
+        states.append(_hand(random))
+    for side in (0.06, 0.08, 0.1, 0.14):
+        for force in 20.0 * 20.0 ** (np.arange(count) / max(count - 1, 1)):
+            shape = _rectangle(random, layout, side, side)
+            press = Press(shape, "plate", float(force / side**2))
+            states.append(State(f"plate of {1e3 * side:g} mm", [press]))
+    everything = Region(2 * layout.outline.shell)
+    for force in (20.0, 50.0, 100.0, 200.0, 400.0):
+        press = Press(everything, "sheet", force / layout.outline.area)
+        states.append(State(f"whole sheet, {force:g} N", [press]))
+    return states
+
+
+def _placed(random, layout, corners, reach):
+    """`corners` (V, 2), turned at random, somewhere on the sheet; `reach` is their furthest, m."""
+    angle = 360 * random.random()
+    return _turned(corners, angle) + _anywhere(random, layout.outline, reach + 1e-4)
+
+
+def _rectangle(random, layout, width, height) -> Region:
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 * [width, height]
+    reach = math.hypot(width, height) / 2
+    if reach > 0.45 * min(layout.outline.size):  # too large to be turned
+        return Region(corners + 0.01 * (random.random(2) - 0.5))
+    return Region(_placed(random, layout, corners, reach))
+
+
+def _hand(random) -> State:
+    """A palm of 70 x 56 mm and five fingertips around one half of it."""
+    turn, shift = 360 * random.random(), 0.03 * (random.random(2) - 0.5)
+    presses = [Press(Ellipse(tuple(shift), (0.035, 0.028), turn), "palm", 6e3)]
+    for degrees, reach in zip((-75, -32, -4, 24, 52), (0.052, 0.062, 0.066, 0.063, 0.056)):
+        place = _turned(np.array([[reach, 0.0]]), turn + degrees)[0] + shift
+        press = _pressed(disc(place, 0.006 + 0.002 * random.random()), "disc", random, 1e4, 3e4)
+        presses.append(press)
+    return State("hand", presses)
+
+
+# -- families -----------------------------------------------------------------------------------
+
+
+def _grid_families(size: str, many: int, few: int) -> Iterator[tuple[str, Callable]]:
+    """Names and makers of the families of an equal grid."""
+    layout = find_layout(f"equal-{size}")
+    distances = [0.016, 0.02, 0.024, 0.028, 0.034, 0.04]
+    if size == "4x4":
+        distances += [0.05, 0.06, 0.08]
+
+    def on_sheets(random):
+        states = []
+        for number, sheet in enumerate(uneven_sheets()):
+            states += textbook_states(layout, random, 2 * few, sheet.words, number)
+        return states
+
+    yield f"textbook-{size}", lambda random: (layout, textbook_states(layout, random, many))
+    yield f"sheets-{size}", lambda random: (layout, on_sheets(random), uneven_sheets())
+    yield f"near-{size}", lambda random: (layout, near_states(layout, random, few))
+    yield f"crowd-{size}", lambda random: (layout, crowd_states(layout, random, 2 * few))
+    yield f"pairs-{size}", lambda random: (layout, pair_states(layout, random, distances, few))
+    yield f"wide-{size}", lambda random: (layout, wide_states(layout, random, few))
+
+
+def _layout_families() -> Iterator[tuple[str, Callable]]:
+    def family(layout, count, reach=1.0):
+        return lambda random: (layout, textbook_states(layout, random, count, reach=reach))
+
+    for layout in (void(), random_places(), l_shape()):
+        yield f"layout-{layout.name}", family(layout, 24)
+    yield "layout-rim-16", family(ring(), 24, 0.6)
+    for name in ("balanced-4x4", "free-4x4", "optimized-4x4", "free-8x8", "optimized-8x8"):
+        yield f"layout-{name}", family(find_layout(name), 16)
+
+
+def families() -> dict[str, Callable[[], Family]]:
+    """Makers of all families by name, in the order in which they are made."""
+    makers = [
+        *_grid_families("8x8", 120, 5),
+        *_grid_families("4x4", 60, 3),
+        *_layout_families(),
+    ]
+
+    def seeded(name, make):
+        def made():
+            layout, states, *sheets = make(np.random.default_rng(crc32(name.encode())))
+            return Family(name, layout, states, sheets[0] if sheets else [Sheet()])
+
+        return made
+
+    return {name: seeded(name, make) for name, make in makers}
