@@ -1,32 +1,27 @@
 """The parts: what is wrong with the sensor, one thing at a time, and the frames that show it.
 
-time      a touch that begins or ends while rows are scanned, alone and beside another one; touches that
-          move, judged by where they are in the middle of the frame
+time      touches that begin, end or move while rows are scanned (`changes`)
 channels  gains, offsets, resistances to ground, open wires, stuck channels, swapped wires
-sheets    uneven, graded and anisotropic ones; and everything at once
+sheets    random fields, gradients, anisotropy; and several things at once
 layouts   without a full grid
 crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
-
-All but moving touches come from the reference model (`states`); these from the simulator's finite
-elements, row by row.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
-from tomotactile_ros.bench.sensor import odd_layouts, states
-from tomotactile_ros.bench.sensor.motion import moving
-from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, find_layout
+from tomotactile_ros.bench.sensor import changes
+from tomotactile_ros.bench.sensor.readings import Wiring
+from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, presses
 from tomotactile_ros.channels import Channels, Rms, Uniform
-from tomotactile_ros.evaluation.scoring import PART
-from tomotactile_ros.simulation import ROW_PERIOD
 
 SPEEDS = 0.2, 0.5, 1.0  # m/s
-_MOVES = 12  # of each speed
+CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
+_COUNT, _FEW = 24, 12  # presses of a case, and of one that the simulator makes
+_TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
 _ONE, _OTHER = 18, 45  # electrodes that something is wrong with
 _SEED = 1
 
@@ -36,10 +31,16 @@ WIRINGS = {
     "gains 2 %": Wiring(Channels(gain=Rms(0.02, _SEED))),
     "gains 5 %": Wiring(Channels(gain=Rms(0.05, _SEED))),
     "offsets 5 mV": Wiring(Channels(offset=Rms(0.005, _SEED))),
-    "150-450 ohm to ground": Wiring(Channels(ground_resistance=Uniform(300, 150, _SEED))),
+    "150 to 450 ohm to ground": Wiring(Channels(ground_resistance=Uniform(300, 150, _SEED))),
     "two open wires": Wiring(Channels(open=(_ONE, _OTHER), stuck={_ONE: 0.0, _OTHER: 0.0})),
     "two stuck channels": Wiring(Channels(stuck={_ONE: 1.1, _OTHER: 2.2})),
     "two swapped wires": Wiring(swapped=((_ONE, _ONE + 1),)),
+}
+SHEETS = {
+    "random field 10 %": "random 10%",
+    "random field 20 %": "random 20%",
+    "gradient 20 %": "gradient 20%",
+    "anisotropy 1.5 : 1": "anisotropy 1.5",
 }
 WORN = Wiring(
     Channels(
@@ -48,59 +49,48 @@ WORN = Wiring(
         ground_resistance=Uniform(150, 75, _SEED),
     )
 )
-SHEETS = "field 10 %", "field 20 %", "gradient 20 %", "anisotropy 1.5:1"
 LAYOUTS = {
-    "four electrodes amid 8 x 8 missing": "void",
-    "ring of 16 on a circle": "ring",
-    "40 random places": "random",
-    "L-shape": "ell",
+    "four electrodes amid 8 x 8 missing": "layout-void-60",
+    "ring of 16 on a circle": "layout-rim-16",
+    "40 random places": "layout-random-40",
+    "L-shape": "layout-l-shape-48",
 }
 
 
 def time(step: int = 1) -> Iterator[Trial]:
-    """Every `step`-th touch, as in the other parts."""
-    alone = states.load("even").part(step)
-    beside = states.load("beside")
-    count = len(beside.seen) // 2
-    first = states.States(beside.layout, beside.seen[:count], beside.truths[:count]).part(step)
-    both = states.States(beside.layout, beside.seen[count:], beside.truths[count:]).part(step)
-    for end in (False, True):
-        name = "release" if end else "onset"
-        yield _changing(name, None, alone, end)
-        yield _changing(f"{name} beside another", first, both, end)
+    """Every `step`-th press, as in the other parts."""
+    layout, few = find_layout(DEFAULT_LAYOUT), _FEW // step
+    for name, end in (("onset", False), ("release", True)):
+        yield changes.alone(name, states(_TEXTBOOK, most=_COUNT).every(step), end)
+        yield changes.beside(f"{name} beside another", layout, end, few)
     for speed in SPEEDS:
-        yield moving(f"{speed:g} m/s", odd_layouts.grid(), speed, _MOVES // step)
+        yield changes.moving(f"{speed:g} m/s", layout, speed, few)
 
 
 def channels(step: int = 1) -> Iterator[Trial]:
-    touched = states.load("even").part(step)
+    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
     for name, wiring in WIRINGS.items():
-        yield presses(name, touched, wiring)
+        yield presses(name, pressed, wiring)
 
 
 def sheets(step: int = 1) -> Iterator[Trial]:
-    for name in SHEETS:
-        yield presses(name, states.load(name).part(step))
-    worn = states.load("worn").part(step)
-    yield presses("field 20 %, 1.3:1, gains 2 %, 75-225 ohm, 2 mV", worn, WORN)
+    for name, case in SHEETS.items():
+        yield presses(name, states(_SHEETS, case).every(step))
+    worn = states(_SHEETS, "random 20%").every(step)
+    yield presses("20 %, gains 2 %, 75 to 225 ohm, 2 mV", worn, WORN)
 
 
 def layouts(step: int = 1) -> Iterator[Trial]:
-    for name, kind in LAYOUTS.items():
-        yield presses(name, states.load(kind).part(step))
-    connector = Wiring(Channels(open=odd_layouts.CONNECTOR), dead=odd_layouts.CONNECTOR)
-    even = states.load("even").part(step)
-    yield presses("dead connector of 8 neighbours", even, connector)
+    for name, family in LAYOUTS.items():
+        yield presses(name, states(family).every(step))
+    connector = Wiring(Channels(open=CONNECTOR), dead=CONNECTOR)
+    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
+    yield presses("dead connector of 8 neighbours", pressed, connector)
 
 
 def crowd(step: int = 1) -> Iterator[Trial]:
-    every = states.load("crowd")
-    for count in sorted({len(truth) for truth in every.truths}):
-        chosen = [i for i, truth in enumerate(every.truths) if len(truth) == count][::step]
-        part = states.States(
-            every.layout, [every.seen[i] for i in chosen], [every.truths[i] for i in chosen]
-        )
-        yield presses(f"{count} contacts", part)
+    for count in (3, 4, 5, 6):
+        yield presses(f"{count} contacts", states(_CROWD, f"{count} contacts").every(step))
 
 
 PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
@@ -110,24 +100,3 @@ PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
     "layouts": layouts,
     "crowd": crowd,
 }
-
-
-def _changing(case: str, without: states.States | None, touched: states.States, end: bool) -> Trial:
-    """A touch that begins, or with `end` ends, at some row of the frame that is judged.
-
-    `without` : the same without the touch that changes, nothing at all if None; that touch is the
-    last one of `touched`. A frame before and one after the change are only processed.
-    """
-    random = np.random.default_rng(_SEED)
-    frames, truths = [], []
-    electrodes = touched.layout.electrodes
-    for i, (seen, truth) in enumerate(zip(touched.seen, touched.truths, strict=True)):
-        off = untouched(electrodes) if without is None else potentials(without.seen[i])
-        on = potentials(seen)
-        before, after = (on, off) if end else (off, on)
-        late = np.arange(electrodes) >= random.integers(1, electrodes)
-        within = np.where(late[:, None], after, before)
-        for number, each in enumerate((before, within, after)):
-            frames.append(readings(each, seed=(i, number)))
-        truths += [None, [*truth[:-1], truth[-1] | {PART: True}], None]
-    return Trial(case, touched.layout, np.array(frames), truths, ROW_PERIOD)
