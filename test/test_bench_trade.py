@@ -24,6 +24,9 @@ from tomotactile_ros.bench import (
     trade,
     trials,
 )
+from tomotactile_ros.bench.sensor.parts import PARTS
+from tomotactile_ros.bench.sensor.readings import untouched
+from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.optimizer.grounding import scans
@@ -423,6 +426,8 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     for module in (peers, growth):
         monkeypatch.setattr(module, "_SECONDS", 0.0)
     monkeypatch.setattr(run, "SENSOR", ("crowd",))
+    nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])
+    monkeypatch.setitem(PARTS, "crowd", lambda step: iter([nothing]))
     some = stability.trials()[-3:]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
