@@ -34,7 +34,7 @@ FORMAT = "tomotactile-bench/4"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
-_SENSOR = {"time": 30, "channels": 20, "sheets": 10, "layouts": 15, "crowd": 5}  # s, quick, roughly
+_SENSOR = {"time": 5, "channels": 3, "sheets": 3, "layouts": 3, "crowd": 1}  # s, quick, roughly
 
 
 @dataclass(frozen=True)
