@@ -53,12 +53,13 @@ def test_a_second_contact_beside_a_paired_one_is_doubled_and_no_ghost():
     assert found.place == pytest.approx([0.001]) and found.ospa == pytest.approx(0.0055)
 
 
-def test_what_is_too_weak_to_matter_counts_nowhere():
-    found = score_frame([Found(0.05, 0.0, 0.019)], [])
-    assert (found.ghosts, found.ospa) == (0, 0.0)
+def test_what_is_too_weak_to_matter_is_neither_ghost_nor_pair():
+    found = score_frame([Found(0.05, 0.0, 0.019), Found(0.0, 0.0, 1e-12)], [true(0.0, 0.0)])
+    assert (found.weak, found.ghosts, found.missed, found.ospa) == (2, 0, 1, pytest.approx(0.01))
     assert score_frame([Found(0.05, 0.0, 0.02)], []).ghosts == 1
-    paired = score_frame([Found(0.001, 0.0, 0.01)], [true(0.0, 0.0, 0.02)])
-    assert paired.missed == 0 and paired.force == pytest.approx(0.5)
+    light = [true(0.0, 0.0, 0.01)]
+    assert (score_frame([], light).true, score_frame([], light).ospa) == (0, 0.0)
+    assert score_frame([Found(0.001, 0.0, 0.02)], light).ghosts == 0
 
 
 def test_a_place_that_is_no_number_is_a_ghost():
@@ -117,13 +118,14 @@ def test_many_frames_are_summed_and_withheld_ones_are_not_judged():
     assert found["force"]["median"] == pytest.approx(0.15)
     assert found["ospa"]["mean"] == pytest.approx((0.001 + 0.0065 + 0.01) / 3)
     assert found["coverage"] == {"place": None, "force": None}
-    row = dict(zip(HEADER[:4], cells(found)))
-    assert row == {"frames": "3 + 1 withheld", "ghosts": "1", "doubled": "0", "missed": "1 of 3"}
+    row = dict(zip(HEADER, cells(found)))
+    assert row["frames"] == "3 + 1 withheld" and row["missed"] == "1 of 3"
+    assert (row["ghosts"], row["doubled"], row["weak"]) == ("1", "0", "0")
 
 
 def test_a_table_of_nothing_has_no_figures():
     row = cells(summary([]))
-    assert len(row) == len(HEADER) and row[4:] == ("-",) * 6
+    assert len(row) == len(HEADER) and row[5:] == ("-",) * 6
 
 
 def test_stated_uncertainties_cover_what_they_should():

@@ -83,10 +83,6 @@ class Region:
         """(P,) distance of (P, 2) points to the nearest rim, holes included, m, never negative."""
         return shapely.distance(self._polygon.boundary, shapely.points(points))
 
-    def overlaps(self, polygons: np.ndarray) -> np.ndarray:
-        """(M,) area that each of the simple polygons (M, V, 2) has in the region, m²."""
-        return shapely.area(shapely.intersection(self._polygon, shapely.polygons(polygons)))
-
     def is_met_by(self, shell: np.ndarray, path: np.ndarray) -> bool:
         """Whether the polygon ``shell`` (V, 2) touches the region while it moves by ``path`` (2,).
 
@@ -124,6 +120,10 @@ class Region:
         outside = ~self.contains(points)
         points[outside] = shapely.get_coordinates(shapely.point_on_surface(parts[outside]))
         return points, areas * (self.area / areas.sum())
+
+    def overlaps(self, polygons: np.ndarray) -> np.ndarray:
+        """(M,) area that each of the simple polygons (M, V, 2) has in the region, m²."""
+        return shapely.area(shapely.intersection(self._polygon, shapely.polygons(polygons)))
 
 
 def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:

@@ -3,8 +3,9 @@
 In every frame reported contacts are paired with true ones so that the sum of min(distance, 10 mm)^p
 is least (p = 1); what is 10 mm apart or more is no pair. Then
 
-ghost     reported, above 0.02 N, 10 mm or more from every true contact
-doubled   reported, above 0.02 N, not paired, but within 10 mm of a true contact that has its pair
+weak      reported, but below 0.02 N: counted, and otherwise as if it had not been reported
+ghost     reported, 10 mm or more from every true contact
+doubled   reported, not paired, but within 10 mm of a true contact that has its pair
 missed    true, without a pair
 OSPA      the distance between the two sets, optimal sub-pattern assignment of order p with the
           cut-off c = 10 mm: ((sum over pairs of distance^p + c^p (n - pairs)) / n)^(1/p), n the
@@ -13,8 +14,8 @@ OSPA      the distance between the two sets, optimal sub-pattern assignment of o
           metric for performance evaluation of multi-object filters, IEEE Trans. Signal Process.
           56(8), 2008, eq. 3.
 
-A contact that is there for a part of a frame only may be reported or not: it is never missed, and its
-force is not judged. A frame whose result is withheld is counted and not judged.
+A contact that is there for a part of a frame only, or with less than 0.02 N, may be reported or not:
+it is never missed, and its force is not judged. A frame whose result is withheld is counted and not judged.
 
 Estimates that state their own uncertainty are held to it: the true place lies in the ellipse of 95 %
 of `position_covariance`, the true force within 1.96 `force_std`, 95 times in 100 where both are
@@ -30,7 +31,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 REACH = 0.010  # m, the cut-off
-LEAST_FORCE = 0.02  # N, of a ghost
+LEAST_FORCE = 0.02  # N, of what counts
 PART = "part"  # key of a true contact that is there for a part of the frame
 _ELLIPSE = 5.991  # 95 % of chi squared, two degrees of freedom
 _INTERVAL = 1.960  # 95 % of a normal distribution, in standard deviations
@@ -41,7 +42,7 @@ _NONE = np.empty(0)
 class FrameScore:
     """One frame.
 
-    true : number of contacts that are there throughout; ghosts, doubled, missed : numbers
+    true : number of contacts that are there throughout; ghosts, doubled, missed, weak : numbers
     place : (n,) m, distance of each pair; force : (k,) relative error, of each with a known force
     ospa : m
     place_covered, force_covered : bool, of each pair whose estimate states an uncertainty
@@ -51,6 +52,7 @@ class FrameScore:
     ghosts: int
     doubled: int
     missed: int
+    weak: int
     place: np.ndarray
     force: np.ndarray
     ospa: float
@@ -72,28 +74,27 @@ def score_frame(
     reach : cut-off, m.
     order : p, 1 or 2.
     """
-    found = np.array([(c.x, c.y) for c in contacts], float).reshape(-1, 2)
+    strong = [contact for contact in contacts if contact.force >= LEAST_FORCE]
+    found = np.array([(c.x, c.y) for c in strong], float).reshape(-1, 2)
     true = np.array([(t["x"], t["y"]) for t in truth], float).reshape(-1, 2)
     distance = np.nan_to_num(np.linalg.norm(found[:, None] - true, axis=2), nan=np.inf)
     pairs = assign(distance, reach, order)
-    alone = np.ones(len(contacts), bool)
+    alone = np.ones(len(strong), bool)
     alone[[i for i, _ in pairs]] = False
-    alone &= np.array([c.force >= LEAST_FORCE for c in contacts], bool)
     far = (distance >= reach).all(axis=1)
-    whole = [j for j, each in enumerate(truth) if not each.get(PART)]
+    needed = {j for j, each in enumerate(truth) if _is_needed(each)}
     met = {j for _, j in pairs}
     place = np.array([distance[pair] for pair in pairs])
-    reported = len(pairs) + np.count_nonzero(alone)
-    there = len(met.union(whole))
-    kept = [(contacts[i], truth[j]) for i, j in pairs]
+    kept = [(strong[i], truth[j]) for i, j in pairs]
     return FrameScore(
-        true=len(whole),
+        true=len(needed),
         ghosts=int(np.count_nonzero(alone & far)),
         doubled=int(np.count_nonzero(alone & ~far)),
-        missed=len(set(whole) - met),
+        missed=len(needed - met),
+        weak=len(contacts) - len(strong),
         place=place,
         force=_force_errors(kept),
-        ospa=_ospa(place, reported, there, reach, order),
+        ospa=_ospa(place, len(strong), len(met | needed), reach, order),
         place_covered=_places_covered(kept),
         force_covered=_forces_covered(kept),
     )
@@ -131,7 +132,7 @@ def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
     """Figures of many frames as plain data; lengths in m, errors of force in parts; None of nothing.
 
     frames, withheld            number judged, and not judged
-    true, ghosts, doubled, missed  numbers in all frames
+    true, ghosts, doubled, missed, weak  numbers in all frames
     false_frames                frames with ghosts, doubled or missed contacts
     place, force                median, p95 and worst of the pairs
     ospa                        mean and p95 of the frames
@@ -139,7 +140,7 @@ def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
     """
     totals = {
         key: sum(getattr(each, key) for each in scores)
-        for key in ("true", "ghosts", "doubled", "missed")
+        for key in ("true", "ghosts", "doubled", "missed", "weak")
     }
     ospa = np.array([each.ospa for each in scores])
     return {
@@ -161,7 +162,7 @@ def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
 
 
 HEADER = (
-    "frames", "ghosts", "doubled", "missed", "place mm: median", "p95", "worst", "force %: median",
+    "frames", "ghosts", "doubled", "weak", "missed", "place mm: median", "p95", "worst", "force %: median",
     "p95", "OSPA mm",
 )  # fmt: skip
 
@@ -176,6 +177,7 @@ def cells(figures: dict) -> tuple[str, ...]:
         frames,
         str(figures["ghosts"]),
         str(figures["doubled"]),
+        str(figures["weak"]),
         f"{figures['missed']} of {figures['true']}",
         *(_scaled(place[key], 1e3, 2) for key in ("median", "p95", "worst")),
         *(_scaled(force[key], 100, 1) for key in ("median", "p95")),
@@ -185,6 +187,11 @@ def cells(figures: dict) -> tuple[str, ...]:
 
 def _scaled(value, factor, digits):
     return "-" if value is None else f"{factor * value:.{digits}f}"
+
+
+def _is_needed(true):
+    """Whether a true contact is missed where it is not reported."""
+    return not true.get(PART) and (true["force"] is None or true["force"] >= LEAST_FORCE)
 
 
 def _ospa(place, reported, there, reach, order):
@@ -199,9 +206,9 @@ def _force_errors(pairs):
     known = [
         (contact.force, true["force"])
         for contact, true in pairs
-        if true["force"] is not None and not true.get(PART)
+        if true["force"] is not None and _is_needed(true)
     ]
-    return np.array([abs(found - force) / force for found, force in known if force > 0])
+    return np.array([abs(found - force) / force for found, force in known])
 
 
 def _places_covered(pairs):
@@ -224,7 +231,7 @@ def _forces_covered(pairs):
     out = []
     for contact, true in pairs:
         deviation = getattr(contact, "force_std", None)
-        if deviation is not None and true["force"] is not None and not true.get(PART):
+        if deviation is not None and true["force"] is not None and _is_needed(true):
             out.append(abs(contact.force - true["force"]) <= _INTERVAL * deviation)
     return np.array(out, bool)
 

@@ -16,9 +16,9 @@ TITLES = {
     "crowd": "Crowd: the strongest with ten times the force of the weakest",
 }
 LEGEND = """\
-ghosts: reported contacts above 0.02 N and 10 mm or more from every true one; doubled: nearer, beside
-one that is paired already; missed: true contacts without a pair; place, force: of pairs; OSPA: places,
-ghosts and misses in one figure, mean of the frames, cut-off 10 mm."""
+ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired
+already; weak: below 0.02 N, not judged; missed: true contacts without a pair; place, force: of pairs;
+OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm."""
 _COVERED = "95 % regions: place %", "force %"
 
 
