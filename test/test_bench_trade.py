@@ -185,7 +185,10 @@ def _result(row):
     }
     peers = {"ratios": {"dense / fast": {"ratio": 9.0}}}
     rows = [default, plain(row)]
-    return {"format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers}
+    sensor = {"crowd": [{"case": "3 contacts", "method": "fast", "ghosts": 0}]}
+    return {
+        "format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers, "sensor": sensor,
+    }  # fmt: skip
 
 
 def test_readme_is_rewritten_between_the_comments_only(tmp_path, row):
@@ -308,18 +311,24 @@ def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
     assert "+9.0 %" in shown and "accuracy: every figure is the same" in shown
 
 
-@pytest.mark.parametrize("key", ["ratio", "accuracy"])
-def test_results_that_differ_are_told(tmp_path, row, key, capsys):
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("ratio", "-20.0 %"),
+        ("accuracy", "equal-8x8, fast, 40², all grounds: noise_gain"),
+        ("sensor", "3 contacts, fast: ghosts"),
+    ],
+)
+def test_results_that_differ_are_told(row, key, said):
     one, other = _result(row), _result(row)
     if key == "ratio":
         other["peers"]["ratios"]["dense / fast"]["ratio"] *= 0.8
+    elif key == "sensor":
+        other["sensor"]["crowd"][0]["ghosts"] = 1
     else:
         other["trade"][0]["noise_gain"] *= 1 + 1e-9
     assert not compare.agree(one, other)
-    shown = "\n".join(compare.lines(one, other))
-    assert (
-        "-20.0 %" if key == "ratio" else "equal-8x8, fast, 40², all grounds: noise_gain"
-    ) in shown
+    assert said in "\n".join(compare.lines(one, other))
 
 
 def test_results_of_two_machines_are_told(row):
