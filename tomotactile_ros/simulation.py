@@ -231,7 +231,7 @@ def patches_across(contact: Contact, longest: float) -> int:
 
 
 def changes(contact: Contact, first: float, last: float) -> bool:
-    """Whether a contact begins, ends or moves between the times `first` and `last`, s, both included."""
+    """Whether a contact begins, ends or moves between two times, s, both included."""
     if last < contact.start or contact.end <= first:
         return False
     inside = contact.start <= first and last < contact.end
@@ -247,7 +247,9 @@ def _scan_order(order, electrodes: int) -> np.ndarray:
         raise InputError(f"order: {checks.show(order)} is not a list of electrodes")
     if found.min() < 0 or found.max() >= electrodes:
         wrong = found.min() if found.min() < 0 else found.max()
-        raise InputError(f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}")
+        raise InputError(
+            f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}"
+        )
     return found.astype(np.intp)
 
 
