@@ -26,6 +26,7 @@ from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.simulation import Simulator
 
 PLACES = (-0.071, 0.048), (0.069, -0.052), (0.012, 0.017)  # m
+SPEEDS, WAY = (0.002, 0.01, 0.05, 0.2, 1.0), 0.12  # m/s; s
 ELECTRODES, CELLS = (4, 6, 8, 12, 16), (20, 40, 80, 160)
 
 
@@ -49,14 +50,20 @@ def compare_transfers(layout):
 
 
 def frames(layout):
-    """Durations of frames: contacts at rest solved anew, the same from the simulator, and moving ones."""
+    """Durations of frames: contacts at rest solved anew; with noise and conversion, resting and moving."""
     scene = load_scene("default")
     resting = replace(scene, contacts=tuple(_disc(place) for place in PLACES))
-    two, three = scene, replace(scene, contacts=(*scene.contacts, _disc(PLACES[2], (0.001, 0.002))))
     simulators = {
-        "two moving contacts, with noise and conversion": Simulator(layout, two),
-        "three moving contacts, with noise and conversion": Simulator(layout, three),
-        "three contacts at rest, with noise and conversion": Simulator(layout, resting),
+        f"two contacts at {1e3 * speed:g} mm/s, each row at its time": Simulator(
+            layout, replace(scene, contacts=_two(speed))
+        )
+        for speed in SPEEDS
+    }
+    simulators |= {
+        "two moving contacts, all rows at once": Simulator(
+            layout, replace(scene, contacts=_two(SPEEDS[0])), row_period=0.0
+        ),
+        "three contacts at rest": Simulator(layout, resting),
     }
     points = FemSheet(layout, h=0.0025).transfer(np.array(PLACES), 0.003)
     resistance = np.array([1e4, 2e4, 5e3])
@@ -74,7 +81,13 @@ def _times(calls, turn):
 
 
 def _next(simulator: Simulator, number: int):
-    return simulator.frame(0.064 * (number % 900), number)
+    return simulator.frame(0.064 * number % WAY, number)
+
+
+def _two(speed):
+    """Discs of 5 mm and 8 mm that stay on the sheet for `WAY` s at the highest of `SPEEDS`."""
+    larger = Contact("disc", (-0.07, 0.05), 0.008, pressure=20000.0, velocity=(speed, -speed / 5))
+    return larger, _disc((0.07, -0.05), (-speed, speed / 5))
 
 
 def _disc(place, velocity=(0.0, 0.0)):

@@ -46,6 +46,45 @@ def test_simulate_writes_what_the_contract_says(frames):
     assert set(truth[0][0]) == {"x", "y", "force", "pressure", "area", "radius"}
 
 
+def test_simulate_writes_when_rows_were_taken(frames, tmp_path):
+    with np.load(frames, allow_pickle=False) as file:
+        assert file["row_period"].shape == () and file["row_period"] == 1e-3
+        stamps, last = file["stamps"], json.loads(str(file["truth_last"]))
+    scene = load_scene("default")
+    assert last == [scene.truth(t + 15e-3) for t in stamps]
+    assert "row i of a frame at its stamp + i x 0.001 s" in run("inspect", frames).stdout
+    out, common = tmp_path / "x.npz", ("simulate", "--layout", "equal-4x4", "--scene", "default")
+    for options, row_period, distance in [
+        (("--row-period", 0), 0.0, 0.016),
+        (("--row-period", 5e-4), 5e-4, 0.008),
+        (("--rate", 250), 2.5e-4, 4e-3),
+        (("--rate", 10), 1e-3, 0.1),
+    ]:
+        done = run(*common, "--frames", 2, "--out", out, *options)
+        assert done.returncode == 0, done.stderr
+        with np.load(out, allow_pickle=False) as file:
+            assert file["row_period"] == row_period
+            np.testing.assert_allclose(np.diff(file["stamps"]), distance)
+            assert ("truth_last" in file) == (row_period > 0)
+    run(*common, "--frames", 1, "--out", out, "--row-period", 0)
+    assert "rows of a frame all at once" in run("inspect", out).stdout
+
+
+@pytest.mark.parametrize(
+    "options, complaint",
+    [
+        (("--row-period", "-0.001"), "--row-period: -0.001 is"),
+        (("--row-period", "nan"), "--row-period: nan is"),
+        (("--row-period", "1e-3", "--rate", "100"), "--row-period: 16 rows of 0.001 s last longer"),
+    ],
+)
+def test_simulate_refuses_impossible_row_periods(options, complaint, tmp_path):
+    words = ("--layout", "equal-4x4", "--scene", "default", "--frames", 1)
+    done = run("simulate", *words, "--out", tmp_path / "x.npz", *options)
+    assert done.returncode == 2 and complaint in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
 def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
     out = tmp_path / "result.npz"
     done = run("reconstruct", frames, "--layout", "equal-4x4", "--profile", "fast", "--out", out)

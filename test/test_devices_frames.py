@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tomotactile_ros.devices import base, protocol
-from tomotactile_ros.devices.assembly import FrameAssembler
+from tomotactile_ros.devices.assembly import FrameAssembler, row_period
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.health import DeadChannels
 
@@ -46,6 +46,18 @@ def test_a_frame_holds_its_rows_and_times():
     assert frame.grounded.tolist() == [0, 1, 2, 3]
     assert (frame.sequence, frame.frame_time, frame.last_sample) == (7, 7000, 7040)
     assert (frame.drive_voltage, frame.missing) == (3.0, 0)
+    assert frame.row_period == 10.0
+
+
+def test_a_late_row_or_a_lost_one_does_not_move_the_row_period():
+    ends = 250 * np.arange(1, 9)
+    assert row_period(ends) == 250
+    ends[3] += 180
+    assert row_period(ends) == 250
+    ends[[0, 5]] = -1
+    assert row_period(ends) == 250
+    assert row_period(np.array([700])) == 700
+    assert row_period(ends[::-1]) == 0.0  # a counter that runs backwards tells nothing
 
 
 def test_a_reading_without_value_is_nan():

@@ -138,6 +138,7 @@ def test_frames_arrive_whole_in_order_and_stamped(make_port):
     assert np.array_equal(np.isnan(frame.voltages), np.eye(E, dtype=bool))
     assert frame.grounded.tolist() == list(range(E))
     assert frame.drive_voltage == pytest.approx(3.3)
+    assert frame.row_period == pytest.approx(1 / (100.0 * E), rel=3e-3)  # whole µs, clock drift
 
 
 def test_closing_does_not_wait_for_a_port_that_is_still_being_opened():

@@ -209,9 +209,7 @@ def forget_definitions(file: Path) -> None:
         assert bag.execute("DELETE FROM message_definitions").rowcount > 0
 
 
-def write_bag(
-    path: Path, storage: str, topics=("/voltage_frame",), third=None, without=()
-) -> Path:
+def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None, without=()) -> Path:
     """Write the recording as a rosbag2; `third`: fields that differ in the third frame.
 
     `without`: fields that the message did not have when the bag was recorded.
@@ -249,6 +247,29 @@ def write_bag(
                 message = types[MESSAGE](**fields | (third or {} if k == 2 else {}))
                 writer.write(connection, nanoseconds, store.serialize_cdr(message, MESSAGE))
     return path
+
+
+@pytest.mark.parametrize("kind", [float, np.float32, lambda p: np.array([p])])
+def test_a_file_keeps_its_row_period_in_replay(tmp_path, kind):
+    path = tmp_path / "frames.npz"
+    np.savez(path, row_period=kind(2.5e-3), **a_recording())
+    assert load_recording(path, LAYOUT).row_period == pytest.approx(2.5e-3)
+    device, collector = ReplayDevice(path, E), Collector()
+    device.open(collector)
+    assert [f.row_period for f in collector.wait_for(5)] == pytest.approx([2.5e-3] * 5)
+    device.close()
+
+
+def test_a_file_without_row_period_was_taken_all_at_once(npz):
+    assert load_recording(npz, LAYOUT).row_period == 0.0
+    assert [frame.row_period for frame in read_frames(npz)] == [0.0] * 5
+
+
+@pytest.mark.parametrize("wrong", [-1e-3, np.nan, np.inf, [1e-3, 1e-3], "1 ms"])
+def test_an_impossible_row_period_in_a_file_is_refused(tmp_path, wrong):
+    np.savez(tmp_path / "frames.npz", row_period=wrong, **a_recording())
+    with pytest.raises(InputError, match=r"frames.npz: row_period: "):
+        load_recording(tmp_path / "frames.npz", LAYOUT)
 
 
 def test_replay_keeps_the_recorded_distances_and_ends(npz):

@@ -48,10 +48,11 @@ def round_trip(message):
            elements=st.floats(width=32, allow_nan=True)),
     st.integers(0, 2**40),
     st.floats(0, 2e9),
+    st.floats(0, 10, width=32),
 )  # fmt: skip
-def test_a_frame_survives_its_message(voltages, sequence, stamp):
+def test_a_frame_survives_its_message(voltages, sequence, stamp, row_period):
     grounded = np.arange(len(voltages), dtype=np.uint16)[::-1]
-    frame = Frame(voltages, grounded, sequence, stamp, 5.0)
+    frame = Frame(voltages, grounded, sequence, stamp, 5.0, row_period)
     header = conversions.make_header(stamp, "skin")
     message = round_trip(conversions.frame_to_message(frame, "a layout", header))
     back = conversions.message_to_frame(message)
@@ -61,7 +62,7 @@ def test_a_frame_survives_its_message(voltages, sequence, stamp):
     assert (message.layout_id, message.header.frame_id) == ("a layout", "skin")
     assert back.sequence == sequence % 2**32
     assert abs(back.stamp - stamp) <= 1e-9 + np.spacing(stamp)
-    assert back.drive_voltage == 5.0
+    assert (back.drive_voltage, back.row_period) == (5.0, row_period)
 
 
 def test_a_frame_is_not_copied_element_by_element():
@@ -95,6 +96,8 @@ def spoilt(**changes) -> Frame:
         (spoilt(voltages=np.full((16, 16), np.inf, np.float32)), "infinite"),
         (spoilt(drive_voltage=0.0), "drive voltage"),
         (spoilt(drive_voltage=float("nan")), "drive voltage"),
+        (spoilt(row_period=-1e-3), "row period is -0.001 s"),
+        (spoilt(row_period=float("nan")), "row period is nan s"),
     ],
 )
 def test_a_frame_of_something_else_is_refused_with_the_reason(frame, reason):

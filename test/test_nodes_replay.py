@@ -54,6 +54,8 @@ def test_a_bag_replays_to_identical_images(probe, start, scene, tmp_path):
     recorded = complete()[:COUNT]
     assert driver.stop() == 0
     assert len(set(pictures(image for _, image in recorded))) == COUNT  # the noise differs
+    (row_period,) = {frame.row_period for frame, _ in recorded}
+    assert row_period == pytest.approx(0.2 / 64)
     record([frame for frame, _ in recorded], tmp_path / "bag")
 
     begin = probe.node.get_clock().now().nanoseconds  # what still comes has older stamps
@@ -66,4 +68,6 @@ def test_a_bag_replays_to_identical_images(probe, start, scene, tmp_path):
     expected = set(pictures(image for _, image in recorded))
     probe.until(lambda: expected <= replayed(), "replayed images")
     assert replayed() == expected
+    since = [frame.row_period for frame in frames if stamp_of(frame.header) * 1e9 >= begin]
+    assert since and set(since) == {row_period}
     assert reconstruction.running()

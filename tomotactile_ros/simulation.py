@@ -128,11 +128,14 @@ class Simulator:
         defects, scene, channels = self.scene.defects, self.scene, self._channels
         times = t + self.row_period * np.arange(len(grounded))
         if channels.settling is None:
-            voltages = self._rows(times, self._wire[grounded])[:, self._wire]
+            voltages = self._rows(times, self._wire[grounded])
         else:
             scan = self._wire[np.concatenate([[before], grounded])]
-            rows = self._rows(np.concatenate([[t - self.row_period], times]), scan)
-            voltages = channels.settled(rows[:, self._wire])
+            voltages = self._rows(np.concatenate([[t - self.row_period], times]), scan)
+        if defects.swapped:
+            voltages = voltages[:, self._wire]
+        if channels.settling is not None:
+            voltages = channels.settled(voltages)
         if not scene.own_reading:
             voltages[np.arange(len(grounded)), grounded] = np.nan
         if scene.noise is not None and scene.noise.rms > 0:
@@ -228,7 +231,7 @@ def patches_across(contact: Contact, longest: float) -> int:
 
 
 def changes(contact: Contact, first: float, last: float) -> bool:
-    """Whether a contact begins, ends or moves between the times `first` and `last`, s, both included."""
+    """Whether a contact begins, ends or moves between two times, s, both included."""
     if last < contact.start or contact.end <= first:
         return False
     inside = contact.start <= first and last < contact.end

@@ -5,25 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.sheet.transfer import Sheet, Transfer, electrode_of
 
-_SAME = 1.0  # patches closer than this part of the smaller radius become one
+SAME = 1.0  # patches closer than this part of the smaller radius become one
 
 
 Patches = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def contact_points(
-    sheet: Sheet, contacts: Sequence[tuple[Patches, float]]
+    sheet: Sheet, contacts: Sequence[tuple[Patches, ArrayLike]]
 ) -> tuple[Transfer, np.ndarray]:
     """Where the patches of any number of contacts meet the sheet.
 
     Parameters
     ----------
-    contacts : for each what `Contact.patches` returns, and its conductance, S/m^2; infinity for a
-        bare conductor at the drive voltage
+    contacts : for each what `Contact.patches` returns, and its conductance, S/m^2, one or that of
+        each patch; infinity for a bare conductor at the drive voltage
 
     Returns
     -------
@@ -33,7 +34,9 @@ def contact_points(
     """
     patches = [each for each, _ in contacts]
     points, areas, radii = map(np.concatenate, zip((np.empty((0, 2)), [], []), *patches))
-    conductance = np.repeat([each for _, each in contacts], [len(each[1]) for each in patches])
+    conductance = np.concatenate(
+        [np.empty(0), *(np.broadcast_to(g, len(each[1])) for each, g in contacts)]
+    )
     inside = sheet.layout.outline.contains(points, 1e-9 * max(sheet.layout.outline.size))
     points, radii = points[inside], radii[inside]
     with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
@@ -54,10 +57,10 @@ def _together(points, radii, owner):
     np.minimum.at(leader, owner[on], on)
     first[on] = leader[owner[on]]
     if len(off) > 1:
-        reach = _SAME * radii[off].max()
+        reach = SAME * radii[off].max()
         close = off[cKDTree(points[off]).query_pairs(reach, output_type="ndarray")]
         apart = np.linalg.norm(points[close[:, 0]] - points[close[:, 1]], axis=1)
-        close = close[apart < _SAME * radii[close].min(axis=1)]
+        close = close[apart < SAME * radii[close].min(axis=1)]
         for one, other in close[np.lexsort(close.T[::-1])]:
             first[other] = first[one]
     kept = np.flatnonzero(first == np.arange(len(points)))

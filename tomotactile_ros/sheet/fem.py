@@ -158,11 +158,10 @@ class FemSheet:
         radius = np.broadcast_to(np.asarray(radius, float), len(points))
         element, weights = self.mesh.locate(points)
         corners = self.unknown[self.mesh.triangles[element]]
-        local = (weights * self._local[corners]).sum(axis=1)
         to_points = np.einsum("kce,kc->ek", self._to_electrodes[corners], weights)
         apart, nearest = self.layout.nearest(points)
-        excess = self._electrode_log(radius, corners, weights, apart, nearest)
-        to_points[nearest, np.arange(len(points))] += excess * local / (2 * np.pi)
+        excess, local = self.electrode_excess(radius, corners, weights, apart, nearest)
+        to_points[nearest, np.arange(len(points))] += excess
 
         def green(i, j):
             """Between points i and j: by finite elements, with the true logarithm."""
@@ -190,6 +189,28 @@ class FemSheet:
         between = self.electrode_electrode
         owner = np.where(apart < self.layout.radius, nearest, -1)
         return make_transfer(self.model, points, owner, between, to_points, self_terms, found)
+
+    @property
+    def to_electrodes(self) -> np.ndarray:
+        """(M, E) Green function between unknowns and electrodes."""
+        return self._to_electrodes
+
+    def between(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, n) Green function between distinct unknowns, and the logarithm that is part of it."""
+        return self._kept.among(nodes), self._mesh_log(nodes)
+
+    def electrode_excess(
+        self,
+        radius: np.ndarray,
+        corners: np.ndarray,
+        weights: np.ndarray,
+        apart: np.ndarray,
+        nearest: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) ohm, by which G to the nearest electrode exceeds the mesh's; (K,) local ohm/sq."""
+        local = (weights * self._local[corners]).sum(axis=1)
+        excess = self._electrode_log(radius, corners, weights, apart, nearest)
+        return excess * local / (2 * np.pi), local
 
     def _mesh_log(self, nodes):
         """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""

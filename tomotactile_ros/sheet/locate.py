@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+_MANY = 400  # points, from which on a raster pays
 _INSIDE = -1e-9  # least barycentric weight of a point that counts as inside
 
 
@@ -25,6 +26,7 @@ class Locator:
         self._corners, self._neighbours = points[triangles[:, [0, 1, 2, 0, 1]]], neighbours
         self._number = np.where(kept, np.cumsum(kept) - 1, -1)
         self._kept = np.flatnonzero(kept)
+        self._raster = None
         self._tree = cKDTree(self._corners[kept, :3].sum(axis=1) / 3, balanced_tree=False)
 
     def __call__(self, where: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -33,8 +35,7 @@ class Locator:
         A point in none of them gets the weights of the nearest corner of the nearest triangle.
         """
         where = np.asarray(where, float)
-        nearest = self._kept[self._tree.query(where)[1]]
-        found = nearest.copy()
+        found = self._kept[self._start(where)]
         parts, whole = self._parts(found, where)
         walking = np.flatnonzero(parts.min(axis=1) < _INSIDE * whole)
         while len(walking):
@@ -45,10 +46,31 @@ class Locator:
             walking = walking[new.min(axis=1) < _INSIDE * total]
         lost = np.flatnonzero((self._number[found] < 0) | (parts.min(axis=1) < _INSIDE * whole))
         if len(lost):
-            found[lost] = nearest[lost]
+            found[lost] = self._kept[self._tree.query(where[lost])[1]]
             apart = np.linalg.norm(self._corners[found[lost], :3] - where[lost, None], axis=2)
             parts[lost], whole[lost] = np.eye(3)[apart.argmin(axis=1)], 1.0
         return self._number[found], parts / whole[:, None]
+
+    def _start(self, where):
+        """(Q,) kept triangle to begin with: that with the nearest centre, or, for many points,
+        the one nearest to the middle of the square of a raster that the point lies in.
+        """
+        if len(where) < _MANY:
+            return self._tree.query(where)[1]
+        if self._raster is None:
+            self._raster = self._make_raster()
+        low, cell, table = self._raster
+        column, row = np.clip((where - low) / cell, 0, np.array(table.shape) - 1).astype(int).T
+        return table[column, row]
+
+    def _make_raster(self):
+        """Lower left corner, side of a square, (columns, rows) triangle nearest to its middle."""
+        centres = self._tree.data
+        low, high = centres.min(axis=0), centres.max(axis=0)
+        cell = np.sqrt(np.prod(high - low) / (4 * len(centres)))
+        columns, rows = (np.ceil((high - low) / cell) + 1).astype(int)
+        middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1)
+        return low, cell, self._tree.query(low + cell * (middles + 0.5))[1]
 
     def _parts(self, triangle, where):
         """(Q, 3) twice the areas between points and sides of their triangles; (Q,) their sums."""

@@ -1,0 +1,217 @@
+"""Channels and wires: each defect against its formula."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.channels import Channels, Rms, Uniform
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Defects, Noise
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.simulation import Simulator
+
+E, DRIVE = 16, 3.3
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+CONTACTS = (
+    Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4),
+    Contact("disc", center=(-0.05, -0.04), radius=0.004, pressure=1e4),
+)
+OFF = ~np.eye(E, dtype=bool)
+
+
+def simulator(contacts=CONTACTS, switch=0.0, own_reading=False, order=None, scene=None, **channels):
+    defects = Defects(switch_resistance=switch, channels=Channels(**channels))
+    law = ContactLaw(1e-4, 1.0)
+    made = Scene(
+        "test", DRIVE, contacts, law, defects=defects, own_reading=own_reading, **(scene or {})
+    )
+    return Simulator(LAYOUT, made, order=order)
+
+
+IDEAL = simulator(own_reading=True).frame(0.0)
+
+
+def electrode_impedance(sheet, law):
+    """Z (E, E), ohm: what electrodes drop below the drive voltage per ampere drawn from one.
+
+    Contacts and drawn current share one bordered system, in which the currents balance.
+    """
+    touching = [
+        (c.patches(a), float(law.conductance(c.pressure))) for c, a in zip(CONTACTS, (4, 4))
+    ]
+    transfer, resistance = contact_points(sheet, touching)
+    count = len(resistance)
+    system = np.ones((count + 1, count + 1))
+    system[:count, :count] = transfer.among(np.arange(count)) + np.diag(resistance)
+    system[count, count] = 0.0
+    right = np.vstack([transfer.electrode_point.T, np.ones(E)])
+    solved = np.linalg.solve(system, right)
+    fed, reference = solved[:count], solved[count]
+    return transfer.electrode_electrode - transfer.electrode_point @ fed - reference
+
+
+def test_a_resistance_to_ground_stands_in_equation_a():
+    own = np.linspace(10.0, 4000.0, E)
+    simulated = simulator(ground_resistance=tuple(own), switch=60.0, own_reading=True)
+    z = electrode_impedance(simulated.sheet, simulated.scene.contact_law)
+    np.testing.assert_allclose(z, z.T, rtol=1e-9)
+    current = DRIVE / (np.diag(z) + own + 60.0)
+    expected = DRIVE - z * current[:, None]
+    got = simulated.frame(0.0)
+    np.testing.assert_allclose(got[OFF], expected[OFF], atol=1e-8)
+    np.testing.assert_allclose(np.diag(got), (own + 60.0) * current, atol=1e-8)
+    assert np.abs(got - IDEAL)[OFF].max() > 0.1
+
+
+def test_moving_contacts_see_the_same_resistances():
+    own = tuple(np.linspace(10.0, 4000.0, E))
+    law, slow = ContactLaw(1e-4, 1.0), (1e-9, 0.0)
+    contacts = [
+        Contact("disc", c.center, c.radius, pressure=c.pressure, velocity=slow) for c in CONTACTS
+    ]
+    assert law == simulator().scene.contact_law
+    settings = {"ground_resistance": own, "own_reading": True}
+    moving, resting = simulator(tuple(contacts), **settings), simulator(**settings)
+    np.testing.assert_allclose(moving.frame(0.0), resting.frame(0.0), atol=1e-6)
+
+
+def test_drawn_resistances_lie_in_their_range():
+    drawn = Channels(ground_resistance=Uniform(150.0, 75.0, seed=1)).of(10_000).ground_resistance
+    assert 75.0 <= drawn.min() < 76.0 and 224.0 < drawn.max() <= 225.0
+    assert drawn.mean() == pytest.approx(150.0, rel=0.02)
+    same = simulator(
+        ground_resistance=tuple(Channels(ground_resistance=Uniform(150.0)).of(E).ground_resistance)
+    )
+    np.testing.assert_allclose(same.frame(0.0), simulator(switch=150.0).frame(0.0))
+
+
+def test_gains_and_offsets():
+    gain, offset = tuple(np.linspace(0.9, 1.1, E)), tuple(np.linspace(-0.01, 0.02, E))
+    got = simulator(gain=gain, offset=offset).frame(0.0)
+    np.testing.assert_allclose(got[OFF], (IDEAL * gain + offset)[OFF])
+    numbers = Channels(gain=Rms(0.02, seed=3), offset=Rms(0.005, seed=3)).of(10_000)
+    assert numbers.gain.std() == pytest.approx(0.02, rel=0.03)
+    assert numbers.gain.mean() == pytest.approx(1.0, abs=1e-3)
+    assert numbers.offset.std() == pytest.approx(0.005, rel=0.03)
+    assert abs(np.corrcoef(numbers.gain, numbers.offset)[0, 1]) < 0.05
+    drawn = [simulator(gain=Rms(0.02, seed=s)).frame(0.0)[OFF] for s in (3, 3, 4)]
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    assert np.abs(drawn[0] - drawn[2]).max() > 0.01
+
+
+@pytest.mark.parametrize("part", [0.03, tuple(np.linspace(0.0, 0.2, E))])
+def test_a_row_read_too_early_keeps_a_part_of_the_row_before(part):
+    share = np.asarray(part)
+    got = simulator(settling=part).frame(1.0)
+    expected = (1 - share) * IDEAL + share * np.roll(IDEAL, 1, axis=0)
+    np.testing.assert_allclose(got[OFF], expected[OFF], atol=1e-12)
+    order = [3, 12, 3, 0]
+    got = simulator(settling=part, order=order, own_reading=True).frame(1.0)
+    before = IDEAL[[0, 3, 12, 3]]
+    np.testing.assert_allclose(got, (1 - share) * IDEAL[order] + share * before, atol=1e-12)
+
+
+def test_a_row_before_the_first_touch_leaves_nothing():
+    begins = Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4, start=0.0045)
+    kept = simulator((begins,), settling=0.1, own_reading=True).frame(0.0)
+    sharp = simulator((begins,), own_reading=True).frame(0.0)
+    assert (kept[:5] == 0).all()
+    np.testing.assert_allclose(kept[5], 0.9 * sharp[5])
+    np.testing.assert_allclose(kept[6], 0.9 * sharp[6] + 0.1 * sharp[5])
+
+
+def test_an_open_wire_reads_the_drive_voltage_wherever_something_touches():
+    got = simulator(open=(4, 9), own_reading=True).frame(0.0)
+    np.testing.assert_array_equal(got[[4, 9]], DRIVE)
+    closed = ~np.isin(np.arange(E), [4, 9])
+    np.testing.assert_allclose(got[closed], IDEAL[closed], atol=1e-12)
+    assert (simulator((), open=(4, 9), own_reading=True).frame(0.0) == 0).all()
+    fast = Contact("disc", center=(0.0, 0.0), radius=0.006, pressure=2e4, velocity=(1.0, 0.0))
+    moving = simulator((fast,), open=(4,)).frame(0.0)
+    assert (np.delete(moving[4], 4) == DRIVE).all()
+    high = simulator(ground_resistance=tuple(np.full(E, 1e15)), own_reading=True).frame(0.0)
+    np.testing.assert_allclose(high, DRIVE, atol=1e-6)
+
+
+def test_a_stuck_channel_reads_its_voltage_whatever_happens():
+    scene = {"noise": Noise(0.01), "adc": Adc(12, 3.3)}
+    got = simulator(stuck={2: 1.65, 7: 9.0}, scene=scene).frame(0.0)
+    assert set(np.delete(got[:, 2], 2)) == {1.65}
+    assert set(np.delete(got[:, 7], 7)) == {3.3 * (1 - 2.0**-12)}  # clipped by the converter
+    assert np.isnan(got[2, 2])
+
+
+def test_own_readings_are_what_drops_over_the_switch():
+    np.testing.assert_allclose(np.diag(IDEAL), 0.0, atol=1e-12)
+    assert np.isnan(np.diag(simulator(switch=60.0).frame(0.0))).all()
+    own = np.diag(simulator(switch=60.0, own_reading=True).frame(0.0))
+    assert (own > 1e-3).all()
+
+
+SCENE = """
+format: tomotactile-scene/1
+drive_voltage: 3.3
+own_reading: true
+defects:
+  gain: {rms: 0.02, seed: 4}
+  offset: [0.001, 0.002, 0.003, 0.004]
+  ground_resistance: {mean: 150.0, spread: 75.0, seed: 5}
+  settling: 0.01
+  open: [3]
+  stuck: {2: 1.5}
+"""
+
+
+def test_a_scene_file_names_them_and_is_written_back(tmp_path):
+    path = tmp_path / "worn.yaml"
+    path.write_text(SCENE)
+    scene = load_scene(path)
+    assert scene.own_reading
+    channels = scene.defects.channels
+    assert channels == Channels(
+        Rms(0.02, 4), (0.001, 0.002, 0.003, 0.004), Uniform(150.0, 75.0, 5), 0.01, (3,), {2: 1.5}
+    )
+    scene.save(tmp_path / "again.yaml")
+    again = load_scene(tmp_path / "again.yaml")
+    assert again.defects == scene.defects and again.own_reading
+    small = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, margin=0.02)
+    Simulator(small, scene, "closed_form").frame(0.0)
+    with pytest.raises(InputError, match="defects.offset: a list of 4 numbers, the layout has 16"):
+        scene.check(LAYOUT)
+
+
+@pytest.mark.parametrize(
+    "defect, complaint",
+    [
+        ("gain: 1.0", "defects.gain: 1.0 is neither a list of numbers nor {rms, seed}"),
+        ("gain: [1.0, .nan]", r"defects.gain\[1\]: nan is not a finite number"),
+        ("gain: [1.0, 0.0]", r"defects.gain\[1\]: 0.0 is not a positive factor"),
+        ("gain: {rms: 0.5}", "defects.gain.rms: 0.5 is above 0.25"),
+        ("gain: {rms: -0.1}", "defects.gain.rms: -0.1"),
+        ("gain: {rms: 0.1, sead: 1}", "defects.gain.sead: unknown key; did you mean 'seed'"),
+        ("offset: [a]", r"defects.offset\[0\]: 'a' is not a number"),
+        ("ground_resistance: [-1.0]", r"defects.ground_resistance\[0\]: -1.0"),
+        ("ground_resistance: {mean: 10.0, spread: 20.0}", "spread: 20 is above the mean"),
+        ("settling: 1.0", "defects.settling: 1 is not a part from 0 to below 1"),
+        ("settling: [0.1, -0.1]", r"defects.settling\[1\]: -0.1"),
+        ("open: [1, 1]", r"defects.open: \[1, 1\] names an electrode twice"),
+        ("open: [-1]", "defects.*-1 is not an electrode"),
+        ("stuck: {a: 1.0}", "defects.stuck: 'a' is not the number of an electrode"),
+        ("stuck: {1: .inf}", "defects.stuck.1: inf"),
+        ("stuck: [1]", "defects.stuck: .* is not a mapping"),
+    ],
+)
+def test_impossible_channels_are_refused_in_one_line(tmp_path, defect, complaint):
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"format: tomotactile-scene/1\ndrive_voltage: 3.3\ndefects:\n  {defect}\n")
+    with pytest.raises(InputError, match=complaint) as caught:
+        load_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("defect", [{"open": (16,)}, {"stuck": {16: 1.0}}, {"gain": (1.0,) * 15}])
+def test_channels_that_the_layout_does_not_have_are_refused(defect):
+    with pytest.raises(InputError, match=f"scene test: defects.{next(iter(defect))}: "):
+        simulator(**defect)

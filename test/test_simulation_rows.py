@@ -1,0 +1,165 @@
+"""Rows in time: each row of a frame shows the sheet at its own moment."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Defects, Noise, SheetVariation
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+
+DRIVE = 3.3
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+LAW = ContactLaw(1e-4, 1.0)
+OFF = ~np.eye(16, dtype=bool)
+
+
+def disc(x, y, radius=0.006, velocity=(0.0, 0.0), **times):
+    return Contact(
+        "disc", center=(x, y), radius=radius, pressure=2e4, velocity=velocity, **times
+    )  # fmt: skip
+
+
+def scene(*contacts, law=LAW, **settings):
+    return Scene("test", DRIVE, contacts, contact_law=law, **settings)
+
+
+def simulator(*contacts, model="fem", law=LAW, row_period=ROW_PERIOD, order=None, **settings):
+    return Simulator(
+        LAYOUT, scene(*contacts, law=law, **settings), model, row_period=row_period, order=order
+    )
+
+
+def one_by_one(rows: Simulator, t: float) -> np.ndarray:
+    """The frame row by row: contacts where they are at the row's time, solved for it alone."""
+    drive, to_ground = rows.scene.drive_voltage, rows.scene.defects.switch_resistance
+    out = []
+    for i, ground in enumerate(rows.grounded):
+        there = [c.at(t + i * rows.row_period) for c in rows.scene.contacts]
+        law = rows.scene.contact_law
+        patches = [
+            (c.patches(across), np.inf if law is None else float(law.conductance(c.pressure)))
+            for c, across in zip(there, rows._across)
+            if c is not None
+        ]
+        meets = contact_points(rows.sheet, patches)
+        out += [*frame(*meets, drive, grounded=[ground], switch_resistance=to_ground)]
+    return np.array(out)
+
+
+MOVING = {
+    "two apart": [disc(-0.07, 0.05, velocity=(1.0, 0.3)), disc(0.05, -0.05, velocity=(-2.0, 0.0))],
+    "over electrodes": [disc(0.0, 0.033, 0.004, velocity=(3.0, 0.0))],
+    "through each other": [disc(-0.01, 0.0, velocity=(2.0, 0.0)), disc(0.02, 0.0, 0.003)],
+    "off the rim": [disc(0.08, 0.02, 0.012, velocity=(2.0, 0.5))],
+    "begins and ends": [
+        disc(-0.05, 0.0, velocity=(1.0, 0.0), end=0.005),
+        disc(0.05, 0.0, start=0.0095),
+        disc(0.0, 0.06, start=0.004, end=0.012, velocity=(0.0, -1.0)),
+    ],
+}
+
+
+@pytest.mark.parametrize("law", [LAW, None], ids=["law", "bare"])
+@pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
+def test_a_frame_is_made_of_rows_that_are_each_solved_at_their_own_time(contacts, law):
+    rows = simulator(*contacts, law=law)
+    got, expected = rows.frame(0.0), one_by_one(rows, 0.0)
+    np.testing.assert_allclose(got, expected, atol=1e-9 * DRIVE)
+    assert np.nanmax(np.abs(got - simulator(*contacts, law=law, row_period=0).frame(0.0))) > 0.1
+
+
+def test_rows_of_an_uneven_sheet_behind_a_switch():
+    uneven = Defects(sheet_variation=SheetVariation(0.2, 0.05, seed=1), switch_resistance=300.0)
+    rows = simulator(*MOVING["two apart"], defects=uneven)
+    np.testing.assert_allclose(rows.frame(0.0), one_by_one(rows, 0.0), atol=1e-9 * DRIVE)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.02, 0.08])
+def test_rows_of_slow_contacts_are_interpolated_to_half_a_millivolt(speed):
+    for start in (-0.02, 0.033, 0.05):
+        rows = simulator(disc(start, 0.03, velocity=(speed, speed)), disc(-0.05, -0.05))
+        error = (rows.frame(0.1) - one_by_one(rows, 0.1))[OFF]
+        assert np.abs(error).max() < 5e-4 and np.sqrt(np.mean(error**2)) < 2e-5
+
+
+def test_another_model_agrees_within_a_hundredth_at_a_metre_per_second():
+    fast = disc(-0.03, 0.01, velocity=(1.0, 0.2)), disc(0.07, -0.06, velocity=(-0.8, 0.6))
+    closed_form = one_by_one(simulator(*fast, model="closed_form"), 0.01)
+    got = simulator(*fast).frame(0.01)
+    assert np.abs(got - closed_form)[OFF].max() < 0.01 * DRIVE
+    frozen = simulator(*fast, row_period=0).frame(0.01)
+    assert np.abs(frozen - closed_form)[OFF].max() > 0.03 * DRIVE
+
+
+@pytest.mark.parametrize("model", ["fem", "closed_form"])
+def test_where_nothing_moves_a_frame_is_the_frozen_one(model):
+    contacts = disc(0.03, 0.02), disc(-0.05, 0.0, velocity=(0.01, 0.0), start=1.0, end=2.0)
+    settings = {"model": model, "noise": Noise(1e-3)}
+    first, second = (simulator(*contacts, row_period=p, **settings) for p in (ROW_PERIOD, 0.0))
+    np.testing.assert_array_equal(first.frame(0.0, 3), second.frame(0.0, 3))
+    np.testing.assert_array_equal(first.frame(2.0, 4), second.frame(2.0, 4))
+
+
+def test_a_touch_begins_and_ends_between_two_rows():
+    pressed, free = simulator(disc(0.03, 0.02)).frame(0.0), np.where(OFF, 0.0, np.nan)
+    begins = simulator(disc(0.03, 0.02, start=1.0055)).frame(1.0)
+    np.testing.assert_array_equal(begins, np.concatenate([free[:6], pressed[6:]]))
+    ends = simulator(disc(0.03, 0.02, end=1.0055)).frame(1.0)
+    np.testing.assert_array_equal(ends, np.concatenate([pressed[:6], free[6:]]))
+
+
+def test_any_order_of_electrodes():
+    order = [9, 0, 3, 9, 15]
+    contact = disc(-0.03, 0.02, velocity=(1.0, 0.0))
+    scanned = simulator(contact, order=order)
+    found = scanned.frame(0.0)
+    assert found.shape == (5, 16) and scanned.grounded.tolist() == order
+    assert np.argwhere(np.isnan(found)).tolist() == [[i, e] for i, e in enumerate(order)]
+    np.testing.assert_allclose(found, one_by_one(scanned, 0.0), atol=1e-9 * DRIVE)
+    resting = simulator(disc(0.03, 0.02), order=order).frame(0.0)
+    np.testing.assert_array_equal(resting, simulator(disc(0.03, 0.02)).frame(0.0)[order])
+
+
+def test_single_rows_are_the_rows_of_a_frame():
+    rows = simulator(disc(-0.03, 0.02, velocity=(1.0, 0.0)), disc(0.05, 0.0))
+    whole = rows.frame(0.0)
+    for i in (0, 5, 15):
+        np.testing.assert_allclose(rows.row(i * ROW_PERIOD, i), whole[i], atol=1e-9 * DRIVE)
+    noisy = simulator(disc(0.05, 0.0), noise=Noise(0.01, seed=2))
+    np.testing.assert_array_equal(noisy.row(0.0, 3, 7), noisy.row(0.0, 3, 7))
+    assert np.nanmax(np.abs(noisy.row(0.0, 3, 7) - noisy.row(0.0, 3, 8))) > 1e-3
+    with pytest.raises(InputError, match="electrode 16 does not exist"):
+        rows.row(0.0, 16)
+
+
+@pytest.mark.parametrize(
+    "settings, complaint",
+    [
+        ({"row_period": -1e-3}, "row_period: -0.001"),
+        ({"row_period": np.nan}, "row_period: nan"),
+        ({"row_period": np.inf}, "row_period: inf"),
+        ({"order": [0, 16]}, "order: electrode 16 does not exist"),
+        ({"order": [-1]}, "order: electrode -1 does not exist"),
+        ({"order": []}, r"order: \[\] is not a list of electrodes"),
+        ({"order": [0.5]}, "order: .* is not a list of electrodes"),
+    ],
+)
+def test_impossible_scans_are_refused(settings, complaint):
+    with pytest.raises(InputError, match=complaint):
+        simulator(disc(0.0, 0.0), **settings)
+
+
+def test_contacts_on_every_electrode_and_none():
+    """Rows whose own electrode is under a contact, and rows with nothing on the sheet at all."""
+    strip = Contact("rectangle", center=(-0.1, 0.1), size=(0.3, 0.012), velocity=(0.0, -4.0))
+    rows = simulator(strip, law=None)
+    np.testing.assert_allclose(rows.frame(0.0), one_by_one(rows, 0.0), atol=1e-9 * DRIVE)
+    gone = simulator(replace(strip, velocity=(0.0, 20.0)), law=None)
+    assert np.nanmax(np.abs(gone.frame(0.012))) == 0.0
