@@ -24,6 +24,7 @@ from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.touches import Touch, Touches
 
 PLACES = (-0.071, 0.048), (0.069, -0.052), (0.012, 0.017)  # m
 SPEEDS, WAY = (0.002, 0.01, 0.05, 0.2, 1.0), 0.12  # m/s; s
@@ -73,7 +74,34 @@ def frames(layout):
     for name, simulator in simulators.items():
         clock = iter(range(10**9))
         calls[name] = lambda simulator=simulator, clock=clock: _next(simulator, next(clock))
+    calls["two live touches that slide 2 mm a frame"] = _live(layout, _slide)
+    calls["two live touches, each frame anywhere"] = _live(layout, _jump)
     return _times(calls, turn=0.02)
+
+
+def _live(layout, places):
+    """Makes a frame of two live touches at `places` (number of the frame), new in every frame."""
+    simulator = Simulator(layout, load_scene("live"))
+    simulator.live = Touches(layout)
+    clock = iter(range(10**9))
+
+    def call():
+        number = next(clock)
+        time = 0.064 * number
+        simulator.live.press([Touch(*place, 2.0, 0.006) for place in places(number)], time)
+        return simulator.frame(time, number)
+
+    return call
+
+
+def _slide(number):
+    """To and fro along two lines, another one each time."""
+    way, line = number * 0.002 % 0.16 - 0.08, number // 80 % 12 * 0.006
+    return (way, line), (-way, line - 0.08)
+
+
+def _jump(number):
+    return np.random.default_rng(number).uniform(-0.09, 0.09, (2, 2)).tolist()
 
 
 def _times(calls, turn):

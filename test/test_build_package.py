@@ -15,6 +15,7 @@ CONTRACT = {
         "sequence": "uint32",
         "layout_id": "string",
         "drive_voltage": "float",
+        "row_period": "float",
         "electrodes": "uint16",
         "grounded": "sequence<uint16>",
         "voltages": "sequence<float>",

@@ -163,3 +163,12 @@ def test_pictures_are_shown_where_they_are_wanted_and_possible(
     display.close()
     terminal.flush()
     assert (b"\x1b" in terminal.buffer.getvalue()) == pictures
+
+
+@pytest.mark.parametrize(("scene", "said"), [("idle", True), ("live", False)])
+def test_what_presses_from_outside_is_not_called_nothing(capsys, scene, said):
+    """A live scene does not know what touches; an idle one does."""
+    display = Display(LAYOUT, load_scene(scene))
+    display.show(Shot(np.zeros((8, 8)), [UPPER_RIGHT], scene_time=1.0, rate=15.0, age=0.01))
+    shown = capsys.readouterr().out
+    assert "contact 1" in shown and ("nothing is there" in shown) == said

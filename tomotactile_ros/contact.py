@@ -1,29 +1,36 @@
-"""What presses on the sheet: a region with a pressure, for a time, perhaps moving; its cells.
+"""What presses on the sheet: a region with a pressure, for a time, perhaps moving; its cells."""
 
-The contact law is that of Holm: conductance per area g = c p^m.
-"""
-
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from tomotactile_ros import checks
+from tomotactile_ros.cells import (
+    cells_along,
+    too_fine,
+    unit_disc_cells,
+    unit_disc_patches,
+    unit_disc_pressures,
+)
+from tomotactile_ros.contact_law import ContactLaw
+from tomotactile_ros.course import Course, course_to_dict, read_course
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.patches import disc_rim, join, rim_of
+from tomotactile_ros.load import Load
+from tomotactile_ros.motion import Motion, along_path, straight
+from tomotactile_ros.patches import join, rim_of
+from tomotactile_ros.profile import PROFILES
 from tomotactile_ros.region import MAX_CELLS, Region, regular_polygon, ring
 from tomotactile_ros.yamlio import Reader
+
+__all__ = ["Contact", "ContactLaw", "read_contact"]
 
 SHAPES = {
     "disc": ("center", "radius"),
     "rectangle": ("center", "size", "angle"),
     "polygon": ("points",),
 }
-FASTEST = 1e6  # m/s
-_LEAST_CELLS = 3  # along each side of a contact's bounding box; a disc keeps all 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +46,15 @@ class Contact:
     size : width and height of a rectangle, m.
     angle : of a rectangle, degrees counter-clockwise.
     points : (V, 2) vertices of a polygon at the time ``start``, m.
-    pressure : Pa, or None for a bare conductor at the drive voltage.
+    pressure : mean, Pa; or None.
+    force : N, instead of the pressure; or None. With neither, a bare conductor at the drive voltage.
+    profile : how the pressure varies inside a disc, of `profile.PROFILES`; "even" for all shapes.
+    course : of the force from ``start`` on, see `course`; None: constant.
     start, end : s; the contact is there while start <= t < end.
     velocity : (2,) m/s, from ``start`` on.
+    width : longer side of its bounding box, m (no parameter).
+    path, speed, loop : way points (W, 2), m, to which the center goes one after the other from
+        ``start`` on, with ``speed`` m/s; then it rests, or returns to where it began and goes on.
     """
 
     shape: str
@@ -54,6 +67,12 @@ class Contact:
     start: float = 0.0
     end: float = math.inf
     velocity: Sequence[float] = (0.0, 0.0)
+    force: float | None = None
+    profile: str = "even"
+    course: Course | None = None
+    path: np.ndarray | None = None
+    speed: float | None = None
+    loop: bool = False
 
     def __post_init__(self):
         if self.shape not in SHAPES:
@@ -64,20 +83,25 @@ class Contact:
                 raise InputError(f"{key}: is missing, a {self.shape} needs it")
             if not needed and key != "center" and getattr(self, key) is not None:
                 raise InputError(f"{key}: a {self.shape} has none")
-        if self.pressure is not None:
-            checks.not_negative(self.pressure, "pressure", "pressure in Pa")
         checks.number(self.start, "from", "time in s")
         if self.end != math.inf and checks.number(self.end, "to", "time in s") <= self.start:
             raise InputError(f"to: {self.end:g} is not after 'from' ({self.start:g} s)")
         self._set("_cells", {})
-        velocity = np.array(checks.pair(self.velocity, "velocity", "speed in m/s"))
-        if np.abs(velocity).max() > FASTEST:
-            raise InputError(f"velocity: {velocity.tolist()} is faster than {FASTEST:g} m/s")
-        self._set("velocity", velocity)
+        self._set("velocity", np.array(checks.pair(self.velocity, "velocity", "speed in m/s")))
         self._set_form()
+        self._set_load()
+        self._set("_begin", self.center)
+        self._set("width", float(np.ptp(self.vertices, axis=0).max()))
+        self._set("_motion", self._make_motion())
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
+
+    def _copy(self) -> "Contact":
+        """The same in a new object, which shares what is kept of the cells."""
+        copy = object.__new__(Contact)
+        copy.__dict__.update(self.__dict__)
+        return copy
 
     def _set_form(self) -> None:
         """Keep the contact's region about its own centre: it is the same wherever it moves."""
@@ -101,6 +125,28 @@ class Contact:
         self._set("_form", Region(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 * size))
         checks.number(self.angle, "angle", "number of degrees")
 
+    def _set_load(self) -> None:
+        """What presses, and how much of it just now: all, until `at` knows better."""
+        load = Load(
+            self.area, self.end - self.start, self.pressure, self.force, self.profile, self.course
+        )
+        if load.profile != "even" and self.shape != "disc":
+            raise InputError(f"profile: {load.profile} is that of a disc, not of a {self.shape}")
+        self._set("_load", load)
+        self._set("_law", None)
+        self._set("_level", 1.0)
+        self._set("_felt", 1.0)
+
+    def _make_motion(self) -> Motion | None:
+        if self.path is None:
+            for key, given in (("speed", self.speed is not None), ("loop", self.loop)):
+                if given:
+                    raise InputError(f"{key}: is that of a path, and there is no path")
+            return straight(self.velocity)
+        if self.velocity.any():
+            raise InputError("path: is given, and so is velocity; one of them says it all")
+        return along_path(self.center, self.path, self.speed, self.loop)
+
     @property
     def area(self) -> float:
         """Area of the whole contact, m²."""
@@ -112,25 +158,97 @@ class Contact:
         return self.center + self._form.centroid if self.shape == "polygon" else self.center.copy()
 
     @property
+    def mean_pressure(self) -> float | None:
+        """Pa, at the time of `at`, else the nominal one; None for a bare conductor."""
+        mean = self._load.mean_pressure
+        return None if mean is None else mean * self._level
+
+    @property
+    def peak_pressure(self) -> float | None:
+        """Pa, likewise; of a punch, whose rim has no finite pressure, the mean."""
+        return None if self.mean_pressure is None else self.mean_pressure * self._load.peak
+
+    @property
+    def total_force(self) -> float | None:
+        """N, likewise."""
+        return None if self.mean_pressure is None else self.mean_pressure * self.area
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves while it is there."""
+        return self._motion is not None
+
+    @property
     def vertices(self) -> np.ndarray:
         """(V, 2) rim of the contact, m; a disc as a fine polygon around it."""
         if self.shape == "disc":
             return self.center + regular_polygon(self.radius)
         return self.center + self._turned(self._form.shell)
 
+    def under(self, law: ContactLaw | None) -> "Contact":
+        """The contact as ``law`` feels it, whose memory `at` then knows of; itself without one."""
+        law = law if law is not None and law.remembers else None
+        if law is self._law or self._load.mean_pressure is None:
+            return self
+        mine = self._copy()
+        mine._set("_law", law)
+        return mine
+
     def at(self, t: float) -> "Contact | None":
-        """The contact where it is at the time ``t`` (s), or None while it is not there."""
+        """The contact as it is at the time ``t`` (s), or None while it is not there.
+
+        Where nothing about it changes in time this is the very same object. A course that goes
+        down to no force lifts the contact off.
+        """
         if not self.start <= t < self.end:
             return None
-        if not self.velocity.any():
+        age = t - self.start
+        level = self._load.signal.value(age) if self.course is not None else 1.0
+        if level <= 0:
+            return None
+        if self._constant:
             return self
-        shift = self.velocity * (t - self.start)
-        moved = copy.copy(self)
-        moved._set("center", self.center + shift)
+        now = self._copy()
+        now._set("_level", level)
+        now._set("_felt", level if self._law is None else self._law.felt(self._load.signal, age))
+        if self._motion is not None:
+            now._move(self._begin + self._motion.shift(age))
+        return now
+
+    def changes(self, first: float, last: float) -> bool:
+        """Whether anything about it is different at some time from ``first`` to ``last`` (s)."""
+        if last < self.start or self.end <= first:
+            return False
+        there = self.start <= first and last < self.end
+        return not there or (last > first and not self._constant)
+
+    @property
+    def _constant(self) -> bool:
+        return self.course is None and self._motion is None and self._law is None
+
+    def _move(self, center):
         if self.shape == "polygon":
-            moved._set("points", self.points + shift)
-        moved._set("start", t)
-        return moved
+            self._set("points", self.points + (center - self.center))
+        self._set("center", center)
+
+    def conductance(self, law: ContactLaw | None, across: int) -> float | np.ndarray:
+        """Conductance per area of the `patches`, S/m², by a contact law.
+
+        One number where the pressure is even, else (Q,), of the mean pressure on each patch.
+        Infinite for a bare conductor, and without a law.
+        """
+        mean = self._load.mean_pressure
+        if law is None or mean is None:
+            return math.inf
+        key = "conductance", law, across
+        kept, found = self._cells.get(key, (None, None))
+        if kept != self._felt:
+            even = self.profile == "even"
+            pressure = 1.0 if even else unit_disc_pressures(self.profile, across)
+            found = law.conductance(mean * self._felt * pressure)
+            found = float(found) if even else found
+            self._cells[key] = self._felt, found
+        return found
 
     def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Cut the contact into cells of a lattice that is fixed to it.
@@ -145,7 +263,7 @@ class Contact:
         areas : (Q,) area of each cell, m², in sum the area of the contact.
         """
         if self.shape == "disc":
-            points, areas = _unit_disc_cells(_cells_along(2 * self.radius, spacing))
+            points, areas = unit_disc_cells(cells_along(2 * self.radius, spacing))
             return self.center + self.radius * points, self.radius**2 * areas
         points, areas = self._form_cells(spacing)
         return self.center + points, areas
@@ -157,26 +275,46 @@ class Contact:
         -------
         points : (Q, 2) m; areas : (Q,) m², in sum that of the contact; radii : (Q,) m.
         """
-        if ("patches", across) not in self._cells:
-            vertices = self.vertices - self.center
-            spacing = np.ptp(vertices, axis=0).max() / across
-            cells, areas = self.sample(spacing)
-            rim = (
-                disc_rim(self.radius, spacing)
-                if self.shape == "disc"
-                else rim_of(vertices, spacing)
-            )
-            self._cells["patches", across] = join(*rim, cells - self.center, areas, spacing)
-        points, areas, radii = self._cells["patches", across]
+        key = "patches", across
+        if key not in self._cells:
+            self._cells[key] = self._make_patches(across)
+        points, areas, radii = self._cells[key]
         return self.center + points, areas, radii
+
+    def _make_patches(self, across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The patches about the centre."""
+        if self.shape == "disc":
+            points, areas, radii = unit_disc_patches(across)
+            return self.radius * points, self.radius**2 * areas, self.radius * radii
+        vertices = self.vertices - self.center
+        spacing = np.ptp(vertices, axis=0).max() / across
+        cells, areas = self.sample(spacing)
+        return join(*rim_of(vertices, spacing), cells - self.center, areas, spacing)
+
+    def legs(self, longest: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Straight parts of its way: vertices (V, 2) at the beginning of each, and the way (2,).
+
+        A contact at rest has one of length 0; an endless way is cut at ``longest`` (m).
+        """
+        vertices = self.vertices - self.center + self._begin
+        if self._motion is None:
+            return [(vertices, np.zeros(2))]
+        lasts = self.end - self.start
+        return [(vertices + shift, way) for shift, way in self._motion.legs(lasts, longest)]
+
+    def shifts(self, step: float, lasts: float, longest: float) -> np.ndarray:
+        """(S, 2) where it will be, against its beginning, every ``step`` m; see `Motion.steps`."""
+        if self._motion is None:
+            return np.empty((0, 2))
+        return self._motion.steps(step, min(lasts, self.end - self.start), longest)
 
     def _form_cells(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Sample points about the centre and their areas, computed once per spacing."""
         if spacing not in self._cells:
             width, height = self._form.size
-            columns, rows = _cells_along(width, spacing), _cells_along(height, spacing)
+            columns, rows = cells_along(width, spacing), cells_along(height, spacing)
             if columns * rows > MAX_CELLS:
-                raise InputError(_too_fine(spacing))
+                raise InputError(too_fine(spacing))
             points, areas = self._form.cells(columns, rows)
             areas.setflags(write=False)
             self._cells[spacing] = self._turned(points), areas
@@ -193,73 +331,30 @@ class Contact:
         """The contact as in a scene file."""
         content = {"shape": self.shape}
         content.update({key: getattr(self, key) for key in SHAPES[self.shape]})
-        if self.pressure is not None:
-            content["pressure"] = float(self.pressure)
+        for key in ("pressure", "force"):
+            if getattr(self, key) is not None:
+                content[key] = float(getattr(self, key))
+        if self.profile != "even":
+            content["profile"] = self.profile
+        if self.course is not None:
+            content["course"] = course_to_dict(self.course)
         content["from"] = float(self.start)
         if math.isfinite(self.end):
             content["to"] = float(self.end)
-        content["velocity"] = self.velocity
+        if self.path is None:
+            content["velocity"] = self.velocity
+        else:
+            content.update(path=np.asarray(self.path), speed=float(self.speed), loop=self.loop)
         return content
-
-
-def _too_fine(spacing: float) -> str:
-    return f"spacing: {spacing:g} m cuts a contact into more than {MAX_CELLS} cells"
-
-
-def _cells_along(length: float, spacing: float) -> int:
-    """Number of lattice cells over a length, none longer than ``spacing``."""
-    count = length / spacing if spacing > 0 else math.nan
-    if not count <= MAX_CELLS:
-        checks.positive(spacing, "spacing", "length in m")
-        raise InputError(_too_fine(spacing))
-    return max(_LEAST_CELLS, math.ceil(count * (1 - 1e-12)))
-
-
-@lru_cache(maxsize=64)
-def _unit_disc_cells(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of the disc of radius 1 under a lattice of count x count: (Q, 2) points, (Q,) areas."""
-    if count**2 > MAX_CELLS:
-        raise InputError(_too_fine(2 / count) + " of a disc of radius 1")
-    points, areas = Region(regular_polygon(1.0)).cells(count, count)
-    return points, areas * (math.pi / areas.sum())
-
-
-@dataclass(frozen=True)
-class ContactLaw:
-    """Contact conductance per area against pressure, g = c p^m (Holm).
-
-    Both end at `checks.LARGEST`.
-
-    Parameters
-    ----------
-    coefficient : c, in S/m² per Pa^m.
-    exponent : m.
-    """
-
-    coefficient: float
-    exponent: float
-
-    def __post_init__(self):
-        checks.positive(self.coefficient, "coefficient", "number")
-        checks.positive(self.exponent, "exponent", "number")
-
-    def conductance(self, pressure: np.ndarray | float) -> np.ndarray:
-        """g in S/m² of a pressure in Pa; 0 where the pressure is not above 0."""
-        with np.errstate(over="ignore"):
-            g = self.coefficient * np.maximum(pressure, 0.0) ** self.exponent
-        return np.minimum(g, checks.LARGEST)
-
-    def pressure(self, conductance: np.ndarray | float) -> np.ndarray:
-        """Pressure in Pa that belongs to g in S/m²; 0 where g is not above 0."""
-        with np.errstate(over="ignore"):
-            p = (np.maximum(conductance, 0.0) / self.coefficient) ** (1 / self.exponent)
-        return np.minimum(p, checks.LARGEST)
 
 
 def read_contact(reader: Reader) -> Contact:
     """The contact in a mapping of a scene file."""
     shape = reader.choice("shape", tuple(SHAPES))
-    reader.only("shape", *SHAPES[shape], "pressure", "from", "to", "velocity")
+    reader.only(
+        "shape", *SHAPES[shape], "pressure", "force", "profile", "course", "from", "to",
+        "velocity", "path", "speed", "loop",
+    )  # fmt: skip
     form = {}
     if shape == "polygon":
         form["points"] = reader.points("points")
@@ -274,7 +369,17 @@ def read_contact(reader: Reader) -> Contact:
         shape,
         **form,
         pressure=reader.number("pressure", None),
+        force=reader.number("force", None),
+        profile=reader.choice("profile", PROFILES) if "profile" in reader else "even",
+        course=_read_course(reader),
         start=reader.number("from", 0.0),
         end=reader.number("to", math.inf, infinite=True),
         velocity=reader.numbers("velocity", 2, (0.0, 0.0)),
+        path=reader.points("path") if "path" in reader else None,
+        speed=reader.number("speed", None),
+        loop=reader.flag("loop"),
     )
+
+
+def _read_course(reader: Reader) -> Course | None:
+    return read_course(reader.section("course")) if "course" in reader else None

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 _CELL_RADIUS = math.exp(-0.5) / math.sqrt(math.pi)  # of a cell's disc, times sqrt(area)
-_STRIP = 1 / 16  # width of the strip that the points on a rim stand for, in parts of their spacing
+STRIP = 1 / 16  # width of the strip that the points on a rim stand for, in parts of their spacing
 _CORNER = 0.2  # rad, turns of a rim that patches keep apart
 
 
@@ -60,7 +60,7 @@ def join(
     -------
     points : (P + C, 2) m; areas : (P + C,) m², with the sum of ``areas``; radii : (P + C,) m.
     """
-    strips = lengths * spacing * _STRIP
+    strips = lengths * spacing * STRIP
     taken = np.bincount(cKDTree(cells).query(rim)[1], strips, len(cells))
     weights = np.concatenate([strips, np.maximum(areas - taken, 0.0)])
     radii = np.concatenate([lengths / (2 * np.pi), _CELL_RADIUS * np.sqrt(areas)])

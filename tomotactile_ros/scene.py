@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros import checks
-from tomotactile_ros.contact import Contact, ContactLaw, read_contact
+from tomotactile_ros.contact import Contact, read_contact
+from tomotactile_ros.contact_law import ContactLaw, read_contact_law
 from tomotactile_ros.defects import (
     Adc,
     Defects,
@@ -40,6 +41,7 @@ class Scene:
     contacts : any number, also none; they may coincide.
     contact_law : makes a pressure a conductance; None: all contacts are bare conductors at the
         drive voltage and their pressure is only part of the truth.
+    live : whether contacts also come from outside while the scene is simulated, see `touches`.
     noise, adc, defects : of the measurement.
     own_reading : the grounded electrode is read, too: what drops between it and ground.
     layout : name of the layout that the scene was made for, or None for any.
@@ -53,11 +55,13 @@ class Scene:
     adc: Adc | None = None
     defects: Defects = field(default_factory=Defects)
     layout: str | None = None
+    live: bool = False
     own_reading: bool = False
 
     def __post_init__(self):
         checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
-        object.__setattr__(self, "contacts", tuple(self.contacts))
+        contacts = tuple(contact.under(self.contact_law) for contact in self.contacts)
+        object.__setattr__(self, "contacts", contacts)
 
     def check(self, layout: Layout) -> None:
         """Refuse a layout that the scene does not fit."""
@@ -81,8 +85,9 @@ class Scene:
     def truth(self, t: float) -> list[dict]:
         """What really touches at the time ``t`` (s), in the order of the scene.
 
-        For each contact x, y (centroid, m), force (N), pressure (Pa), area (m²) and radius (of the
-        disc of the same area, m); force and pressure are None where the scene names no pressure.
+        For each contact x, y (centroid, m), force (N), pressure (peak, Pa; of a punch, whose rim
+        has no finite one, the mean), area (m²) and radius (of the disc of the same area, m); force
+        and pressure are None where the scene names neither.
         """
         return [_describe(now) for contact in self.contacts if (now := contact.at(t)) is not None]
 
@@ -93,8 +98,12 @@ class Scene:
             content["own_reading"] = True
         if self.layout is not None:
             content["layout"] = self.layout
+        if self.live:
+            content["live"] = True
         content["contacts"] = [contact.to_dict() for contact in self.contacts]
-        for key in ("contact_law", "noise", "adc"):
+        if self.contact_law is not None:
+            content["contact_law"] = self.contact_law.to_dict()
+        for key in ("noise", "adc"):
             if getattr(self, key) is not None:
                 content[key] = dict(vars(getattr(self, key)))
         defects = {
@@ -114,6 +123,7 @@ def load_scene(path: str | os.PathLike) -> Scene:
         "format",
         "drive_voltage",
         "layout",
+        "live",
         "contacts",
         "contact_law",
         "noise",
@@ -126,35 +136,33 @@ def load_scene(path: str | os.PathLike) -> Scene:
         name=Path(path).stem,
         drive_voltage=reader.number("drive_voltage"),
         contacts=[read_contact(contact) for contact in reader.sections("contacts")],
-        contact_law=read_section(reader, "contact_law", ContactLaw, ("coefficient", "exponent")),
+        contact_law=_read_law(reader),
         noise=read_section(reader, "noise", Noise, ("rms",), seed=True),
         adc=read_adc(reader),
         defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
         layout=reader.text("layout", None),
+        live=reader.flag("live"),
         own_reading=reader.flag("own_reading"),
     )
 
 
+def _read_law(reader: Reader) -> ContactLaw | None:
+    return read_contact_law(reader.section("contact_law")) if "contact_law" in reader else None
+
+
 def _reaches(contact: Contact, layout: Layout) -> bool:
     """Whether the contact touches the sheet at any time."""
-    vertices = contact.vertices
-    speed = float(np.linalg.norm(contact.velocity))
-    path = np.zeros(2)
-    if speed > 0:
-        farthest = np.linalg.norm(vertices, axis=1).max() + np.linalg.norm(layout.outline.size)
-        distance = min(speed * (contact.end - contact.start), 2 * farthest)
-        path = contact.velocity / speed * distance
-    return layout.outline.is_met_by(vertices, path)
+    farthest = np.linalg.norm(contact.vertices, axis=1).max() + np.linalg.norm(layout.outline.size)
+    return any(layout.outline.is_met_by(*leg) for leg in contact.legs(2 * farthest))
 
 
 def _describe(contact: Contact) -> dict:
     x, y = contact.centroid
-    pressure = None if contact.pressure is None else float(contact.pressure)
     return {
         "x": float(x),
         "y": float(y),
-        "force": None if pressure is None else pressure * contact.area,
-        "pressure": pressure,
+        "force": contact.total_force,
+        "pressure": contact.peak_pressure,
         "area": contact.area,
         "radius": math.sqrt(contact.area / math.pi),
     }

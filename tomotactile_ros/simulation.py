@@ -9,6 +9,7 @@ sequence number give the same frame on every machine.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -23,6 +24,7 @@ from tomotactile_ros.sheet import MODELS, make_sheet
 from tomotactile_ros.sheet.contacts import Patches, contact_points
 from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.rows import moving_rows
+from tomotactile_ros.touches import Touches
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
@@ -72,6 +74,7 @@ class Simulator:
         self.sheet = make_sheet(layout, model, resistance=resistance, h=h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
         self._across = [patches_across(contact, longest) for contact in scene.contacts]
+        self.live: Touches | None = None  # what presses from outside, beside the scene's contacts
         self.sheet.prepare(self._paths())
         self._set_wiring()
         self._kept: tuple[tuple, np.ndarray] | None = None
@@ -157,9 +160,8 @@ class Simulator:
 
     def _rows(self, times, grounded):
         """(L, E) potentials of all electrodes at `times` (L,), each with its own one grounded."""
-        first, last = times.min(), times.max()
-        if not any(changes(contact, first, last) for contact in self.scene.contacts):
-            return self._resting(self._present(first))[grounded]
+        if not self._changes(times.min(), times.max()):
+            return self._resting(self._present(times[0]))[grounded]
         states = [self._present(t) for t in times]
         alike: dict[tuple, list[int]] = {}
         for row, state in enumerate(states):
@@ -192,50 +194,45 @@ class Simulator:
             self._kept = state, voltages
         return self._kept[1]
 
-    def _present(self, t: float) -> tuple:
-        """What the scene's contacts are at the time `t` (s): equal objects mean an equal state."""
-        return tuple(contact.at(t) for contact in self.scene.contacts)
+    def _changes(self, first: float, last: float) -> bool:
+        """Whether anything on the sheet may change between two times, s, both included."""
+        return self.live is not None or any(
+            contact.changes(first, last) for contact in self.scene.contacts
+        )
 
-    def _touching(self, state: tuple) -> list[tuple[Patches, float]]:
-        """Patches of each contact that is there, and its conductance, S/m^2 (one, or of each)."""
-        return [
-            (contact.patches(across), self._conductance(contact))
-            for contact, across in zip(state, self._across)
-            if contact is not None
-        ]
+    def _present(self, t: float) -> tuple:
+        """What presses on the sheet at the time `t` (s): equal objects mean an equal state."""
+        live = () if self.live is None else self.live.at(t)
+        return (*(contact.at(t) for contact in self.scene.contacts), *live)
+
+    def _touching(self, state: tuple) -> list[tuple[Patches, np.ndarray]]:
+        """Patches of each contact that is there, and the conductance of each patch, S/m^2."""
+        touching = []
+        for contact in state:
+            if contact is not None:
+                across = patches_across(contact, max(self.layout.outline.size))
+                patches = contact.patches(across)
+                conductance = contact.conductance(self.scene.contact_law, across)
+                if not isinstance(conductance, np.ndarray):
+                    conductance = np.full(len(patches[1]), conductance)
+                touching.append((patches, conductance))
+        return touching
 
     def _paths(self):
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
         reach = 2 * max(self.layout.outline.size)
         paths = [np.empty((0, 2))]
         for contact, across in zip(self.scene.contacts, self._across):
-            speed = np.linalg.norm(contact.velocity)
-            if speed > 0:
-                way = min(reach, speed * min(_HORIZON, contact.end - contact.start))
-                distance = np.arange(0, way, self._step / 3)
-                steps = distance[:, None] * (contact.velocity / speed)
-                points = contact.patches(across)[0]
-                paths.append((points + steps[:, None]).reshape(-1, 2))
+            steps = contact.shifts(self._step / 3, _HORIZON, reach)
+            points = contact.patches(across)[0]
+            paths.append((points + steps[:, None]).reshape(-1, 2))
         return np.concatenate(paths)
-
-    def _conductance(self, contact) -> float:
-        if self.scene.contact_law is None or contact.pressure is None:
-            return np.inf
-        return float(self.scene.contact_law.conductance(contact.pressure))
 
 
 def patches_across(contact: Contact, longest: float) -> int:
     """Patches to the width of a contact on a sheet whose longer side is `longest` (m)."""
-    width = np.ptp(contact.vertices, axis=0).max()
-    return int(np.clip(np.ceil(width / longest * _PATCHES - _TINY), *_ACROSS))
-
-
-def changes(contact: Contact, first: float, last: float) -> bool:
-    """Whether a contact begins, ends or moves between two times, s, both included."""
-    if last < contact.start or contact.end <= first:
-        return False
-    inside = contact.start <= first and last < contact.end
-    return not inside or (last > first and bool(contact.velocity.any()))
+    count = math.ceil(contact.width / longest * _PATCHES - _TINY)
+    return min(max(count, _ACROSS[0]), _ACROSS[1])
 
 
 def _scan_order(order, electrodes: int) -> np.ndarray:
@@ -247,9 +244,7 @@ def _scan_order(order, electrodes: int) -> np.ndarray:
         raise InputError(f"order: {checks.show(order)} is not a list of electrodes")
     if found.min() < 0 or found.max() >= electrodes:
         wrong = found.min() if found.min() < 0 else found.max()
-        raise InputError(
-            f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}"
-        )
+        raise InputError(f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}")
     return found.astype(np.intp)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.contact import Contact
+from tomotactile_ros.course import course_to_dict
 from tomotactile_ros.defects import named_defects
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
@@ -86,11 +87,15 @@ def _describe_scene(scene, layout):
     for key in ("contact_law", "noise", "adc"):
         value = getattr(scene, key)
         if value is not None:
-            yield f"  {key:17} " + ", ".join(f"{k} {v:g}" for k, v in vars(value).items())
+            yield f"  {key:17} {_short({k: v for k, v in vars(value).items() if v is not None})}"
     for key, value in named_defects(scene.defects):
         yield f"  {key:17} {_short(value)}"
-    if scene.own_reading:
-        yield "  own_reading       the grounded electrode is read, too"
+    for key, meaning in (
+        ("live", "contacts also come from outside"),
+        ("own_reading", "the grounded electrode is read, too"),
+    ):
+        if getattr(scene, key):
+            yield f"  {key:17} {meaning}"
     yield f"  on {layout.name}, contacts where they begin (#), electrodes (o)"
     canvas = _Canvas(layout.outline)
     for contact in scene.contacts:
@@ -102,11 +107,18 @@ def _describe_scene(scene, layout):
 def _describe_contact(contact: Contact):
     x, y = contact.centroid * 1e3
     text = f"{contact.shape} at ({x:.4g}, {y:.4g}) mm, {contact.area * 1e6:.4g} mm2"
-    if contact.pressure is None:
+    if contact.mean_pressure is None:
         text += ", bare conductor"
     else:
-        text += f", {contact.pressure / 1e3:.4g} kPa, {contact.pressure * contact.area:.3g} N"
-    if contact.velocity.any():
+        text += f", {contact.mean_pressure / 1e3:.4g} kPa, {contact.total_force:.3g} N"
+    if contact.profile != "even":
+        text += f", profile {contact.profile}"
+    if contact.course is not None:
+        text += f", {_short(course_to_dict(contact.course))}"
+    if contact.path is not None:
+        round_ = "round and round" if contact.loop else "and stays"
+        text += f", along {len(contact.path)} way points at {contact.speed * 1e3:.3g} mm/s {round_}"
+    elif contact.moves:
         vx, vy = contact.velocity * 1e3
         text += f", moves at ({vx:.3g}, {vy:.3g}) mm/s"
     until = f" to {contact.end:g}" if np.isfinite(contact.end) else ""

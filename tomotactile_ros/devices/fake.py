@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.touches import Touch, Touches
 
 
 class FakeDevice(ThreadedDevice):
@@ -16,6 +18,9 @@ class FakeDevice(ThreadedDevice):
     Frame k covers the time from k / rate to (k + 1) / rate: it is computed meanwhile, handed over
     at the end and stamped with its beginning.  A simulation too slow for the rate leaves frames out
     (`frames_skipped`), so that time in the scene stays time in the world.
+
+    In a live scene `press` says from any thread what touches the sheet. A frame is then computed at
+    its end, when all that has touched meanwhile is known.
 
     Parameters
     ----------
@@ -30,17 +35,34 @@ class FakeDevice(ThreadedDevice):
         self._simulator = simulator
         self._grounded = simulator.grounded.astype(np.uint16)
         self._skipped = 0
+        self._begin: float | None = None  # of time in the scene, s, monotonic clock
+        self._touches = Touches(simulator.layout) if simulator.scene.live else None
+        simulator.live = self._touches
         self.set_rate(rate)
 
     def set_rate(self, rate: float) -> None:
         """Scan `rate` frames per second from the next frame on (0: 1000 ground conditions)."""
         super().set_rate(rate or 1.0 / (ROW_PERIOD * self._grounded.size))
 
+    def press(self, touches: Sequence[Touch]) -> list[str]:
+        """From now on these touches are on the sheet, and no others, for `touches.HOLD` s.
+
+        Returns a line about each that cannot be; it is left out. A device that is not open feels
+        nothing.
+        """
+        if self._touches is None:
+            return ["touches: the scene is not live, it takes none from outside"]
+        if self._begin is None:
+            return []
+        return self._touches.press(touches, time.monotonic() - self._begin)
+
     def _counters(self) -> dict[str, float]:
         return {"frames_skipped": float(self._skipped)}
 
     def _run(self) -> None:
-        begin = start = time.monotonic()
+        if self._touches is not None:
+            self._touches.clear()
+        self._begin = begin = start = time.monotonic()
         sequence = self._skipped = 0
         took = 0.0
         while not self._stop.is_set():
@@ -53,6 +75,8 @@ class FakeDevice(ThreadedDevice):
             end = start + period
             # as under real hardware, the computer is free for the last frame's image at first
             idle_until = start + min(0.5 * period, period - 2.0 * took)
+            if self._touches is not None:
+                idle_until = end
             if self._stop.wait(max(0.0, idle_until - time.monotonic())):
                 return
             now = time.monotonic()

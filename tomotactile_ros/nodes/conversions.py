@@ -19,6 +19,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
 from tomotactile_ros.reconstruction import ContactEstimate
+from tomotactile_ros.touches import Touch
 
 _BIG_ENDIAN = sys.byteorder == "big"
 _NANO = 1_000_000_000
@@ -142,6 +143,11 @@ def message_to_contacts(message: ContactArray) -> list[ContactEstimate]:
         ContactEstimate(c.position.x, c.position.y, c.force, c.pressure, c.area, c.radius)
         for c in message.contacts
     ]
+
+
+def message_to_touches(message: ContactArray) -> list[Touch]:
+    """Position, force and radius of each contact of a message."""
+    return [Touch(c.position.x, c.position.y, c.force, c.radius) for c in message.contacts]
 
 
 def cloud_to_message(points: np.ndarray, pressure: np.ndarray, header: Header) -> PointCloud2:

@@ -20,6 +20,7 @@ from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
 
@@ -73,6 +74,9 @@ class Driver:
             QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+        self._touches = TouchListener(
+            node, self.parameters["frame_id"], lambda touches: self._device.press(touches)
+        )
         node.create_service(Trigger, "~/restart", self._restart)
         self._diagnostics = Diagnostics(node, "device", self.parameters["frame_id"], self.report)
         self.parameters.warn_of_typos()
@@ -99,6 +103,7 @@ class Driver:
 
     def cleanup(self) -> None:
         """Forget device and layout."""
+        self._touches.listen(False)
         self._device = self._layout = None
 
     def report(self) -> Report:
@@ -130,6 +135,7 @@ class Driver:
         named["layout"] = self._layout
         device = make_device(DeviceSettings(**named))
         device.set_streaming(values["streaming"])
+        self._touches.listen(fake and named["scene"].live)
         return device
 
     def _change(self, changed: set[str], values: dict[str, Any]) -> None:

@@ -77,7 +77,7 @@ class Display:
         """Write the last shot as a PNG."""
         last = self.last
         title = f"{self._scene.name} on {self._layout.name}, {last.scene_time:.2f} s"
-        truth = self._scene.truth(last.scene_time)
+        truth = self._truth(last.scene_time)
         save_pressure(path, last.pressure, self._layout, last.contacts, truth, title)
         self.say(f"{path} written")
 
@@ -93,7 +93,11 @@ class Display:
             self.say(f"{shot.scene_time:6.2f} s  {line}")
 
     def _lines(self, shot: Shot) -> list[str]:
-        return contact_lines(shot.contacts, self._scene.truth(shot.scene_time))
+        return contact_lines(shot.contacts, self._truth(shot.scene_time))
+
+    def _truth(self, t: float) -> list[dict] | None:
+        """What really touches, if the scene alone says it."""
+        return None if self._scene.live else self._scene.truth(t)
 
     def _draw(self, shot: Shot) -> None:
         room = shutil.get_terminal_size()

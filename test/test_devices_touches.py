@@ -1,0 +1,161 @@
+"""Live touches on a simulated sheet: what counts when, what is refused, from any thread."""
+
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.contact import Contact
+from tomotactile_ros.devices.fake import FakeDevice
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.touches import HOLD, MOST, Touch, Touches
+
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+LIVE = replace(load_scene("live"), noise=None, adc=None)
+ONE, OTHER = Touch(0.03, 0.02, 2.0, 0.006), Touch(-0.05, 0.0, 1.0, 0.008)
+PATIENCE = 30.0
+
+
+def assert_are(contacts, *touches):
+    """These contacts are those of these touches, in this order."""
+    found = [(*contact.center, contact.total_force, contact.radius) for contact in contacts]
+    np.testing.assert_allclose(found, [(t.x, t.y, t.force, t.radius) for t in touches])
+
+
+def test_a_message_replaces_all_and_holds_for_a_while():
+    touches = Touches(LAYOUT)
+    assert touches.at(0.0) == ()
+    assert touches.press([ONE], 1.0) == [] == touches.press([OTHER, ONE], 1.2)
+    assert touches.at(0.99) == ()
+    assert_are(touches.at(1.0), ONE)
+    assert_are(touches.at(1.1999), ONE)
+    assert_are(touches.at(1.2), OTHER, ONE)
+    assert len(touches.at(1.2 + 0.999 * HOLD)) == 2 and touches.at(1.2 + HOLD) == ()
+    touches.press([], 1.3)
+    assert touches.at(1.3) == () != touches.at(1.25)
+
+
+def test_a_touch_that_stays_is_the_same_contact():
+    """So that nothing is solved again for it."""
+    touches = Touches(LAYOUT)
+    touches.press([ONE], 0.0)
+    touches.press([replace(ONE), OTHER], 0.1)
+    assert touches.at(0.05)[0] is touches.at(0.15)[0]
+
+
+def test_two_touches_in_one_place_both_press():
+    touches = Touches(LAYOUT)
+    touches.press([ONE, ONE], 0.0)
+    assert len(touches.at(0.0)) == 2
+
+
+@pytest.mark.parametrize(
+    ("bad", "line"),
+    [
+        (replace(ONE, x=0.2), "touches[1]: position: (0.2, 0.02) m is off the sheet"),
+        (replace(ONE, x=np.nan), "touches[1]: center[0]: nan is not a finite position in m"),
+        (replace(ONE, force=-1.0), "touches[1]: force: -1.0 is negative, it must be 0 or a posit"),
+        (replace(ONE, force=np.nan), "touches[1]: force: nan is not a finite force in N"),
+        (replace(ONE, force=np.inf), "touches[1]: force: inf is not a finite force in N"),
+        (replace(ONE, radius=0.0), "touches[1]: radius: 0.0 is not a positive length in m"),
+        (replace(ONE, radius=0.11), "touches[1]: radius: 0.11 m is wider than the sheet"),
+    ],
+)
+def test_a_bad_touch_gets_a_line_and_the_others_count(bad, line):
+    touches = Touches(LAYOUT)
+    (complaint,) = touches.press([ONE, bad, OTHER], 0.0)
+    assert complaint.startswith(line) and "\n" not in complaint
+    assert_are(touches.at(0.0), ONE, OTHER)
+
+
+def test_a_touch_without_force_is_none_and_too_many_are_cut():
+    touches = Touches(LAYOUT)
+    assert touches.press([Touch(0, 0, 0.0, 0.0)], 0.0) == [] and touches.at(0.0) == ()
+    (complaint,) = touches.press([ONE] * (MOST + 5), 0.1)
+    assert complaint == f"touches: {MOST + 5} of them, only the first {MOST} are taken"
+    assert len(touches.at(0.1)) == MOST
+
+
+def test_a_live_frame_is_that_of_a_scene_with_the_same_contact():
+    simulator = Simulator(LAYOUT, LIVE)
+    simulator.live = Touches(LAYOUT)
+    simulator.live.press([ONE], 1.0)
+    contact = Contact("disc", (0.03, 0.02), radius=0.006, force=2.0)
+    same = Simulator(LAYOUT, replace(LIVE, contacts=(contact,))).frame(0.0)
+    np.testing.assert_allclose(simulator.frame(1.1), same)
+    assert np.nanmax(simulator.frame(2.0)) == 0.0
+
+
+@pytest.fixture
+def device():
+    device = FakeDevice(Simulator(LAYOUT, LIVE, "closed_form"), rate=200.0)
+    yield device
+    device.close()
+
+
+def until(happened, device):
+    end = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < end, device.status()
+        threading.Event().wait(0.005)
+
+
+def test_the_device_feels_touches_of_other_threads_and_forgets_them(device):
+    peaks = []
+    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
+    until(lambda: peaks, device)
+    assert device.press([ONE, replace(ONE, x=9.0)]) == [
+        "touches[1]: position: (9, 0.02) m is off the sheet"
+    ]
+    until(lambda: max(peaks) > 0.3, device)
+    pressed = len(peaks)
+    until(lambda: peaks[-1] == 0.0 and len(peaks) > pressed, device)  # nobody has said it again
+    stop = threading.Event()
+
+    def keep_pressing():
+        while not stop.is_set():
+            device.press([OTHER])
+
+    threads = [threading.Thread(target=keep_pressing) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    try:
+        until(lambda: peaks[-1] > 0.1, device)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert device.status().state == "streaming"
+
+
+def test_a_device_opened_anew_knows_nothing_of_old_touches(device):
+    peaks = []
+    assert device.press([ONE]) == []  # not open: nothing is there to be pressed
+    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
+    until(lambda: len(peaks) > 2, device)
+    assert max(peaks) == 0.0
+    device.press([ONE])
+    until(lambda: peaks[-1] > 0, device)
+    device.close()
+    peaks.clear()
+    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
+    until(lambda: len(peaks) > 20, device)
+    assert max(peaks) == 0.0
+
+
+def test_a_scene_that_is_not_live_takes_no_touches():
+    device = FakeDevice(Simulator(LAYOUT, replace(LIVE, live=False), "closed_form"))
+    assert device.press([ONE]) == ["touches: the scene is not live, it takes none from outside"]
+
+
+def test_the_live_scene_is_one_and_survives_its_file(tmp_path):
+    live = load_scene("live")
+    assert live.live and live.contacts == ()
+    live.save(tmp_path / "mine.yaml")
+    assert load_scene(tmp_path / "mine.yaml").live
+    live.check(load_layout("equal-8x8"))
+    assert not load_scene("default").live

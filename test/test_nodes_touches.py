@@ -1,0 +1,96 @@
+"""Live touches over DDS: published here, pressed in the driver, found by the reconstruction."""
+
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Point
+from ros_support import ends_cleanly
+from std_msgs.msg import Header
+
+from tomotactile_ros.msg import Contact, ContactArray
+
+NEAR = 0.005  # m
+FIRST, SECOND = (0.052, 0.031), (-0.047, -0.022)
+
+
+def message(*touches, frame_id=""):
+    """Touches (x, y, force, radius) as a message."""
+    return ContactArray(
+        header=Header(frame_id=frame_id),
+        contacts=[
+            Contact(position=Point(x=float(x), y=float(y)), force=float(f), radius=float(r))
+            for x, y, f, r in touches
+        ],
+    )
+
+
+@pytest.fixture
+def press(probe):
+    """Sets the message that is published ten times a second; None: nobody publishes."""
+    publisher = probe.node.create_publisher(ContactArray, "touches", 1)
+    wanted = [None]
+    timer = probe.node.create_timer(0.1, lambda: wanted[0] and publisher.publish(wanted[0]))
+    yield lambda touches: wanted.__setitem__(0, touches)
+    probe.node.destroy_timer(timer)
+
+
+def are_at(*places):
+    """Whether a message holds contacts within a few mm of these places, and no others."""
+
+    def suits(found):
+        if len(found.contacts) != len(places):
+            return False
+        at = np.array([(c.position.x, c.position.y) for c in found.contacts]).reshape(-1, 2)
+        return all(np.linalg.norm(at - place, axis=1).min() < NEAR for place in places)
+
+    return suits
+
+
+def test_touches_are_pressed_moved_and_let_go(probe, start, press):
+    driver = start("driver", {"scene": "live"})
+    reconstruction = start("reconstruction", {"profile": "accurate"})
+    press(message((*FIRST, 2.0, 0.006), frame_id="tactile_link"))
+    found = probe.wait_for(ContactArray, "contacts", are_at(FIRST))
+    (contact,) = found.contacts
+    assert contact.force == pytest.approx(2.0, rel=0.25)
+    press(message((*FIRST, 2.0, 0.006), (*SECOND, 1.5, 0.006)))
+    probe.wait_for(ContactArray, "contacts", are_at(FIRST, SECOND))
+    press(message((*SECOND, 1.5, 0.006)))
+    probe.wait_for(ContactArray, "contacts", are_at(SECOND))
+    press(None)  # the publisher dies: nothing presses for ever
+    probe.wait_for(ContactArray, "contacts", are_at())
+    ends_cleanly(reconstruction)
+    ends_cleanly(driver)
+
+
+def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):
+    driver = start("driver", {"scene": "live"})
+    start("reconstruction", {"profile": "accurate"})
+    begin = time.monotonic()
+    press(message((0.5, 0.0, 1.0, 0.005), (0.0, 0.0, -1.0, 0.005), (0.0, np.nan, 1.0, 0.005),
+                  (*FIRST, 2.0, 0.006)))  # fmt: skip
+    probe.wait_for(ContactArray, "contacts", are_at(FIRST))
+    line = "touches[0]: position: (0.5, 0) m is off the sheet (and 2 more)"
+    probe.until(lambda: line in driver.output, line)
+    sent_for = time.monotonic() - begin
+    assert driver.output.count("touches[0]") <= 1 + sent_for / 5  # s: not with every message
+    press(message((*SECOND, 2.0, 0.006), frame_id="elsewhere"))
+    probe.wait_for(ContactArray, "contacts", are_at())
+    press(message((*SECOND, 2.0, 0.006)))
+    probe.wait_for(ContactArray, "contacts", are_at(SECOND))
+    ends_cleanly(driver)
+
+
+def test_only_a_live_scene_listens(probe, start):
+    def listeners():
+        return probe.node.count_subscribers("/touches")
+
+    start("driver", {"scene": "idle"})
+    assert probe.set_parameter("/driver", "scene", "live").successful
+    probe.until(lambda: listeners() == 1, "subscription to touches")
+    assert probe.set_parameter("/driver", "scene", "idle").successful
+    probe.until(lambda: listeners() == 0, "end of the subscription")

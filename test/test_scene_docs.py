@@ -1,0 +1,66 @@
+"""docs/scenes.md against the loader: its example loads, and every key that loads is explained."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from tomotactile_ros import channels, contact, course, defects, profile
+from tomotactile_ros.contact_law import ContactLaw
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.touches import HOLD, MOST
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+
+
+def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
+    (tmp_path / "example.yaml").write_text(EXAMPLE)
+    scene = load_scene(tmp_path / "example.yaml")
+    scene.check(load_layout("equal-8x8"))
+    assert {c.shape for c in scene.contacts} == set(contact.SHAPES)
+    assert all(vars(scene.contact_law).values())
+    for key in ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation"):
+        assert getattr(scene.defects, key), key
+    assert all(getattr(scene.defects.channels, key) for key in channels.KEYS)
+
+
+@pytest.mark.parametrize(
+    ("section", "wrong"),
+    [
+        ("top", lambda text: text.replace("drive_voltage", "drive_voltages")),
+        ("contact", lambda text: text.replace("radius: 0.006", "radios: 0.006")),
+        ("course", lambda text: text.replace("duration:", "durations:")),
+        ("law", lambda text: text.replace("exponent:", "exponents:")),
+        ("defects", lambda text: text.replace("swapped:", "swaped:")),
+    ],
+)
+def test_every_key_that_the_loader_allows_is_explained(tmp_path, section, wrong):
+    """The loader says which keys there are when it complains of one that is not."""
+    (tmp_path / "wrong.yaml").write_text(wrong(EXAMPLE))
+    with pytest.raises(InputError) as error:
+        load_scene(tmp_path / "wrong.yaml")
+    allowed = str(error.value).split("allowed are ")[1].split(", ")
+    assert len(allowed) > 1
+    explained = set(re.findall(r"`([a-z_.]+)`", TEXT))
+    explained |= {word.split(".")[0] for word in explained}
+    assert set(allowed) <= explained, section
+
+
+def test_words_and_numbers_of_the_page_are_those_of_the_code():
+    names = set(re.findall(r"`([a-z_-]+)`", TEXT))
+    assert {*contact.SHAPES, *profile.PROFILES, *course.KINDS} <= names
+    assert {key for _, keys in course.KINDS.values() for key in keys} <= names
+    assert {f.name for f in dataclasses.fields(ContactLaw)} - {"hysteresis", "creep"} <= names
+    assert {f.name for f in dataclasses.fields(defects.Drift)} <= names
+    assert f"holds for {HOLD:g} s" in TEXT and f"At most {MOST} are taken" in TEXT
+
+
+def test_every_shipped_scene_is_listed():
+    shipped = {path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml")}
+    listed = TEXT.split("## Shipped scenes")[1].replace("`-", "`experiment-")
+    assert shipped == set(re.findall(r"`([a-z-]+)`", listed))

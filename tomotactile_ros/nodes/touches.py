@@ -1,0 +1,57 @@
+"""The subscription to touches from outside, for a simulated sensor."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from tomotactile_ros.msg import ContactArray
+from tomotactile_ros.nodes.conversions import message_to_touches
+from tomotactile_ros.touches import Touch
+
+_PATIENCE = 5.0  # s between two complaints
+
+
+class TouchListener:
+    """Listens to `touches` while it is asked to; complains of bad ones in one line now and then.
+
+    Parameters
+    ----------
+    node : the node that listens.
+    frame_id : the sensor's frame; touches in another one are refused.
+    press : takes all touches of a message and returns complaints.
+    """
+
+    def __init__(self, node: Node, frame_id: str, press: Callable[[list[Touch]], list[str]]):
+        self._node, self._frame_id, self._press = node, frame_id, press
+        self._subscription: Subscription | None = None
+
+    def listen(self, wanted: bool) -> None:
+        """Listen from now on, or no longer."""
+        if wanted == (self._subscription is not None):
+            return
+        if not wanted:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+            return
+        self._subscription = self._node.create_subscription(
+            ContactArray,
+            "touches",
+            self._on_message,
+            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def _on_message(self, message: ContactArray) -> None:
+        frame_id = message.header.frame_id
+        if frame_id not in ("", self._frame_id):
+            complaints = [f"touches: in frame '{frame_id}', the sensor's is '{self._frame_id}'"]
+        else:
+            complaints = self._press(message_to_touches(message))
+        if complaints:
+            more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
+            self._node.get_logger().warning(
+                f"{complaints[0]}{more}", throttle_duration_sec=_PATIENCE
+            )
