@@ -144,13 +144,24 @@ def elsewhere(layout, model):
 
 def profile_table():
     """What a sensor's own images gain: frames with noise by finite elements, profile `fast`."""
-    print("\nimages of the profile fast: discs of 5 mm radius, 1 mV of noise\n")
-    header("layout", "mean HWHM/mm", "worst tenth/mm", "mean PE/mm", "worst tenth of PE/mm")
+    print("\nimages of the profile fast: discs of 3 to 8 mm radius, 1 mV of noise\n")
+    header(
+        "layout", "mean HWHM/mm", "worst tenth/mm", "mean PE/mm", "worst tenth of PE/mm",
+        "ghosts", "missed", "place, median and p95/mm",
+    )  # fmt: skip
     for count in COUNTS:
         for name, layout in compared(count):
-            found = evaluate_profile(layout, "fast").metrics
-            values = [found[key][each] for key in ("hwhm", "position_error") for each in STATISTICS]
-            row(f"{count} x {count}, {name}", *(f"{1e3 * value:.2f}" for value in values))
+            found = evaluate_profile(layout, "fast")
+            keys = "hwhm", "position_error"
+            values = [found.metrics[key][each] for key in keys for each in STATISTICS]
+            contacts = found.contacts
+            row(
+                f"{count} x {count}, {name}",
+                *(f"{1e3 * value:.2f}" for value in values),
+                str(contacts["ghosts"] + contacts["doubled"]),
+                f"{contacts['missed']} of {contacts['true']}",
+                ", ".join(f"{1e3 * contacts['place'][key]:.2f}" for key in ("median", "p95")),
+            )
 
 
 def on_lattice(layout, model, count, regularization=LAMBDAS[0]):

@@ -24,6 +24,9 @@ from tomotactile_ros.bench import (
     trade,
     trials,
 )
+from tomotactile_ros.bench.sensor.parts import PARTS
+from tomotactile_ros.bench.sensor.readings import untouched
+from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.optimizer.grounding import scans
@@ -126,6 +129,7 @@ def test_full_mode_covers_every_choice():
     assert set(cases.quick_cases()) <= set(full)
     measured = {part.name for part in run.parts("full")}
     assert {"trade equal-16x16 80²", "peers", "growth", "stability"} <= measured
+    assert {"time", "channels", "sheets", "layouts", "crowd"} <= measured
 
 
 def test_what_is_left_out_is_said(monkeypatch):
@@ -181,7 +185,10 @@ def _result(row):
     }
     peers = {"ratios": {"dense / fast": {"ratio": 9.0}}}
     rows = [default, plain(row)]
-    return {"format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers}
+    sensor = {"crowd": [{"case": "3 contacts", "method": "fast", "ghosts": 0}]}
+    return {
+        "format": run.FORMAT, "trade": rows, "machine": machine, "peers": peers, "sensor": sensor,
+    }  # fmt: skip
 
 
 def test_readme_is_rewritten_between_the_comments_only(tmp_path, row):
@@ -304,18 +311,24 @@ def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
     assert "+9.0 %" in shown and "accuracy: every figure is the same" in shown
 
 
-@pytest.mark.parametrize("key", ["ratio", "accuracy"])
-def test_results_that_differ_are_told(tmp_path, row, key, capsys):
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("ratio", "-20.0 %"),
+        ("accuracy", "equal-8x8, fast, 40², all grounds: noise_gain"),
+        ("sensor", "3 contacts, fast: ghosts"),
+    ],
+)
+def test_results_that_differ_are_told(row, key, said):
     one, other = _result(row), _result(row)
     if key == "ratio":
         other["peers"]["ratios"]["dense / fast"]["ratio"] *= 0.8
+    elif key == "sensor":
+        other["sensor"]["crowd"][0]["ghosts"] = 1
     else:
         other["trade"][0]["noise_gain"] *= 1 + 1e-9
     assert not compare.agree(one, other)
-    shown = "\n".join(compare.lines(one, other))
-    assert (
-        "-20.0 %" if key == "ratio" else "equal-8x8, fast, 40², all grounds: noise_gain"
-    ) in shown
+    assert said in "\n".join(compare.lines(one, other))
 
 
 def test_results_of_two_machines_are_told(row):
@@ -421,6 +434,9 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "1000")
     for module in (peers, growth):
         monkeypatch.setattr(module, "_SECONDS", 0.0)
+    monkeypatch.setattr(run, "SENSOR", ("crowd",))
+    nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])
+    monkeypatch.setitem(PARTS, "crowd", lambda step: iter([nothing]))
     some = stability.trials()[-3:]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
@@ -429,8 +445,9 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     result = json.loads(out.read_text())
     assert set(result) == {
         "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "auto", "peers",
-        "growth", "stability",
+        "growth", "stability", "sensor",
     }  # fmt: skip
+    assert {row["method"] for row in result["sensor"]["crowd"]} == set(cases.PROFILES)
     assert result["machine"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert {path.name for path in out.parent.iterdir()} == {
         "bench.json", "bench-front.png", "bench-growth.png",

@@ -38,7 +38,9 @@ def electrode_impedance(sheet, law):
 
     Contacts and drawn current share one bordered system, in which the currents balance.
     """
-    touching = [(c.patches(a), float(law.conductance(c.pressure))) for c, a in zip(CONTACTS, (4, 4))]
+    touching = [
+        (c.patches(a), float(law.conductance(c.pressure))) for c, a in zip(CONTACTS, (4, 4))
+    ]
     transfer, resistance = contact_points(sheet, touching)
     count = len(resistance)
     system = np.ones((count + 1, count + 1))
@@ -66,7 +68,9 @@ def test_a_resistance_to_ground_stands_in_equation_a():
 def test_moving_contacts_see_the_same_resistances():
     own = tuple(np.linspace(10.0, 4000.0, E))
     law, slow = ContactLaw(1e-4, 1.0), (1e-9, 0.0)
-    contacts = [Contact("disc", c.center, c.radius, pressure=c.pressure, velocity=slow) for c in CONTACTS]
+    contacts = [
+        Contact("disc", c.center, c.radius, pressure=c.pressure, velocity=slow) for c in CONTACTS
+    ]
     assert law == simulator().scene.contact_law
     settings = {"ground_resistance": own, "own_reading": True}
     moving, resting = simulator(tuple(contacts), **settings), simulator(**settings)
@@ -77,7 +81,9 @@ def test_drawn_resistances_lie_in_their_range():
     drawn = Channels(ground_resistance=Uniform(150.0, 75.0, seed=1)).of(10_000).ground_resistance
     assert 75.0 <= drawn.min() < 76.0 and 224.0 < drawn.max() <= 225.0
     assert drawn.mean() == pytest.approx(150.0, rel=0.02)
-    same = simulator(ground_resistance=tuple(Channels(ground_resistance=Uniform(150.0)).of(E).ground_resistance))
+    same = simulator(
+        ground_resistance=tuple(Channels(ground_resistance=Uniform(150.0)).of(E).ground_resistance)
+    )
     np.testing.assert_allclose(same.frame(0.0), simulator(switch=150.0).frame(0.0))
 
 

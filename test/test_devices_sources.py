@@ -209,9 +209,7 @@ def forget_definitions(file: Path) -> None:
         assert bag.execute("DELETE FROM message_definitions").rowcount > 0
 
 
-def write_bag(
-    path: Path, storage: str, topics=("/voltage_frame",), third=None, without=()
-) -> Path:
+def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None, without=()) -> Path:
     """Write the recording as a rosbag2; `third`: fields that differ in the third frame.
 
     `without`: fields that the message did not have when the bag was recorded.

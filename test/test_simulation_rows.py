@@ -38,7 +38,7 @@ def simulator(*contacts, model="fem", law=LAW, row_period=ROW_PERIOD, order=None
 
 
 def one_by_one(rows: Simulator, t: float) -> np.ndarray:
-    """The frame row by row: contacts put where they are at the row's time, and solved for it alone."""
+    """The frame row by row: contacts where they are at the row's time, solved for it alone."""
     drive, to_ground = rows.scene.drive_voltage, rows.scene.defects.switch_resistance
     out = []
     for i, ground in enumerate(rows.grounded):

@@ -9,7 +9,16 @@ import sys
 from tomotactile_ros.command_line import Parser, end_of_pipe
 from tomotactile_ros.errors import InputError
 
-COMMANDS = ("simulate", "reconstruct", "evaluate", "optimize", "calibrate", "inspect", "bench")
+COMMANDS = (
+    "simulate",
+    "reconstruct",
+    "evaluate",
+    "layout",
+    "optimize",
+    "calibrate",
+    "inspect",
+    "bench",
+)
 
 
 def main(argv: list[str] | None = None) -> int:

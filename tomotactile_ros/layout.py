@@ -167,13 +167,21 @@ def equal_grid(
     cols = checks.integer(cols, "cols", 2, 256)
     width, height = checks.pair(size, "size", "length in m")
     outline = Outline.rectangle(width, height)
-    margin = checks.not_negative(margin, "margin", "length in m")
-    if margin >= min(width, height) / 2:
-        raise InputError(f"margin: {margin:g} leaves no room, it must be below half the sheet")
-    x = _equal_steps(cols) * (width / 2 - margin)
-    y = _equal_steps(rows) * (height / 2 - margin)
+    half_width, half_height = half_sides(outline, margin)
+    x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
     positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
     return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+
+
+def half_sides(outline: Outline, margin: float) -> tuple[float, float]:
+    """Half of the width and height that a margin (m) leaves; InputError where it leaves none."""
+    margin = checks.not_negative(margin, "margin", "length in m")
+    a, b = outline.size
+    if margin >= min(a, b) / 2:
+        raise InputError(
+            f"margin: {margin:g} leaves no room, it must be below {min(a, b) / 2:g}, half the sheet"
+        )
+    return a / 2 - margin, b / 2 - margin
 
 
 def _equal_steps(count: int) -> np.ndarray:

@@ -127,6 +127,10 @@ class Region:
         points[outside] = shapely.get_coordinates(shapely.point_on_surface(parts[outside]))
         return points, areas * (self.area / areas.sum())
 
+    def overlaps(self, polygons: np.ndarray) -> np.ndarray:
+        """(M,) area that each of the simple polygons (M, V, 2) has in the region, m²."""
+        return shapely.area(shapely.intersection(self._polygon, shapely.polygons(polygons)))
+
 
 def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:
     """(vertices, 2) corners of the regular polygon around a circle, sides tangent at its axes."""

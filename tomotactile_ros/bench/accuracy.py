@@ -6,6 +6,7 @@ import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
+from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.view.contacts import pair
@@ -18,6 +19,8 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
 
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
     blur                  of the same image, see evaluation/metrics.py
+    scores                ghosts, missed contacts and more of `one` contact, on the sensor with `defects`
+                          and of `two`, see `evaluation.scoring`
     contact_error         distance of the strongest reported contact from the true one
     defective             position and contact error on the sensor with defects
     two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
@@ -43,6 +46,11 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
         "force_error": {
             "one": spread(_force_error(singles, trials.singles)),
             "two": spread(_force_error(pairs, trials.pairs)[np.repeat(resolved, 2)]),
+        },
+        "scores": {
+            "one": _score(singles, trials.singles),
+            "defects": _score(defective, trials.defective),
+            "two": _score(pairs, trials.pairs),
         },
         "noise_gain": float(np.sqrt(np.nanmean(noise**2)) / NOISE),
         "regularization": float(np.median([result.regularization for result in singles])),
@@ -75,6 +83,14 @@ def spread(values) -> dict:
         "median": float(np.median(values)),
         "p95": float(np.percentile(values, 95)),
     }
+
+
+def _score(results, recording):
+    truths = [
+        [{"x": x, "y": y, "force": force} for (x, y), force in zip(places, forces, strict=True)]
+        for places, forces in zip(recording.positions, recording.forces, strict=True)
+    ]
+    return score(results, truths)
 
 
 def _contact_error(results, recording):

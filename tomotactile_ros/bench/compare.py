@@ -52,13 +52,27 @@ def ratios(result: dict) -> dict[str, float]:
 
 
 def different_accuracy(one: dict, other: dict) -> Iterator[str]:
-    """A line for each row of the trade whose accuracy is not the same."""
+    """A line for each row of the trade and of the sensor's parts whose accuracy is not the same."""
     rows = {_name(row): row for row in other["trade"]}
     for row in one["trade"]:
         twin = rows.get(_name(row), row)
         keys = [key for key in row if key not in _MEASURED and row[key] != twin.get(key)]
         if keys:
             yield f"{_name(row)}: {', '.join(keys)}"
+    sensor = _sensor_rows(other)
+    for name, row in _sensor_rows(one).items():
+        keys = [key for key in row if row[key] != sensor.get(name, row)[key]]
+        if keys:
+            yield f"{name}: {', '.join(keys)}"
+
+
+def _sensor_rows(result):
+    return {
+        f"{row['case']}, {row['method']}": row
+        for rows in result.get("sensor", {}).values()
+        if "skipped" not in rows
+        for row in rows
+    }
 
 
 def _common(one, other):

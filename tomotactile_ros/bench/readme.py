@@ -12,7 +12,8 @@ from tomotactile_ros.files import write_atomic
 
 _HEADER = (
     "profile", "set-up", "frame, median", "frame, p99", "memory", "image: HWHM, PE",
-    "one contact: error, p95", "with defects", "two contacts from", "force error, one and two",
+    "one contact: error, p95; ghosts, missed", "with defects: error; ghosts, missed",
+    "two contacts from", "force error, one and two",
 )  # fmt: skip
 
 
@@ -83,8 +84,10 @@ def _cells(row):
         f"{tables.megabytes(row['memory']['held'])} MB",
         f"{tables.millimetres(row['hwhm']['mean'])} mm, "
         + f"{tables.millimetres(row['position_error']['mean'])} mm",
-        f"{tables.millimetres(error['mean'])} mm, {tables.millimetres(error['p95'])} mm",
-        f"{tables.millimetres(row['defective']['contact_error']['mean'])} mm",
+        f"{tables.millimetres(error['mean'])} mm, {tables.millimetres(error['p95'])} mm; "
+        + ", ".join(tables.false_ones(row["scores"]["one"])),
+        f"{tables.millimetres(row['defective']['contact_error']['mean'])} mm; "
+        + ", ".join(tables.false_ones(row["scores"]["defects"])),
         "-" if row["two_contacts"] is None else f"{tables.millimetres(row['two_contacts'])} mm",
         f"{tables.percent(force['one']['mean'])} %, {tables.percent(force['two']['mean'])} %",
     )

@@ -7,6 +7,7 @@ from math import inf
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.growth import exponents
+from tomotactile_ros.bench.sensor import tables as sensor
 
 _MODES = {
     "quick": "quick: equal-8x8, and of the other choices one at a time; --full: all with all",
@@ -37,6 +38,13 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield "What `profile: auto` takes, and the profile with the least blur as measured, in time"
     yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
     yield _agreement(result["auto"])
+    yield ""
+    yield "The sensor as it is, 40 x 40 pixels"
+    measured = {part: rows for part, rows in result["sensor"].items() if "skipped" not in rows}
+    yield from sensor.text(measured, width)
+    yield from dict.fromkeys(
+        rows["skipped"] for rows in result["sensor"].values() if "skipped" in rows
+    )
     yield ""
     yield "Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels"
     yield from _peers(result["peers"])

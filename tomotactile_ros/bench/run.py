@@ -22,15 +22,19 @@ from tomotactile_ros.bench.cases import (
     left_out,
     quick_cases,
 )
+from tomotactile_ros.bench.sensor.parts import PARTS as SENSOR
+from tomotactile_ros.bench.sensor.run import run as run_sensor
 from tomotactile_ros.bench.store import Store
 from tomotactile_ros.bench.trade import FULL, QUICK, Trade, blur
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.progress import Progress
 from tomotactile_ros.reconstruction import Pipeline
 
-FORMAT = "tomotactile-bench/3"
+FORMAT = "tomotactile-bench/4"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
+_SENSOR = {"time": 5, "channels": 3, "sheets": 3, "layouts": 3, "crowd": 1}  # s, quick, roughly
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ def measure(mode: str, store: Store) -> dict:
         "trade": rows,
         "left_out": left_out(full_cases()) if mode == "full" else [],
         "auto": auto_choices(rows),
+        "sensor": {name: kept[name]["found"] for name in SENSOR if name in kept},
         **{name: kept[name]["found"] for name in ("peers", "growth", "stability")},
     }
 
@@ -81,6 +86,7 @@ def parts(mode: str) -> list[Part]:
     groups = [cases] if quick else _groups(cases)
     return [
         *_trade_parts(trade, groups),
+        *_sensor_parts(4 if quick else 1),
         Part("peers", 15, lambda tick: peers.compare(trade.trials(DEFAULT_LAYOUT))),
         Part("growth", growth.work(*sizes), lambda tick: growth.measure(*sizes, tick)),
         Part(
@@ -106,6 +112,21 @@ def _trade_parts(trade, groups):
             trade.work(cases, new),
             partial(trade.measure, cases),
         )
+
+
+def _sensor_parts(step):
+    """Of the sensor as it is, every `step`-th press."""
+    for name in SENSOR:
+        work = 4 * _SENSOR[name] / step
+        yield Part(name, work, partial(_sensor_part, name, step))
+
+
+def _sensor_part(name, step, tick):
+    """Rows; where the presses are not at hand, the reason."""
+    try:
+        return run_sensor(name, step)
+    except InputError as error:
+        return {"skipped": str(error)}
 
 
 def _ticker(progress, before, most):

@@ -56,8 +56,8 @@ def percent(part: float | None) -> str:
 
 TRADE = (
     "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "frame ms", "p99 ms", "MB",
-    "HWHM mm", "PE mm", "p95", "blur mm", "contact mm", "p95", "defects mm", "two mm",
-    "force %", "two %", "noise", "lambda",
+    "HWHM mm", "PE mm", "p95", "blur mm", "contact mm", "p95", "ghosts", "missed",
+    "defects mm", "ghosts", "missed", "two mm", "ghosts", "missed", "force %", "two %", "noise", "lambda",
 )  # fmt: skip
 
 
@@ -80,8 +80,11 @@ def trade_row(row: dict) -> Row:
         millimetres(row["blur"]["mean"]),
         millimetres(row["contact_error"]["mean"]),
         millimetres(row["contact_error"]["p95"]),
+        *false_ones(row["scores"]["one"]),
         millimetres(row["defective"]["contact_error"]["mean"]),
+        *false_ones(row["scores"]["defects"]),
         millimetres(row["two_contacts"]),
+        *false_ones(row["scores"]["two"]),
         percent(force["one"]["mean"]),
         percent(force["two"]["mean"]),
         f"{row['noise_gain']:.2g}",
@@ -89,11 +92,17 @@ def trade_row(row: dict) -> Row:
     )
 
 
+def false_ones(score: dict) -> Row:
+    """Ghosts and doubled contacts, and missed ones, of what `evaluation.scoring` says."""
+    return str(score["ghosts"] + score["doubled"]), str(score["missed"])
+
+
 LEGEND = """\
 contacts: measured single ones and pairs; frame: median, p99: 99th percentile, of one frame from
 voltages to contacts; MB: held by the pipeline; HWHM, PE: of the image of one contact, mean (p95:
 95th percentile); blur: way from the true place to the image squared, root mean square; contact:
-reported place of one contact against the true one; defects: the same with dead channels, drift,
+reported place of one contact against the true one; ghosts: contacts that are not there or reported
+twice, missed: true ones without a reported one within 10 mm, in all frames, for each kind of frames; defects: the same with dead channels, drift,
 hum, switch resistance and a sheet that varies by 20 %; two: smallest distance from which on 80 % of
 the pairs are told apart; force: mean error of one contact and of pairs told apart; noise: of a
 pixel per noise of a reading, V/V."""

@@ -22,7 +22,26 @@ def add_arguments(parser):
     mode.add_argument(
         "--compare", nargs=2, metavar=("A", "B"), help="are the ratios in two results the same?"
     )
-    parser.add_argument("--out", default="out/bench.json", help="file to write, plots beside it")
+    mode.add_argument(
+        "--parts",
+        nargs="+",
+        choices=("time", "channels", "sheets", "layouts", "crowd"),
+        help="only these, of the sensor as it is: ghosts, misses, places and forces, every press",
+    )
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        default=[],
+        metavar="MODULE:FUNCTION",
+        help="of --parts: other reconstructions beside the profiles; the function makes them for a "
+        "layout, by their names",
+    )
+    parser.add_argument("--markdown", action="store_true", help="of --parts: tables for a document")
+    parser.add_argument(
+        "--out",
+        help="file to write, plots beside it (default: out/bench.json, of --parts "
+        "out/bench-parts.json)",
+    )
     parser.add_argument("--readme", help="document whose measured figures are rewritten")
 
 
@@ -30,6 +49,12 @@ def run(args):
     """0; 1 where two results differ."""
     if args.compare:
         return _compare(*map(load, args.compare))
+    for option in ("methods", "markdown"):
+        if getattr(args, option) and not args.parts:
+            raise InputError(f"--{option}: is of --parts, which is missing")
+    args.out = args.out or ("out/bench-parts.json" if args.parts else "out/bench.json")
+    if args.parts:
+        return _measure_parts(args)
     from tomotactile_ros.bench import readme, report
 
     if args.readme:
@@ -58,6 +83,32 @@ def load(path):
         was = "is missing" if found is None else f"{found!r} is of another version"
         raise InputError(f"{path}: format: {was}, `tomotactile bench` reads {FORMAT}")
     return result
+
+
+def _measure_parts(args):
+    """Tables of single parts; the file has the same rows."""
+    from tomotactile_ros.bench.machine import use_one_thread
+    from tomotactile_ros.bench.sensor import tables
+    from tomotactile_ros.bench.sensor.run import run
+    from tomotactile_ros.bench.sensor.trial import find_methods, profiles
+    from tomotactile_ros.files import check_folder, write_atomic
+    from tomotactile_ros.yamlio import plain
+
+    use_one_thread()
+    out = Path(args.out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    check_folder(out)
+    methods = [profiles, *map(find_methods, args.methods)]
+    found = {}
+    for part in dict.fromkeys(args.parts):
+        print(f"{part} ...", file=sys.stderr, flush=True)
+        found[part] = run(part, methods=methods)
+    content = {"format": "tomotactile-bench-parts/1", "sensor": plain(found)}
+    write_atomic(out, json.dumps(content, indent=1, allow_nan=False).encode())
+    width = shutil.get_terminal_size((0, 0)).columns or inf
+    print("\n".join(tables.markdown(found) if args.markdown else tables.text(found, width)))
+    print(f"\n{out}", file=sys.stderr)
+    return 0
 
 
 def _measure(args):

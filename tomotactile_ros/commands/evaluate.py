@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, Namespace
 
+from tomotactile_ros.bench.tables import text
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.evaluation.profile_quality import RADIUS, evaluate_profile
+from tomotactile_ros.evaluation.profile_quality import evaluate_profile
+from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction.settings import PROFILES
@@ -25,8 +27,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--profile",
         choices=PROFILES,
-        help="reconstruct with this profile, frames by finite elements with 1 mV noise "
-        "(default: the paper's one-step image, without noise)",
+        help="reconstruct with this profile contacts that lie on no lattice, frames by finite "
+        "elements with 1 mV noise (default: the paper's one-step image, without noise)",
     )
     parser.add_argument(
         "--regularization", type=float, help="lambda^2 of the one-step image (default: 1000)"
@@ -39,7 +41,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--contact-radius",
         type=float,
-        help=f"m (default: {CONTACT_RADIUS:g}, with a profile {RADIUS:g})",
+        help=f"m (default: {CONTACT_RADIUS:g}, with a profile several, none of them the one that it "
+        "assumes)",
     )
     parser.add_argument(
         "--resolution",
@@ -59,7 +62,7 @@ def run(args: Namespace) -> None:
         result = evaluate_profile(
             layout,
             args.profile,
-            radius=RADIUS if args.contact_radius is None else args.contact_radius,
+            radius=args.contact_radius,
             resolution=args.resolution,
             track=lambda contacts: track(contacts, "imaging contacts"),
         )
@@ -91,6 +94,7 @@ def as_dict(result) -> dict:
         "metrics": metrics,
         "percent": percent,
         "noise_gain": noise_gain,
+        "contacts": result.contacts,
         "regions": [
             region | {"percent": {key: 100 * region[key] / side for key in _REGIONAL}}
             for region in result.by_region()
@@ -101,18 +105,21 @@ def as_dict(result) -> dict:
 
 def as_text(content):
     """Lines of a table."""
-    settings = ", ".join(f"{key} {value}" for key, value in content["settings"].items())
+    settings = ", ".join(f"{key} {_short(value)}" for key, value in content["settings"].items())
     yield f"layout {content['layout']}: {settings}"
     yield f"{'':16}{'mean':>18}{'worst tenth':>18}{'worst':>18}{'worst region':>18}"
     for name, label in _LINES.items():
-        cells = ""
+        line = ""
         for key in ("mean", "worst_tenth", "worst", "worst_region"):
             if key in content["metrics"][name]:
                 value, percent = content["metrics"][name][key], content["percent"][name][key]
-                cells += f"{1e3 * value:9.2f} mm{percent:5.1f} %"
-        yield f"{label:16}{cells}"
+                line += f"{1e3 * value:9.2f} mm{percent:5.1f} %"
+        yield f"{label:16}{line}"
     if content["noise_gain"] is not None:
         yield f"noise gain      {1e3 * content['noise_gain']:.3g} mV of a pixel per V of a reading"
+    if content["contacts"] is not None:
+        yield "reported contacts, ghosts and misses with a cut-off of 10 mm:"
+        yield from ("  " + line for line in text(HEADER, [cells(content["contacts"])]))
     regions = sorted(content["regions"], key=lambda region: -region["hwhm"])
     yield f"{len(regions)} regions ({content['regions_are']}), the worst first:"
     yield "  row col  contacts  area/cm2              HWHM    position error"
@@ -126,3 +133,7 @@ def as_text(content):
         )
     if len(regions) > _SHOWN:
         yield f"  and {len(regions) - _SHOWN} more (--json lists all)"
+
+
+def _short(value):
+    return " ".join(f"{each:g}" for each in value) if isinstance(value, list) else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import find_config
 from tomotactile_ros.frames_file import contacts_of, load_arrays
 from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.region import Region
 from tomotactile_ros.scene import FORMAT as SCENE_FORMAT
@@ -42,7 +43,7 @@ def run(args: Namespace) -> None:
         return
     kind = read_mapping(path).get("format")
     if kind == LAYOUT_FORMAT:
-        print("\n".join(_describe_layout(load_layout(path))))
+        print("\n".join(describe_layout(load_layout(path))))
     elif kind == SCENE_FORMAT:
         scene = load_scene(path)
         print("\n".join(_describe_scene(scene, load_layout(scene.layout or args.layout))))
@@ -62,7 +63,8 @@ def _find(name):
     raise InputError(f"{show(name)}: no such file, layout or scene")
 
 
-def _describe_layout(layout):
+def describe_layout(layout: Layout) -> Iterator[str]:
+    """Lines: size, pitch, origin and a picture."""
     a, b = (f"{1e3 * side:g} mm" for side in layout.outline.size)
     pitches = layout.pitches
     yield f"layout {layout.name}: {layout.electrodes} electrodes, {layout.outline.kind}"

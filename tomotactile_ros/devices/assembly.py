@@ -161,7 +161,7 @@ class FrameAssembler:
 
 
 def row_period(ends: np.ndarray) -> float:
-    """Median distance of the ends (L,) of rows, -1 for those that are missing; the first begins at 0."""
+    """Median distance of the ends (L,) of rows, -1 for missing ones; the first begins at 0."""
     known = np.flatnonzero(ends >= 0)
     distances = np.diff(ends[known], prepend=0) / np.diff(known, prepend=-1)
     return max(0.0, float(np.median(distances)))

@@ -28,6 +28,7 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 
 MODELS = ("auto", "paper", "closed_form", "fem")
+_SLIVER = 0.01  # of a region: less of it on the sheet is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,7 @@ class LayoutQuality:
     noise_gain : noise of a pixel per noise of a reading, V per V, root mean square; None if not
         known
     settings : how it was evaluated: model or profile, lambda^2, contact radius, resolution
+    contacts : how good the reported contacts are, see `scoring.summary`; None for images alone
     """
 
     layout: Layout
@@ -45,6 +47,7 @@ class LayoutQuality:
     regions: Regions
     noise_gain: float | None
     settings: dict
+    contacts: dict | None = None
 
     @property
     def hwhm_map(self) -> np.ndarray:
@@ -67,10 +70,20 @@ class LayoutQuality:
         return self.regions.means(self.region_of, self.quality.positions, self.quality.hwhm)
 
     @cached_property
+    def areas(self) -> np.ndarray:
+        """(M,) area of each region on the sheet, m²."""
+        return self.layout.outline.overlaps(self.regions.corners)
+
+    @property
+    def on_sheet(self) -> np.ndarray:
+        """(M,) bool: regions of which more than a hundredth lies on the sheet."""
+        return self.areas > _SLIVER * self.regions.areas
+
+    @cached_property
     def metrics(self) -> dict:
         """Figures in m, plain types: statistics of HWHM, position error and blur, noise gain."""
         quality = self.quality
-        worst_region = float(self.region_hwhm.max())
+        worst_region = float(self.region_hwhm[self.on_sheet].max())
         out = {
             "hwhm": {**statistics(quality.hwhm), "worst_region": worst_region},
             "position_error": statistics(quality.position_error),
@@ -81,7 +94,8 @@ class LayoutQuality:
         return out
 
     def by_region(self) -> list[dict]:
-        """For every region: place, contacts, area (m^2), mean HWHM and position error (m)."""
+        """For every region on the sheet: place, contacts, area (m^2), mean HWHM and position error
+        (m)."""
         quality, regions = self.quality, self.regions
         error = regions.means(self.region_of, quality.positions, quality.position_error)
         count = np.bincount(self.region_of, minlength=len(error))
@@ -90,11 +104,11 @@ class LayoutQuality:
                 "row": i // regions.cols,
                 "col": i % regions.cols,
                 "contacts": int(count[i]),
-                "area": float(regions.areas[i]),
+                "area": float(self.areas[i]),
                 "hwhm": float(self.region_hwhm[i]),
                 "position_error": float(error[i]),
             }
-            for i in range(len(error))
+            for i in np.flatnonzero(self.on_sheet).tolist()
         ]
 
 

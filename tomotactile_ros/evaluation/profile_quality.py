@@ -1,8 +1,10 @@
-"""Quality of a layout with one of the reconstruction profiles, on frames from an independent model.
+"""Quality of a layout with one of the reconstruction profiles, on frames from another model.
 
-Frames come from finite elements with electrodes as equipotentials, one disc at a time at every
-pixel, with the noise of the readings; the profile images them with its own model. Judged is the
-pressure image.
+One disc at a time, in every cell of the image but not at its centre, of sizes that differ from the one
+that the reconstruction assumes, with the noise of the readings. Where the profile images with the
+closed form, the frames come from finite elements; where it images with finite elements, from a mesh
+twice as fine. Judged are the pressure image (HWHM, position error) and the reported contacts
+(`scoring`).
 """
 
 from __future__ import annotations
@@ -11,26 +13,34 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from tomotactile_ros import checks
+from tomotactile_ros.contact import Contact
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.point_spread import RESOLUTION
 from tomotactile_ros.evaluation.regions import layout_regions
+from tomotactile_ros.evaluation.scoring import score_frame, summary
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.frames import frame
 
 DRIVE_VOLTAGE = 3.3  # V
-RADIUS = 0.005  # of the contact, m
 PRESSURE = 20e3  # of the contact, Pa
+SIZES = (0.6, 0.8, 1.2, 1.6)  # of contacts, in parts of the size that the reconstruction assumes
+_ELEMENTS = 80  # along the longer side
+_PATCHES = 6  # to the width of a contact
+_TRIES = 16  # to find a place in a cell
 
 
 def evaluate_profile(
     layout: Layout,
     profile: str,
     *,
-    radius: float = RADIUS,
+    radius: float | None = None,
     resolution: int = RESOLUTION,
     seed: int = 0,
     track: Callable[[Iterable], Iterable] = iter,
@@ -40,30 +50,80 @@ def evaluate_profile(
     Parameters
     ----------
     profile : `fast`, `balanced`, `accurate` or `auto`
-    radius : of the contacts, m
-    resolution : contact positions, and pixels, along the longer side
-    seed : of the noise
+    radius : of all contacts, m; without it 0.6, 0.8, 1.2 and 1.6 times the one that is assumed
+    resolution : cells, one contact in each, and pixels, along the longer side
+    seed : of places, sizes and noise
     track : wraps the contacts, to show progress
 
-    Raises InputError for an unknown profile.
+    Raises InputError for an unknown profile, and where no contact of that radius fits on the sheet.
     """
-    settings = Settings(profile, resolution=resolution, contact_radius=radius)
+    settings = Settings(profile, resolution=resolution)
+    radii = settings.contact_radius * np.array(SIZES)
+    if radius is not None:
+        radii = np.array([checks.length(radius, "contact radius")])
     pipeline = Pipeline(layout, settings)
-    grid = Grid.for_outline(layout.outline, resolution)
-    transfer = make_sheet(layout, "fem").transfer(grid.pixels, radius)
-    conductance = settings.contact_law.conductance(PRESSURE) * np.pi * radius**2
     random = np.random.default_rng(seed)
+    places, sizes = off_lattice(pipeline.grid, radii, random)
+    h = max(layout.outline.size) / _ELEMENTS
+    sheet = make_sheet(layout, "fem", h=h)
+    conductance = float(settings.contact_law.conductance(PRESSURE))
     grounded = np.arange(layout.electrodes)
-    images = np.empty((len(grid.pixels), len(grid.pixels)))
-    for k in track(range(len(grid.pixels))):
-        voltages = frame(transfer.at([k]), [1 / conductance], DRIVE_VOLTAGE)
+    images, scores = np.empty((len(places), len(pipeline.grid.pixels))), []
+    for i in track(range(len(places))):
+        disc = Contact("disc", center=places[i], radius=sizes[i], pressure=PRESSURE)
+        touch = contact_points(sheet, [(disc.patches(_PATCHES), conductance)])
+        voltages = frame(*touch, DRIVE_VOLTAGE)
         voltages += settings.noise * random.standard_normal(voltages.shape)
-        images[k] = grid.gather(pipeline.process(voltages, grounded, DRIVE_VOLTAGE).pressure)
-    found = quality(images, grid.pixels, grid)
+        result = pipeline.process(voltages, grounded, DRIVE_VOLTAGE)
+        images[i] = pipeline.grid.gather(result.pressure)
+        scores.append(score_frame(result.contacts, [_truth(disc)]))
     how = {
         "profile": pipeline.profile,
+        "frames": f"finite elements of {1e3 * h:.3g} mm",
         "noise": settings.noise,
-        "contact_radius": float(radius),
-        "positions": f"{grid.height} x {grid.width}",
+        "contact_radius": sorted(set(sizes.tolist())),
+        "positions": f"{len(places)}, one to a cell of {pipeline.grid.height} x "
+        f"{pipeline.grid.width}",
     }
-    return LayoutQuality(layout, grid, found, layout_regions(layout), None, how)
+    found = quality(images, places, pipeline.grid)
+    return LayoutQuality(
+        layout, pipeline.grid, found, layout_regions(layout), None, how, summary(scores)
+    )
+
+
+def off_lattice(
+    grid: Grid, radii: np.ndarray, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """A place anywhere in each cell, and a size, so that a disc there lies on the sheet.
+
+    Parameters
+    ----------
+    grid : gives the cells with their centre on the sheet.
+    radii : to choose from, m; where the chosen one fits nowhere in the cell, the smallest.
+
+    Returns
+    -------
+    (P, 2) places, m, and (P,) radii, m; cells where even the smallest does not fit are left out.
+    """
+    count = len(grid.pixels)
+    sizes = random.choice(radii, count)
+    places = grid.pixels.copy()
+    left = np.ones(count, bool)
+    for attempt in range(2 * _TRIES):
+        if attempt == _TRIES:
+            sizes[left] = np.min(radii)
+        tried = grid.pixels + grid.cell_size * (random.random((count, 2)) - 0.5)
+        fits = left & grid.outline.contains(tried) & (grid.outline.rim_distance(tried) >= sizes)
+        places[fits] = tried[fits]
+        left &= ~fits
+    if left.all():
+        raise InputError(
+            f"contact radius: discs of {np.min(radii):g} m fit nowhere on the sheet, smaller ones "
+            "are needed"
+        )
+    return places[~left], sizes[~left]
+
+
+def _truth(disc: Contact) -> dict:
+    x, y = disc.centroid
+    return {"x": float(x), "y": float(y), "force": disc.pressure * np.pi * disc.radius**2}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 from tomotactile_ros import checks
+from tomotactile_ros.arrangements import usual_radius
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
@@ -60,7 +61,7 @@ def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
         pitch = min(
             checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
         )
-        radius = min(0.005 if max(rows, cols) <= 4 else 0.0025, pitch / 10)
+        radius = usual_radius(pitch, max(rows, cols) <= 4)
     return equal_grid(rows, cols, size, radius, sheet_resistance)
 
 

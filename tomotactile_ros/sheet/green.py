@@ -20,7 +20,7 @@ from scipy.special import exp1
 
 _CLOUD = np.exp(np.euler_gamma)
 _FAR = 12.0  # E1 is below 5e-7 from here on
-FAR = _CLOUD * _FAR  # squared distance, in parts of the squared radius, of clouds that act as points
+FAR = _CLOUD * _FAR  # squared distance of points, in parts of the squared radius
 _SMALLEST = 1e-17  # relative size of the first neglected term of the remainder
 
 

@@ -64,7 +64,7 @@ class Locator:
         return table[column, row]
 
     def _make_raster(self):
-        """Lower left corner, side of a square, and (columns, rows) triangle nearest to its middle."""
+        """Lower left corner, side of a square, (columns, rows) triangle nearest to its middle."""
         centres = self._tree.data
         low, high = centres.min(axis=0), centres.max(axis=0)
         cell = np.sqrt(np.prod(high - low) / (4 * len(centres)))

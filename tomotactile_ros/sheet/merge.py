@@ -1,4 +1,4 @@
-"""Where contacts meet a sheet in many states at once: `contacts.contact_points` for rows in time."""
+"""Where contacts meet a sheet in many states at once: `contact_points` for rows in time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tomotactile_ros.sheet.green import FAR, softened
 from tomotactile_ros.sheet.metric import Metric
 
 _OF_CONTACTS = "parts", "rigid"
-_RIGID = 1e-12  # parts of the sheet by which points of a contact that moves as a whole seem to shift
+_RIGID = 1e-12  # parts of the sheet: rounding of points that move as a whole
 _MANY = 16  # electrodes near a contact's way, from which on a search tree is faster
 
 
@@ -24,8 +24,7 @@ class Merged:
     radii, resistance (T, n), m and ohm; owner (T, n) electrode that a point feeds, -1 for none;
     nearest electrode (T, n); active (T, n), which points stand for themselves and those merged with
     them; leads (T, n), the point that stands for each, -1 outside, and n + the electrode for those
-    that feed one; parts, slices of the points of each contact, and whether it is rigid: moves as a
-    whole.
+    that feed one; parts, slices of the points of each contact; rigid, whether it moves as a whole.
     """
 
     points: np.ndarray
@@ -80,7 +79,9 @@ def merge(layout: Layout, touching: Sequence) -> Merged:
     """
     parts, columns = [], []
     for contact in zip(*touching):
-        points, areas, radii = (np.array(each) for each in zip(*(patches for patches, _ in contact)))
+        points, areas, radii = (
+            np.array(each) for each in zip(*(patches for patches, _ in contact))
+        )
         conductance = np.array([each for _, each in contact], float).reshape(len(contact), -1)
         start = parts[-1].stop if parts else 0
         parts.append(slice(start, start + points.shape[1]))
@@ -128,7 +129,7 @@ def _is_rigid(points, radii, size):
 
 
 def _leaders(points, radii, inside, owner, parts, rigid):
-    """(T, n) point that stands for each: the first on its electrode, or the first so close to it."""
+    """(T, n) point that stands for each: the first on its electrode, or the first so close."""
     states, count = owner.shape
     first = np.broadcast_to(np.arange(count), owner.shape).copy()
     state, point = np.nonzero(owner >= 0)

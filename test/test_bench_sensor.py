@@ -1,0 +1,224 @@
+"""The sensor as it is: frames of every part, and any reconstruction scored on them."""
+
+import json
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros import cli
+from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.reference import Admittance
+from tomotactile_ros.bench.sensor import changes, parts, run, tables, trial
+from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
+from tomotactile_ros.bench.sensor.states import States
+from tomotactile_ros.channels import Channels, Rms
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.scoring import PART
+from tomotactile_ros.simulation import ROW_PERIOD
+
+LAYOUT = find_layout("equal-4x4")
+E = LAYOUT.electrodes
+
+
+def admittance(seed=0):
+    """A made up state: any symmetric conductances and a drive."""
+    random = np.random.default_rng(seed)
+    between = random.random((E, E)) * 1e-4
+    between = between + between.T
+    np.fill_diagonal(between, 0.0)
+    return Admittance(between, random.random(E) * 1e-4)
+
+
+def some_states(count=2):
+    truths = [[{"x": 0.01 * i, "y": 0.0, "force": 1.0}] for i in range(count)]
+    return States(LAYOUT, [admittance(i) for i in range(count)], truths)
+
+
+@dataclass
+class Recorder:
+    """A reconstruction that remembers what it was given and says what it is told to."""
+
+    answers: object
+    seen: list = field(default_factory=list)
+
+    def process(self, voltages, grounded, drive_voltage, row_period=None):
+        self.seen.append((voltages, row_period))
+        return self.answers(len(self.seen) - 1)
+
+
+def says(*contacts, **more):
+    return SimpleNamespace(contacts=[SimpleNamespace(**c) for c in contacts], **more)
+
+
+def test_swapped_wires_exchange_rows_and_columns():
+    plain = potentials(admittance())
+    swapped = potentials(admittance(), Wiring(swapped=((2, 9),)))
+    assert swapped[2, 0] == plain[9, 0] and swapped[0, 2] == plain[0, 9]
+    assert swapped[2, 9] == plain[9, 2] and np.isnan(swapped[2, 2])
+
+
+def test_an_open_wire_leaves_the_sheet_at_the_drive_voltage():
+    open_wire = potentials(admittance(), Wiring(Channels(open=(3,))))
+    np.testing.assert_allclose(np.delete(open_wire[3], 3), 3.3)
+    np.testing.assert_allclose(
+        np.delete(open_wire, 3, 0), np.delete(potentials(admittance()), 3, 0)
+    )
+
+
+def test_readings_have_gains_steps_and_noise_of_their_seed():
+    ideal = potentials(admittance())
+    read = readings(ideal, seed=(1, 2))
+    off = (read - ideal)[~np.isnan(ideal)]
+    assert 0.0008 < off.std() < 0.0012
+    np.testing.assert_allclose(read / (3.3 / 4096), np.round(read / (3.3 / 4096)), atol=1e-6)
+    np.testing.assert_array_equal(read, readings(ideal, seed=(1, 2)))
+    assert not np.array_equal(read, readings(ideal, seed=(1, 3)), equal_nan=True)
+    gains = readings(ideal, Wiring(Channels(gain=Rms(0.05, 1)))) / readings(ideal)
+    assert np.nanstd(np.nanmedian(gains, axis=0)) == pytest.approx(0.05, rel=0.4)
+    assert np.isnan(readings(ideal, Wiring(dead=(5,)))[:, 5]).all()
+
+
+def test_presses_follow_a_frame_without_contact():
+    made = trial.presses("case", some_states())
+    assert [truth is None for truth in made.truths] == [True, False] * 2
+    assert np.nanmax(made.frames[::2]) < 0.01 < np.nanmax(made.frames[1])
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_touch_changes_between_two_rows_of_the_frame_that_is_judged(end):
+    made = changes.alone("case", some_states(6), end)
+    assert made.row_period == ROW_PERIOD
+    for i in range(6):
+        before, within, after = np.nanmax(made.frames[3 * i : 3 * i + 3], axis=2) > 0.1
+        assert before.all() == end and after.all() != end
+        assert np.count_nonzero(np.diff(within)) == 1 and within[0] == end
+        assert [truth is None for truth in made.truths[3 * i : 3 * i + 3]] == [True, False, True]
+        assert made.truths[3 * i + 1][0][PART]
+
+
+def test_a_touch_beside_a_lasting_one_begins_within_the_second_frame():
+    made = changes.beside("case", LAYOUT, False, 1)
+    (lasting, changing) = made.truths[1]
+    assert not lasting.get(PART) and changing[PART]
+    apart = np.hypot(lasting["x"] - changing["x"], lasting["y"] - changing["y"])
+    assert apart > changes.APART
+    off = np.abs(made.frames[1] - made.frames[0])
+    late = np.nanmax(off, axis=1) > 0.02
+    assert not late[0] and late[-1] and np.count_nonzero(np.diff(late)) == 1
+
+
+def test_what_moves_is_judged_by_where_it_is_in_the_middle_of_the_frame():
+    """The closest reading of a row is that of the electrode nearest to the contact then."""
+    made = changes.moving("case", LAYOUT, 1.0, 2)
+    assert [truth is None for truth in made.truths] == [True, False] * 2
+    (where,) = made.truths[1]
+    place = np.array([where["x"], where["y"]])
+    assert (np.abs(place) < 0.1).all()
+    rows = made.frames[1]
+    middle = rows[E // 2]
+    nearest = np.linalg.norm(LAYOUT.positions - place, axis=1).argsort()[:4]
+    assert np.nanargmax(middle) in nearest
+
+
+def test_methods_are_told_the_row_period_and_judged_on_judged_frames_only():
+    made = trial.presses("case", some_states())
+    good = Recorder(lambda i: says({"x": 0.01 * (i // 2), "y": 0.001, "force": 1.1}))
+    rows = list(trial.measure([made], lambda layout: {"mine": good}))
+    assert [period for _, period in good.seen] == [0.0] * 4
+    (row,) = rows
+    assert (row["case"], row["method"], row["frames"]) == ("case", "mine", 2)
+    assert (row["ghosts"], row["missed"], row["true"]) == (0, 0, 2)
+    assert row["place"]["worst"] == pytest.approx(0.001)
+    assert row["force"]["median"] == pytest.approx(0.1)
+
+
+def test_refused_and_withheld_frames_are_counted_and_not_judged():
+    def answer(i):
+        if i == 1:
+            raise InputError("no")
+        return says({"x": 1.0, "y": 1.0, "force": 1.0}, state="withheld")
+
+    made = trial.presses("case", some_states())
+    (row,) = trial.measure([made], lambda layout: {"mine": Recorder(answer)})
+    assert (row["frames"], row["withheld"], row["ghosts"], row["missed"]) == (0, 2, 0, 0)
+
+
+def test_the_cases_of_every_part_are_there():
+    """All that the reference data hold of the default layout."""
+    try:
+        made = {part: list(parts.PARTS[part](12)) for part in parts.PARTS}
+    except InputError as error:
+        pytest.skip(f"no reference data: {error}")
+    assert {"onset", "release", "0.2 m/s", "1 m/s"} <= {each.case for each in made["time"]}
+    assert {each.case for each in made["channels"]} == set(parts.WIRINGS)
+    assert len(made["layouts"]) == 5 and len(made["crowd"]) == 4
+    for part in made.values():
+        for each in part:
+            count = each.layout.electrodes
+            assert each.frames.shape == (len(each.truths), count, count)
+            assert any(each.truths) and len({len(t) for t in each.truths if t}) == 1
+    crowd = [truth for each in made["crowd"] for truth in each.truths if truth]
+    forces = [[contact["force"] for contact in truth] for truth in crowd]
+    assert [len(each) for each in forces] == [3, 4, 5, 6]
+    assert [max(each) / min(each) for each in forces] == pytest.approx([10.0] * 4, rel=1e-3)
+
+
+def test_tables_show_ghosts_and_misses_beside_places_and_coverage_where_it_is_stated():
+    contact = {"x": 0.0, "y": 0.0, "force": 1.0}
+    sure = contact | {"position_covariance": np.eye(2).ravel() * 1e-6, "force_std": 0.1}
+    truth = [contact]
+    plain_row = trial.judge(Recorder(lambda i: says(contact)), _one(truth))
+    sure_row = trial.judge(Recorder(lambda i: says(sure)), _one(truth))
+    named = {"case": "a", "method": "m"}
+    shown = "\n".join(tables.text({"channels": [named | plain_row]}))
+    assert "ghosts" in shown and "missed" in shown and "95 % regions" not in shown
+    shown = "\n".join(tables.markdown({"channels": [named | plain_row, named | sure_row]}))
+    assert "95 % regions: place %" in shown and "| 100 | 100 |" in shown and "| - | - |" in shown
+
+
+def _one(truth):
+    return trial.Trial("one", LAYOUT, untouched(E)[None], [truth])
+
+
+def silent(layout):
+    """A method for the command."""
+    return {"silent": Recorder(lambda i: says())}
+
+
+def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(
+        parts.PARTS, "crowd", lambda step: iter([trial.presses("two", some_states())])
+    )
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    out = tmp_path / "parts.json"
+    words = ["bench", "--parts", "crowd", "--methods", f"{__name__}:silent", "--out", str(out)]
+    assert cli.main(words) == 0
+    rows = json.loads(out.read_text())["sensor"]["crowd"]
+    assert [row["method"] for row in rows] == ["fast", "balanced", "accurate", "silent"]
+    assert rows[-1]["missed"] == rows[-1]["true"] == 2
+    assert "silent" in capsys.readouterr().out
+    assert run.run("crowd")[0]["case"] == "two"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--parts cellar", "cellar"),
+        ("--parts crowd --methods nowhere:none", "'nowhere:none' is no module:function"),
+        ("--parts crowd --methods json", "'json' is no module:function"),
+        ("--methods json:loads", "--methods: is of --parts"),
+        ("--quick --parts crowd", "not allowed"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_line(words, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    try:
+        status = cli.main(["bench", *words.split(), "--out", str(tmp_path / "x.json")])
+    except SystemExit as ended:
+        status = ended.code
+    shown = capsys.readouterr().err
+    assert status == 2 and said in shown and shown.count("\n") == 1

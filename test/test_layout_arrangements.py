@@ -1,0 +1,105 @@
+"""Grids, hexagonal grids and rings: where their electrodes are, and the command that writes them."""
+
+import shlex
+
+import numpy as np
+import pytest
+
+from tomotactile_ros import cli
+from tomotactile_ros.arrangements import electrode_ring, hexagonal_grid
+from tomotactile_ros.files import find_config
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.sheet import make_sheet
+
+
+def neighbours(layout, reach):
+    """(E,) number of other electrodes within `reach` (m) of each."""
+    apart = np.linalg.norm(layout.positions[:, None] - layout.positions, axis=2)
+    return np.count_nonzero(apart < reach, axis=1) - 1
+
+
+def test_a_hexagonal_grid_gives_every_inner_electrode_six_neighbours_at_one_distance():
+    pitch = 0.02
+    size = 6 * pitch + 0.03, 4 * pitch * np.sqrt(3) / 2 + 0.03
+    layout = hexagonal_grid(5, 7, size, 0.002, 1e4, margin=0.015)
+    assert layout.electrodes == 6 + 7 + 6 + 7 + 6
+    inner = layout.outline.rim_distance(layout.positions) > 0.015 + 0.75 * pitch
+    assert inner.sum() == 5 + 4 + 5 and layout.pitches == pytest.approx(pitch)
+    assert (neighbours(layout, 1.01 * pitch)[inner] == 6).all()
+
+
+def test_order_is_row_by_row_from_the_lower_left():
+    layout = hexagonal_grid(3, 3, (0.2, 0.1), 0.002, 1e4)
+    x, y = layout.positions.T
+    assert (np.lexsort((x, y)) == np.arange(7)).all()
+    assert y.tolist() == [-0.05] * 2 + [0.0] * 3 + [0.05] * 2
+    assert x.tolist() == [-0.05, 0.05, -0.1, 0.0, 0.1, -0.05, 0.05]
+
+
+def test_a_ring_begins_on_the_x_axis_and_goes_counter_clockwise():
+    layout = electrode_ring(8, 0.1, 0.002, 1e4, margin=0.02)
+    angle = np.arctan2(*layout.positions.T[::-1]) % (2 * np.pi)
+    assert angle == pytest.approx(np.arange(8) * np.pi / 4)
+    assert np.linalg.norm(layout.positions, axis=1) == pytest.approx(0.08)
+    assert layout.outline.kind == "circle" and layout.outline.radius == 0.1
+
+
+@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8", "equal-16x16", "hex-37", "ring-16"])
+def test_shipped_layouts_come_from_the_command_that_they_name(name, tmp_path):
+    shipped = find_config("layouts", name)
+    words = shlex.split(load_layout(shipped).provenance["settings"]["command"])
+    again = tmp_path / f"{name}.yaml"
+    assert words[0] == "tomotactile"
+    assert cli.main([*words[1:], "--out", str(again)]) == 0
+    assert again.read_bytes() == shipped.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["hex-37", "ring-16"])
+def test_both_models_of_the_sheet_take_them(name):
+    layout = load_layout(name)
+    between = make_sheet(layout, "fem", h=0.01).electrode_electrode
+    assert np.isfinite(between).all() and between == pytest.approx(between.T)
+
+
+def test_the_picture_and_the_name_of_the_file_are_said(tmp_path, capsys):
+    out = tmp_path / "mine.yaml"
+    assert cli.main(["layout", "--rows", "2", "--cols", "3", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "layout mine: 6 electrodes" in said and "$" in said and str(out) in said
+    assert load_layout(out).radius == 0.005
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "--rows and --cols, or --ring and --circle, are needed"),
+        ("--rows 4", "--rows and --cols"),
+        ("--rows 1 --cols 4", "rows: 1 is not a whole number from 2 to 256"),
+        ("--rows 1 --cols 4 --hex", "rows: 1 is not a whole number from 2"),
+        ("--rows 4 --cols 4 --margin 0.1", "margin: 0.1 leaves no room, it must be below 0.1"),
+        ("--rows 4 --cols 4 --margin -1", "margin: -1.0 is negative"),
+        ("--rows 4 --cols 4 --margin nan", "margin: nan is not a finite"),
+        ("--rows 4 --cols 4 --size 0 1", "rectangle[0]: 0.0 is not a positive length"),
+        ("--rows 4 --cols 4 --radius 0.04", "overlap: 66.67 mm apart, they need more than 80 mm"),
+        ("--rows 200 --cols 4 --hex --radius 0.002", "overlap"),
+        ("--rows 4 --cols 4 --sheet-resistance -1", "sheet_resistance: -1.0 is not a positive"),
+        ("--rows 4 --cols 4 --circle 0.1", "--circle: only a ring has one"),
+        ("--ring 16", "--circle: is missing"),
+        ("--ring 2 --circle 0.1", "ring: 2 is not a whole number from 3"),
+        ("--ring 16 --circle -0.1", "circle: -0.1 is not a positive length"),
+        ("--ring 16 --circle 0.1 --margin 0.2", "margin: 0.2 leaves no room"),
+        ("--ring 16 --circle 0.1 --rows 4", "--rows: is of a grid"),
+        ("--ring 16 --circle 0.1 --hex", "--hex: is of a grid"),
+        ("--ring 16 --circle 0.1 --radius 0.05", "overlap"),
+        ("--ring x --circle 0.1", "invalid int value: 'x'"),
+    ],
+)
+def test_what_makes_no_layout_is_one_line(words, said, tmp_path, capsys):
+    out = tmp_path / "out.yaml"
+    try:
+        status = cli.main(["layout", *words.split(), "--out", str(out)])
+    except SystemExit as ended:
+        status = ended.code
+    found = capsys.readouterr()
+    assert status == 2 and not out.exists() and found.out == ""
+    assert found.err.count("\n") == 1 and said in found.err

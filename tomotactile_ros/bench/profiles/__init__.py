@@ -1,0 +1,1 @@
+"""The profiles in depth: benchmark/reconstruction_accuracy.py."""

@@ -1,0 +1,100 @@
+"""Times of a frame, of the image alone, and what a start from the last image saves."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from tomotactile_ros.bench.cases import PROFILES
+from tomotactile_ros.bench.profiles.data import pairs_at
+from tomotactile_ros.bench.profiles.figures import Runner
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.contact import Contact
+from tomotactile_ros.defects import Noise
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.active_set import Memory
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+
+def image_time(pipeline, frames):
+    """Median and p99 of the linear image alone, float32 frame in V to image, s."""
+    frames = frames.astype(np.float32)
+    local = pipeline._model.local(np.arange(pipeline.layout.electrodes))
+    times = []
+    for _ in range(20):
+        for frame in frames:
+            start = time.perf_counter()
+            local.image(local.meter.read(frame, DRIVE))
+            times.append(time.perf_counter() - start)
+    return np.median(times), np.percentile(times, 99)
+
+
+def dense_time(layout, resolution=40):
+    """Median time of a dense float32 product (K, L E) by (L E,), s: the same image without
+    structure."""
+    size = layout.electrodes**2
+    matrix = np.ones((resolution**2, size), np.float32)
+    vector = np.ones(size, np.float32)
+    times = []
+    for _ in range(100):
+        start = time.perf_counter()
+        matrix @ vector
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def warm_starts(pipeline, frames):
+    """Median time, s, and mean number of linear systems of a frame, from the last frame and from
+    scratch."""
+    grounded, nothing = np.arange(pipeline.layout.electrodes), np.zeros(len(pipeline.grid.pixels))
+    starts = {
+        "kept": lambda maker: None,
+        "forgotten": lambda maker: maker.forget(),
+        "empty": lambda maker: setattr(maker, "memories", (Memory(nothing), Memory(nothing))),
+    }
+    times, steps = {}, {}
+    for start, prepare in starts.items():
+        run, steps[start] = Runner(pipeline.with_settings(pipeline.settings), grounded), []
+        maker = run.pipeline._make_image
+        for frame in frames:
+            prepare(maker)
+            run(frame)
+            steps[start].append(sum(memory.steps for memory in maker.memories))
+        times[start] = np.median(run.times[1:])
+    steps = {start: np.mean(each[1:]) for start, each in steps.items()}
+    return np.array([times["kept"], times["forgotten"]]), np.array([steps["kept"], steps["empty"]])
+
+
+def frame_times(side, resolution, frames=20, rounds=10):
+    """Prints the time of a whole frame of each profile and of reading it: closed form, `side` x
+    `side` electrodes."""
+    layout = equal_grid(side, side, (0.2, 0.2), 0.02 / side, 1e4)
+    pairs = pairs_at((0.05, 0.12), frames, np.random.default_rng(1), (10e3, 30e3))
+    contacts = [
+        Contact(**shape, start=float(i), end=i + 1.0)
+        for i, pair in enumerate(pairs)
+        for shape in pair
+    ]
+    scene = Scene("times", DRIVE, contacts, LAW, Noise(NOISE))
+    simulator = Simulator(layout, scene, "closed_form")
+    voltages = [simulator.frame(i + 0.5, i).astype(np.float32) for i in range(frames)]
+    for profile in PROFILES:
+        run = Runner(Pipeline(layout, Settings(profile, resolution=resolution)), simulator.grounded)
+        for _ in range(rounds if profile == "fast" else 1):
+            for frame in voltages:
+                run(frame)
+        median, p99 = 1e3 * np.percentile(run.times[frames // 2 :], [50, 99])
+        print(f"{profile}: {median:.2f} ms a frame, p99 {p99:.2f} ms")
+    meter = run.pipeline._model.local(simulator.grounded).meter
+    reading = [timed(lambda frame=frame: meter.read(frame, DRIVE)) for frame in voltages * rounds]
+    print(f"reading it, single precision: {1e3 * np.median(reading):.2f} ms")
+
+
+def timed(work):
+    """Time of `work`, s."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

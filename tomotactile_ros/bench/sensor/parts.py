@@ -1,0 +1,102 @@
+"""The parts: what is wrong with the sensor, one thing at a time, and the frames that show it.
+
+time      touches that begin, end or move while rows are scanned (`changes`)
+channels  gains, offsets, resistances to ground, open wires, stuck channels, swapped wires
+sheets    random fields, gradients, anisotropy; and several things at once
+layouts   without a full grid
+crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, find_layout
+from tomotactile_ros.bench.sensor import changes
+from tomotactile_ros.bench.sensor.readings import Wiring
+from tomotactile_ros.bench.sensor.states import states
+from tomotactile_ros.bench.sensor.trial import Trial, presses
+from tomotactile_ros.channels import Channels, Rms, Uniform
+
+SPEEDS = 0.2, 0.5, 1.0  # m/s
+CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
+_COUNT, _FEW = 24, 12  # presses of a case, and of one that the simulator makes
+_TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
+_ONE, _OTHER = 18, 45  # electrodes that something is wrong with
+_SEED = 1
+
+WIRINGS = {
+    "textbook": Wiring(),
+    "gains 1 %": Wiring(Channels(gain=Rms(0.01, _SEED))),
+    "gains 2 %": Wiring(Channels(gain=Rms(0.02, _SEED))),
+    "gains 5 %": Wiring(Channels(gain=Rms(0.05, _SEED))),
+    "offsets 5 mV": Wiring(Channels(offset=Rms(0.005, _SEED))),
+    "150 to 450 ohm to ground": Wiring(Channels(ground_resistance=Uniform(300, 150, _SEED))),
+    "two open wires": Wiring(Channels(open=(_ONE, _OTHER), stuck={_ONE: 0.0, _OTHER: 0.0})),
+    "two stuck channels": Wiring(Channels(stuck={_ONE: 1.1, _OTHER: 2.2})),
+    "two swapped wires": Wiring(swapped=((_ONE, _ONE + 1),)),
+}
+SHEETS = {
+    "random field 10 %": "random 10%",
+    "random field 20 %": "random 20%",
+    "gradient 20 %": "gradient 20%",
+    "anisotropy 1.5 : 1": "anisotropy 1.5",
+}
+WORN = Wiring(
+    Channels(
+        gain=Rms(0.02, _SEED),
+        offset=Rms(0.002, _SEED),
+        ground_resistance=Uniform(150, 75, _SEED),
+    )
+)
+LAYOUTS = {
+    "four electrodes amid 8 x 8 missing": "layout-void-60",
+    "ring of 16 on a circle": "layout-rim-16",
+    "40 random places": "layout-random-40",
+    "L-shape": "layout-l-shape-48",
+}
+
+
+def time(step: int = 1) -> Iterator[Trial]:
+    """Every `step`-th press, as in the other parts."""
+    layout, few = find_layout(DEFAULT_LAYOUT), _FEW // step
+    for name, end in (("onset", False), ("release", True)):
+        yield changes.alone(name, states(_TEXTBOOK, most=_COUNT).every(step), end)
+        yield changes.beside(f"{name} beside another", layout, end, few)
+    for speed in SPEEDS:
+        yield changes.moving(f"{speed:g} m/s", layout, speed, few)
+
+
+def channels(step: int = 1) -> Iterator[Trial]:
+    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
+    for name, wiring in WIRINGS.items():
+        yield presses(name, pressed, wiring)
+
+
+def sheets(step: int = 1) -> Iterator[Trial]:
+    for name, case in SHEETS.items():
+        yield presses(name, states(_SHEETS, case).every(step))
+    worn = states(_SHEETS, "random 20%").every(step)
+    yield presses("20 %, gains 2 %, 75 to 225 ohm, 2 mV", worn, WORN)
+
+
+def layouts(step: int = 1) -> Iterator[Trial]:
+    for name, family in LAYOUTS.items():
+        yield presses(name, states(family).every(step))
+    connector = Wiring(Channels(open=CONNECTOR), dead=CONNECTOR)
+    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
+    yield presses("dead connector of 8 neighbours", pressed, connector)
+
+
+def crowd(step: int = 1) -> Iterator[Trial]:
+    for count in (3, 4, 5, 6):
+        yield presses(f"{count} contacts", states(_CROWD, f"{count} contacts").every(step))
+
+
+PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
+    "time": time,
+    "channels": channels,
+    "sheets": sheets,
+    "layouts": layouts,
+    "crowd": crowd,
+}

@@ -1,0 +1,52 @@
+"""What came out of the parts, as text and Markdown; places never without ghosts and misses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf
+
+from tomotactile_ros.bench import tables
+from tomotactile_ros.evaluation import scoring
+
+TITLES = {
+    "time": "Time: touches that begin, end or move while rows are scanned",
+    "channels": "Channels and wiring",
+    "sheets": "Sheets",
+    "layouts": "Layouts",
+    "crowd": "Crowd: the strongest with ten times the force of the weakest",
+}
+LEGEND = """\
+ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired
+already; weak: below 0.02 N, not judged; missed: true contacts without a pair; place, force: of pairs;
+OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm."""
+_COVERED = "95 % regions: place %", "force %"
+
+
+def text(found: dict[str, list[dict]], width: float = inf) -> Iterator[str]:
+    """Lines for a terminal; `found`: rows of `trial.measure` by part."""
+    for part, rows in found.items():
+        yield TITLES[part]
+        header, cells = _table(rows)
+        yield from tables.text(header, cells, width, fixed=2)
+        yield ""
+    yield LEGEND
+
+
+def markdown(found: dict[str, list[dict]]) -> Iterator[str]:
+    """Lines for a document."""
+    for part, rows in found.items():
+        yield f"{TITLES[part]}:"
+        yield ""
+        yield from tables.markdown(*_table(rows))
+        yield ""
+
+
+def _table(rows: Sequence[dict]):
+    """Header and cells; stated uncertainties have columns where there are any."""
+    covered = any(part is not None for row in rows for part in row["coverage"].values())
+    header = ("case", "method", *scoring.HEADER, *(_COVERED if covered else ()))
+    cells = []
+    for row in rows:
+        more = [tables.percent(row["coverage"][key]) for key in ("place", "force")]
+        cells.append((row["case"], row["method"], *scoring.cells(row), *(more if covered else ())))
+    return header, cells

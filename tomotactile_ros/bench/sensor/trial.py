@@ -1,0 +1,105 @@
+"""Frames with their truth, and any reconstruction scored on them.
+
+A reconstruction is whatever has `process(voltages, grounded, drive_voltage)` and returns something with
+`contacts`, see `evaluation.scoring`. One that has a parameter `row_period` is told that, too. Several
+are compared side by side: a function of a layout makes all of them by their names.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from tomotactile_ros.bench.cases import PROFILES
+from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring, potentials, readings, untouched
+from tomotactile_ros.bench.sensor.states import States
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.scoring import score_frame, summary
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+
+Methods = Callable[[Layout], dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Frames of one case, in the order in which they are taken.
+
+    case : for people
+    frames : (N, L, E) V, row i with electrode i grounded
+    truths : of each frame, see `evaluation.scoring`; None for frames that only lead up to others
+    row_period : s
+    """
+
+    case: str
+    layout: Layout
+    frames: np.ndarray
+    truths: list[list[dict] | None]
+    row_period: float = 0.0
+
+
+def presses(case: str, states: States, wiring: Wiring = IDEAL) -> Trial:
+    """Every press in one frame, each after a frame without any contact."""
+    frames, truths = [], []
+    electrodes = states.layout.electrodes
+    for i, (seen, truth) in enumerate(zip(states.seen, states.truths, strict=True)):
+        frames.append(readings(untouched(electrodes), wiring, (i, 0)))
+        frames.append(readings(potentials(seen, wiring), wiring, (i, 1)))
+        truths += [None, truth]
+    return Trial(case, states.layout, np.array(frames), truths)
+
+
+def profiles(layout: Layout) -> dict[str, Pipeline]:
+    """The three profiles, told the noise and the contact law and nothing of what is wrong."""
+    settings = Settings(noise=NOISE, contact_law=LAW)
+    first = Pipeline(layout, settings)
+    return {name: first.with_settings(replace(settings, profile=name)) for name in PROFILES}
+
+
+def find_methods(name: str) -> Methods:
+    """The function that `name`, module:function, says; InputError where there is none."""
+    module, _, function = name.partition(":")
+    try:
+        return getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"methods: {name!r} is no module:function: {error}") from None
+
+
+def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[dict]:
+    """A row of plain data for each trial and method: case, method and what `scoring.summary` says."""
+    made: dict[str, dict] = {}
+    for trial in trials:
+        name = trial.layout.name
+        if name not in made:
+            made[name] = methods(trial.layout)
+        for method, pipeline in made[name].items():
+            yield {"case": trial.case, "method": method, **judge(pipeline, trial)}
+
+
+def judge(pipeline: Any, trial: Trial) -> dict:
+    """What `scoring.summary` says of one method; a frame that is refused counts as withheld."""
+    grounded = np.arange(trial.layout.electrodes)
+    process = pipeline.process
+    if "row_period" in inspect.signature(process).parameters:
+        process = partial(process, row_period=trial.row_period)
+    scores, withheld = [], 0
+    for frame, truth in zip(trial.frames, trial.truths, strict=True):
+        try:
+            result = process(frame, grounded, DRIVE)
+        except InputError:
+            withheld += truth is not None
+            continue
+        if truth is None:
+            continue
+        if getattr(result, "state", "valid") == "valid":
+            scores.append(score_frame(result.contacts, truth))
+        else:
+            withheld += 1
+    return summary(scores, withheld)
