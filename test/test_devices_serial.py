@@ -24,7 +24,14 @@ import pytest
 import serial
 from serial import rfc2217
 
-from tomotactile_ros.devices import conversation, emulator, line, protocol
+from tomotactile_ros.devices import (
+    DeviceSettings,
+    conversation,
+    emulator,
+    line,
+    make_device,
+    protocol,
+)
 from tomotactile_ros.devices.serial import (
     FIRST_RETRY,
     LAST_RETRY,
@@ -32,6 +39,7 @@ from tomotactile_ros.devices.serial import (
     retry_delays,
 )
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import load_layout
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PATIENCE = 30.0
@@ -751,7 +759,8 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
     )
     assert line.find_port("usb:0001:0002") == "/dev/c"
     assert line.find_port("usb:2341:0010:X2") == "/dev/b"
-    (tmp_path / "skin-1").touch()
+    (tmp_path / "skin-1").symlink_to("/dev/null")
+    (tmp_path / "skin-2").touch()  # no device
     assert line.find_port(f"{tmp_path}/skin-*") == f"{tmp_path}/skin-1"
     assert line.find_port("ttyUSB0") == "/dev/ttyUSB0"
     assert line.find_port("rfc2217://host:1") == "rfc2217://host:1"
@@ -762,10 +771,39 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
         ("socket://far.away", "refused", "socket://HOST:PORT"),
         ("rfc2217://far.away:70000", "refused", "rfc2217://HOST:PORT"),
         (f"{tmp_path}/no-*", "disconnected", "plugged in"),
+        (f"{tmp_path}/skin-2", "refused", "no device under /dev"),
     ):
         with pytest.raises(line.LineFault, match=words) as raised:
             line.find_port(port)
         assert raised.value.state == state
+
+
+@pytest.mark.parametrize("scheme", ["spy", "SPY", "loop", "alt", "hwgrep", "cp2110", "file", "http"])
+def test_a_port_never_makes_pyserial_do_anything_else(tmp_path, monkeypatch, scheme):
+    precious = tmp_path / "precious"
+    precious.write_text("as it was")
+    monkeypatch.setattr(line.serial, "serial_for_url", None)  # would end in another message
+    for port in (f"{scheme}:///dev/ttyS0?file={precious}", f"{scheme}://?logging=debug"):
+        with pytest.raises(line.LineFault, match="none of /dev") as raised:
+            line.open_line(port, 9600)
+        assert raised.value.state == "refused"
+        with pytest.raises(InputError, match="none of /dev"):
+            make_device(DeviceSettings(load_layout("equal-4x4"), "serial", port=port))
+    for url in ("socket://h:1?logging=debug", "rfc2217://h:1/?logging=debug", "socket://u@h:1/x"):
+        with pytest.raises(line.LineFault, match="without options"):
+            line.open_line(url, 9600)
+    assert precious.read_text() == "as it was"
+
+
+def test_a_port_outside_of_dev_is_not_opened(tmp_path, monkeypatch):
+    monkeypatch.setattr(line.serial, "serial_for_url", None)
+    file, fifo = tmp_path / "file", tmp_path / "fifo"
+    file.touch()
+    os.mkfifo(fifo)
+    (tmp_path / "link").symlink_to(file)
+    for path in (file, fifo, tmp_path, tmp_path / "link", "/dev/../etc/passwd", "/dev/shm"):
+        with pytest.raises(line.LineFault, match="no device under /dev"):
+            line.open_line(str(path), 9600)
 
 
 def test_a_read_takes_no_more_memory_than_it_returns():

@@ -81,10 +81,14 @@ def _make_fake(settings: DeviceSettings) -> Device:
 
 
 def _make_serial(settings: DeviceSettings) -> Device:
+    from tomotactile_ros.devices.line import complaint_about
     from tomotactile_ros.devices.serial import SerialDevice
 
     if not settings.port:
         raise InputError("port: missing; expected a tty, usb:VID:PID or a URL such as socket://")
+    complaint = complaint_about(settings.port)
+    if complaint:
+        raise InputError(complaint)
     if settings.baud <= 0:
         raise InputError(f"baud: {settings.baud} is no bit rate; expected e.g. 2000000")
     return SerialDevice(
