@@ -1,12 +1,18 @@
 """Files: found by name, written whole or not at all, refused early where that cannot be."""
 
+import io
 import os
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tomotactile_ros import files
+from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_arrays
+from tomotactile_ros.yamlio import MAX_BYTES, read_mapping
 
 
 def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
@@ -72,3 +78,116 @@ def test_a_place_that_takes_no_file_is_refused_and_left_alone(place, reason):
         with pytest.raises(InputError, match=f"^{place}: cannot be written: {reason}"):
             work(place)
     assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize("read", [read_mapping, load_arrays, lambda path: next(read_frames(path))])
+@pytest.mark.parametrize("suffix", [".npz", ".db3"])
+def test_what_would_never_end_is_not_read(tmp_path, read, suffix):
+    fifo, zero = tmp_path / f"fifo{suffix}", tmp_path / f"zero{suffix}"
+    os.mkfifo(fifo)
+    zero.symlink_to("/dev/zero")
+    for path in (fifo, zero):
+        with pytest.raises(InputError, match="is no plain file"):
+            read(path)
+
+
+def test_a_file_that_grows_while_it_is_read_or_takes_too_long_is_given_up(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    with pytest.raises(InputError, match="larger than"):
+        files.read_limited(path, 4)
+    monkeypatch.setattr(files, "READ_TIME", -1.0)
+    with pytest.raises(InputError, match="cannot be read within"):
+        files.read_limited(path, 5)
+    with pytest.raises(InputError, match="larger than"):  # says that it holds nothing
+        files.read_limited("/proc/self/maps", 100)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: [" + ",".join(["1"] * (MAX_BYTES // 2 - 10)) + "]",
+        "[" * (MAX_BYTES // 2),
+        "- " * (MAX_BYTES // 4),
+        "a: " + "1:1" * (MAX_BYTES // 4),
+        "{" + ",".join(f"k{i}: {{}}" for i in range(MAX_BYTES // 12)) + "}",
+    ],
+    ids=["flat", "deep", "deep block", "sexagesimal", "wide"],
+)
+def test_a_small_file_is_no_long_work(tmp_path, text, monkeypatch):
+    """What is limited is the work, not the time, which depends on the machine."""
+    from tomotactile_ros import yamlio
+
+    monkeypatch.setattr(yamlio, "MAX_VALUES", 10_000)
+    built = []
+    node = yamlio.yaml.composer.Composer.compose_node
+
+    def counted(self, *place):
+        built.append(1)
+        return node(self, *place)
+
+    monkeypatch.setattr(yamlio.yaml.composer.Composer, "compose_node", counted)
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    try:
+        read_mapping(path)
+    except InputError as error:
+        assert "not valid YAML" in str(error) and "\n" not in str(error)
+    assert len(built) <= yamlio.MAX_VALUES
+
+
+SECRET = "c0rrect-h0rse"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SECRET,
+        f"root:{SECRET}:x",
+        f"- {SECRET}",
+        f"{SECRET}: 1\n{SECRET}: 2",
+        f"a: *{SECRET}",
+        f"a: !{SECRET} 1",
+        f"%{SECRET}",
+        f"format: {SECRET}",
+        f"password: {SECRET}\n",
+    ],
+)
+def test_a_refusal_does_not_tell_what_stands_in_the_file(tmp_path, text):
+    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.scene import load_scene
+
+    path = tmp_path / "file"
+    path.write_text(text)
+    for load in (read_mapping, load_layout, load_scene):
+        try:
+            load(path)
+        except InputError as error:
+            assert SECRET not in str(error)
+
+
+def test_a_recording_that_grows_without_bounds_is_refused(tmp_path):
+    bomb = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("voltages", "grounded"):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array_header_1_0(
+                    member, {"descr": "|u1", "fortran_order": False, "shape": (150_000_000,)}
+                )
+                for _ in range(150):
+                    member.write(bytes(1_000_000))
+    assert bomb.stat().st_size < 1e6
+    with pytest.raises(InputError, match="would grow to 300 MB"):
+        load_arrays(bomb)
+
+
+@pytest.mark.parametrize("shape", [(10**10,), (2**62, 8)])
+def test_an_array_that_declares_more_than_is_there_is_refused(tmp_path, shape):
+    stream = io.BytesIO()
+    header = {"descr": "<f2", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    path = tmp_path / "large.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("voltages.npy", stream.getvalue() + bytes(100))
+    with pytest.raises(InputError, match="are declared"):
+        load_arrays(path)

@@ -1,12 +1,62 @@
 """Files: where those of the package are, and how others are written, whole or not at all."""
 
+import errno
 import os
+import stat
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError
+
+
+READ_TIME = 10.0  # s for one file
+_PIECE = 1 << 20
+
+
+def open_regular(path: str | os.PathLike, most: int) -> int:
+    """Descriptor of a plain file of at most `most` bytes; InputError for anything else.
+
+    A named pipe or a device would keep the reader waiting, or never end.
+    """
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{show(os.fspath(path))}: is no path") from None
+    found = os.fstat(number)
+    complaint = ""
+    if stat.S_ISDIR(found.st_mode):
+        complaint = f"cannot be read: {os.strerror(errno.EISDIR)}"
+    elif not stat.S_ISREG(found.st_mode):
+        complaint = "cannot be read: is no plain file"
+    elif found.st_size > most:
+        complaint = f"the file is larger than {most / 1e6:g} MB"
+    if complaint:
+        os.close(number)
+        raise InputError(f"{path}: {complaint}")
+    return number
+
+
+def read_limited(path: str | os.PathLike, most: int) -> bytes:
+    """All of a plain file of at most `most` bytes, in at most `READ_TIME`; else InputError."""
+    deadline = time.monotonic() + READ_TIME
+    pieces, length = [], 0
+    with os.fdopen(open_regular(path, most), "rb", buffering=0) as file:
+        try:
+            while piece := file.read(_PIECE):
+                pieces.append(piece)
+                length += len(piece)
+                if length > most:
+                    raise InputError(f"{path}: the file is larger than {most / 1e6:g} MB")
+                if time.monotonic() > deadline:
+                    raise InputError(f"{path}: cannot be read within {READ_TIME:g} s")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    return b"".join(pieces)
 
 
 def check_folder(path: str | os.PathLike) -> None:
