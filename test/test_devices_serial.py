@@ -778,7 +778,9 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
         assert raised.value.state == state
 
 
-@pytest.mark.parametrize("scheme", ["spy", "SPY", "loop", "alt", "hwgrep", "cp2110", "file", "http"])
+@pytest.mark.parametrize(
+    "scheme", ["spy", "SPY", "loop", "alt", "hwgrep", "cp2110", "file", "http"]
+)
 def test_a_port_never_makes_pyserial_do_anything_else(tmp_path, monkeypatch, scheme):
     precious = tmp_path / "precious"
     precious.write_text("as it was")

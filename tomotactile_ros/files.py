@@ -11,7 +11,6 @@ from pathlib import Path
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError
 
-
 READ_TIME = 10.0  # s for one file
 _PIECE = 1 << 20
 

@@ -18,8 +18,9 @@ import time
 import serial
 from serial.tools import list_ports
 
-
-_ON_THE_NETWORK = re.compile(r"(socket|rfc2217)://([\w.-]+|\[[0-9a-f:.%]+\]):(\d{1,5})/?", re.I | re.A)
+_ON_THE_NETWORK = re.compile(
+    r"(socket|rfc2217)://([\w.-]+|\[[0-9a-f:.%]+\]):(\d{1,5})/?", re.IGNORECASE | re.ASCII
+)
 
 
 class LineFault(Exception):
@@ -35,7 +36,7 @@ def complaint_about(port: str) -> str:
     if "\0" in port or not port.isprintable():
         return f"port: {port[:80]!r} holds characters that no port has"
     if port.lower().startswith("usb:"):
-        if not re.fullmatch(r"usb:[0-9a-f]{1,4}:[0-9a-f]{1,4}(:.+)?", port, re.I):
+        if not re.fullmatch(r"usb:[0-9a-f]{1,4}:[0-9a-f]{1,4}(:.+)?", port, re.IGNORECASE):
             return f"port: {port[:80]!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"
     elif "://" in port:
         scheme = port.partition(":")[0].lower()

@@ -19,7 +19,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
-from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.parameters import PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
@@ -28,16 +28,27 @@ SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
     Spec("device", "fake", "Where the frames come from", choices=KINDS),
-    Spec("scene", "default", "For fake: what touches the sheet, a scene file or an installed name"),
+    Spec(
+        "scene",
+        "default",
+        "For fake: what touches the sheet, a scene file or an installed name",
+        path=True,
+    ),
     Spec("model", "fem", "For fake: physics of the sheet", choices=MODELS),
-    Spec("port", "", "For serial: /dev/tty..., usb:VID:PID or a URL such as socket://host:port"),
+    Spec(
+        "port",
+        "",
+        "For serial: /dev/tty..., usb:VID:PID, socket:// or rfc2217://HOST:PORT",
+        path=True,
+    ),
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
     Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
-    Spec("recording", "", "For replay: a frames.npz or a rosbag2"),
+    Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
     Spec("loop", False, "For replay: start over at the end"),
     Spec("drive_voltage", 3.3, "For replay: V, where the recording names none", low=1e-3, high=1e3),
+    PATH_CHANGES,
 )
 
 _LEVELS = {
@@ -108,9 +119,10 @@ class Driver:
 
     def report(self) -> Report:
         """State of the device for /diagnostics; a change is also logged."""
-        if self._device is None:
+        device = self._device  # another thread may take it away
+        if device is None:
             return Report(diagnostics.WARN, "not configured")
-        status = self._device.status()
+        status = device.status()
         level = _LEVELS.get(status.state, diagnostics.ERROR)
         message = status.message
         if status.dead:

@@ -96,9 +96,10 @@ class Reconstruction:
 
     def report(self) -> Report:
         """State for /diagnostics; why there are no frames is also logged."""
-        if not self._active:
+        pipeline = self._pipeline  # another thread may take it away
+        if not self._active or pipeline is None:
             return Report(diagnostics.WARN, "not active")
-        figures = {"profile": self._pipeline.profile, **self._watch.figures()}
+        figures = {"profile": pipeline.profile, **self._watch.figures()}
         complaint = self._watch.complaint()
         if complaint and self._lock.locked():  # a thread of its own makes the images
             complaint = "an image takes seconds: profile or resolution are too much here"
