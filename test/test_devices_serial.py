@@ -6,6 +6,7 @@ Every wait is for an event; PATIENCE is only how long a broken program may take 
 import contextlib
 import errno
 import itertools
+import math
 import os
 import re
 import select
@@ -591,6 +592,144 @@ def test_a_device_that_forgets_to_stream_is_started_again():
 def test_a_device_ten_times_too_fast_is_told():
     with connected(sensor(rate=25.0, haste=10.0), rate=25.0) as (_, watch):
         watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
+
+
+class SlowPort(emulator.PtyPort):
+    """A line that carries `speed` bytes/s; what does not fit waits in the device."""
+
+    speed = math.inf
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since, self._sent = time.monotonic(), 0
+
+    def send(self, data):
+        now = time.monotonic()
+        room = min(self.speed * (now - self._since), 1e6)
+        sent = super().send(data[: int(room)]) if room >= 1 else 0
+        self._since = now if room >= 1 else self._since
+        return sent
+
+
+def test_a_line_slower_than_the_sensor_never_makes_old_data_fresh(monkeypatch):
+    """600 rows/s of 52 bytes are twice what the line carries: the device's buffer fills."""
+    started = {}
+
+    def source(elapsed, sequence):
+        started[sequence] = time.time()
+        return counted(elapsed, sequence)
+
+    monkeypatch.setattr(SlowPort, "speed", 15_000.0)
+    slow = emulator.EmulatedDevice(source, E, rate=100.0)
+    ages = []
+    with plugged(slow, SlowPort) as port:
+        device = SerialDevice(port.path, E)
+        device.max_age = 0.3
+        arrived = {}
+
+        def receive(frame):
+            arrived[frame.sequence] = time.time()
+            ages.append((time.time() - frame.stamp, time.time() - started[frame.sequence]))
+
+        watch = Watch(device)
+        device.open(lambda frame: (receive(frame), watch(frame)))
+        watch.wait_for(lambda s: s.state == "late" and s.counters["frames_stale"] > 20)
+        status = device.status()
+        assert "s old and not published" in status.message
+        assert status.counters["age"] > 0.3
+        watch.wait_for_frames(20)  # the line was emptied in between
+        assert device.status().counters["clock_jumps"] == 0
+        monkeypatch.setattr(SlowPort, "speed", math.inf)
+        monkeypatch.setattr(SerialDevice, "LATE_FOR", 0.5)
+        watch.wait_for(lambda s: s.state == "streaming")
+        device.close()
+    told, true = np.array(ages).T
+    # a row is sampled at the frame's end by the emulator; 2 periods for that and for scheduling
+    assert (np.abs(told - true) < 0.1).mean() > 0.95
+    assert (true < 0.3 + 0.1).mean() > 0.95
+
+
+def test_rows_of_before_the_start_are_not_taken_for_new(monkeypatch):
+    """A device that was left streaming: seconds of rows wait on the line when the host comes."""
+    with plugged(sensor()) as port:
+        port.device.streaming = True
+        port.device._start_scan(time.monotonic() - 3.0)
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for_frames(20)
+        assert watch.frames[0].sequence >= 300
+
+
+def test_a_device_clock_that_stood_still_is_put_right_by_an_empty_line():
+    paused = []
+
+    def clock(now):
+        if not paused:
+            return now
+        return paused[0] if now < paused[0] + 1.5 else now - 1.5
+
+    with plugged(sensor(clock=clock)) as port:
+        device = SerialDevice(port.path, E)
+        device.max_age = 1.0
+        watch = Watch(device)
+        device.open(watch)
+        watch.wait_for_frames(10)
+        paused.append(time.monotonic())
+        watch.wait_for(lambda s: s.state == "late")
+        watch.wait_for(lambda s: s.counters["reconnects"] >= 1)
+        watch.wait_for_frames(10)
+        device.close()
+    assert time.time() - watch.frames[-1].stamp < 1.0
+
+
+def test_answers_to_nothing_that_was_asked_change_nothing():
+    """An ACK with another tag, or to another command: neither the rate nor the frame is touched."""
+
+    class Talkative(emulator.EmulatedDevice):
+        def rows_due(self, now):
+            rows = super().rows_due(now)
+            false = protocol.Ack(0x7777, protocol.SET_RATE, False, 1.0)
+            return rows + (protocol.encode(false) if rows else b"")
+
+    with connected(Talkative(counted, E, rate=100.0)) as (_, watch):
+        watch.wait_for_frames(30)
+        counters = watch.device.status().counters
+        assert counters["answers_ignored"] > 10
+        assert counters["rate_device"] == 100.0
+        assert counters["frames_incomplete"] <= 1  # one at the stop with which it began
+
+
+def troubles(status):
+    return {trouble.name: trouble for trouble in status.troubles}
+
+
+def test_a_device_that_reports_a_fault_is_in_trouble():
+    class Hot(emulator.EmulatedDevice):
+        def _next_frame(self, now):
+            super()._next_frame(now)
+            self.hot = True
+
+        def rows_due(self, now):
+            rows = super().rows_due(now)
+            fault = protocol.Error(0, 0, protocol.HARDWARE_FAULT, "too \x1b[2J hot")
+            return rows + (protocol.encode(fault) if getattr(self, "hot", False) and rows else b"")
+
+    with connected(Hot(counted, E, rate=100.0)) as (_, watch):
+        watch.wait_for(lambda s: "device" in troubles(s))
+        status = watch.device.status()
+    assert troubles(status)["device"].serious
+    assert "hot" in status.message and status.message.isprintable()
+
+
+def test_lost_frames_and_readings_above_the_drive_voltage_are_troubles():
+    high = sensor(drive_voltage=1.0)
+    with connected(high) as (port, watch):
+        watch.wait_for(lambda s: "above drive" in troubles(s))
+        assert "loss" not in troubles(watch.device.status())
+        port._mangle = losing(0.02)
+        watch.wait_for(lambda s: "loss" in troubles(s) and not troubles(s)["loss"].serious)
+        port._mangle = losing(0.4)
+        watch.wait_for(lambda s: "loss" in troubles(s) and troubles(s)["loss"].serious)
+        assert "% of the frames are lost" in watch.device.status().message
 
 
 def losing(share: float, seed: int = 0):

@@ -14,6 +14,7 @@ import re
 import select
 import stat
 import time
+from queue import Queue
 
 import serial
 from serial.tools import list_ports
@@ -173,9 +174,22 @@ class Line:
         while True:
             data = self._port.read(1)
             if data:
-                return data + self._port.read(self._port.in_waiting)
+                return data + self._rest()
             if time.monotonic() >= deadline:
                 return b""
+
+    def _rest(self) -> bytes:
+        """What has come meanwhile; from RFC 2217's queue of single bytes all at once.
+
+        pyserial takes them out one by one, slower than a network brings them: the queue would grow.
+        """
+        waiting = getattr(self._port, "_read_buffer", None)
+        if not isinstance(waiting, Queue):
+            return self._port.read(self._port.in_waiting)
+        with waiting.mutex:
+            data = b"".join(filter(None, waiting.queue))
+            waiting.queue.clear()
+        return data
 
 
 def open_line(port: str, baud: int) -> Line:

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
@@ -44,6 +45,13 @@ SPECS = (
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
     Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
+    Spec(
+        "max_age",
+        1.0,
+        "For serial: s; older readings are not published; 0: any age",
+        low=0.0,
+        high=3600.0,
+    ),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
     Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
     Spec("loop", False, "For replay: start over at the end"),
@@ -77,7 +85,7 @@ class Driver:
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
-        self._said = ""
+        self._said: tuple = ()
         self._simulated_now = self._simulated_stamp = 0.0
         self._publisher = node.create_publisher(
             VoltageFrame,
@@ -124,15 +132,28 @@ class Driver:
             return Report(diagnostics.WARN, "not configured")
         status = device.status()
         level = _LEVELS.get(status.state, diagnostics.ERROR)
-        message = status.message
-        if status.dead:
-            electrodes = ", ".join(map(str, status.dead))
-            message += f"; electrodes that look dead: {electrodes}"
-            level = max(level, diagnostics.WARN)
-        if status.state != "closed" and (status.state, status.dead) != self._said:
-            self._said = (status.state, status.dead)
+        own = self._own_troubles(status.dead)
+        message = "; ".join([status.message, *(trouble.text for trouble in own)])
+        troubles = (*status.troubles, *own)
+        for trouble in troubles:
+            level = max(level, diagnostics.ERROR if trouble.serious else diagnostics.WARN)
+        said = (status.state, tuple((trouble.name, trouble.serious) for trouble in troubles))
+        if status.state != "closed" and said != self._said:
+            self._said = said
             self._say(level, f"{status.state}: {message}")
         return Report(level, message, {"state": status.state, **status.counters})
+
+    def _own_troubles(self, dead: tuple[int, ...]) -> list[Trouble]:
+        found = []
+        if dead:
+            electrodes = ", ".join(map(str, dead))
+            text = f"electrodes that look dead: {electrodes}"
+            found.append(Trouble(f"dead {electrodes}", False, text))
+        others = self._node.count_publishers("voltage_frame") - 1
+        if others > 0:
+            text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
+            found.append(Trouble("publishers", True, text))
+        return found
 
     def _say(self, level: bytes, text: str) -> None:
         if level == diagnostics.OK:
