@@ -128,6 +128,19 @@ def test_repeated_late_and_misfitting_rows_are_ignored():
     assert assembler.counters.rows_ignored == 2 + E + 2
 
 
+def test_an_electrode_is_grounded_once_in_a_frame_and_always_by_the_same_row():
+    assembler = FrameAssembler(E, E)
+    rows = [row(i, 1) for i in range(E)]
+    twice = row(1, 1, grounded=0)
+    assert feed(assembler, [rows[0], twice, *rows[2:]]) == []
+    assert assembler.counters.rows_ignored == 1
+    (frame,) = feed(assembler, [row(i, 2) for i in range(E)])
+    assert frame.grounded.tolist() == list(range(E))
+    swapped = [row(0, 3, grounded=1), row(1, 3, grounded=0), row(2, 3), row(3, 3)]
+    assert feed(assembler, swapped) == []
+    assert assembler.counters.rows_ignored == 3
+
+
 def test_rows_of_equal_sequence_from_before_and_after_a_restart_are_not_joined():
     rows = [row(0, 3), row(1, 3), *(row(i, 3, time=50_000) for i in (2, 3))]
     assembler = FrameAssembler(E, E)

@@ -191,3 +191,70 @@ def test_an_array_that_declares_more_than_is_there_is_refused(tmp_path, shape):
         archive.writestr("voltages.npy", stream.getvalue() + bytes(100))
     with pytest.raises(InputError, match="are declared"):
         load_arrays(path)
+
+
+def test_what_is_written_has_the_permissions_that_the_umask_leaves(tmp_path):
+    before = os.umask(0o027)
+    try:
+        files.write_atomic(tmp_path / "new", b"1")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
+    (tmp_path / "new").chmod(0o600)
+    files.write_atomic(tmp_path / "new", b"2")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_link_stays_and_its_target_is_written(tmp_path):
+    (tmp_path / "far").mkdir()
+    target, link = tmp_path / "far" / "target", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    files.write_atomic(link, b"new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert os.listdir(tmp_path / "far") == ["target"]
+
+
+def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="cannot be written"):
+        patch.setattr(files.os, "fsync", _disk_full)
+        files.save_figure(Figure(), path)
+    assert path.read_bytes() == b"old" and os.listdir(tmp_path) == ["picture.png"]
+    files.save_figure(Figure(), path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def _disk_full(*_):
+    raise OSError(28, "No space left on device")
+
+
+NAME = "\x1b[2J\x1b[H[INFO] all is well\n"
+
+
+def test_names_from_files_reach_terminals_and_logs_escaped(tmp_path, capsys):
+    from tomotactile_ros.cli import main
+    from tomotactile_ros.layout import load_layout
+
+    layout = tmp_path / "layout.yaml"
+    load_layout("equal-4x4").save(layout)
+    layout.write_text(layout.read_text().replace("name: equal-4x4", f"name: {NAME!r}"))
+    layout.write_text(layout.read_text().replace("'\\x1b", '"\\x1b').replace("\\n'", '\\n"'))
+    assert main(["inspect", str(layout)]) == 2
+    arrays = tmp_path / "arrays.npz"
+    np.savez(arrays, **{NAME.replace("/", ""): np.zeros(3)})
+    assert main(["inspect", str(arrays)]) == 0
+    with zipfile.ZipFile(arrays, "w") as archive:
+        archive.writestr(NAME, b"no array")
+    assert main(["inspect", str(arrays)]) == 2
+    told = capsys.readouterr()
+    for line in (told.out + told.err).split("\n"):
+        assert line.isprintable() and not line.startswith("[INFO]")
+    assert "\\x1b[2J" in told.out and "\\x1b[2J" in told.err
+
+
+def test_every_complaint_is_one_printable_line():
+    assert str(InputError("a\nb\x1b[2Jµ")) == "a\\nb\\x1b[2Jµ"

@@ -1,7 +1,12 @@
 """`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
 
 import json
+import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +18,7 @@ from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.request import Request, processes
 from tomotactile_ros.optimizer.step import best_of
 
+PATIENCE = 60.0
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -139,6 +145,80 @@ def test_ctrl_c_before_the_first_step_writes_nothing(tmp_path, monkeypatch, caps
     assert main([*command, "--out", str(tmp_path / "x.yaml")]) == 130
     assert "nothing is written" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_picture_never_takes_the_place_of_the_layout(tmp_path, capsys):
+    out = str(tmp_path / "x.png")
+    for more in ([], ["--report", str(tmp_path / "." / "x.png")]):
+        command = ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize", *more]
+        assert main([*command, "--out", out]) == 2
+        assert "the picture goes there" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def descendants(pid):
+    """Process ids of all that a process has started."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in map(int, (task / "children").read_text().split()):
+            found += [child, *descendants(child)]
+    return found
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+STEADY = """
+import sys
+from tomotactile_ros.cli import main
+from tomotactile_ros.optimizer.request import Request
+
+steps_of = Request.steps_of
+
+def announced(self, executor):
+    for step in steps_of(self, executor):
+        yield step
+        print("step", step.iteration, flush=True)
+
+Request.steps_of = announced
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_stopped_optimizer_writes_its_best_and_leaves_nobody_behind(tmp_path, number):
+    out, program = tmp_path / "best.yaml", tmp_path / "program.py"
+    program.write_text(STEADY)
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--steps", "100000"]
+    command += ["--resolution", "6", "--starts", "2", "--workers", "2", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, str(program), *command],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert any(line.startswith("step 1") for line in process.stdout)
+    left = descendants(process.pid)
+    assert len(left) >= 2
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE)
+    status = process.returncode
+    if number == signal.SIGKILL:
+        assert status == -signal.SIGKILL and not out.exists()
+    else:
+        assert status == 0
+        assert len(load_layout(out).provenance["steps"]) >= 2
+        assert out.with_suffix(".png").read_bytes().startswith(PNG)
+    deadline = time.monotonic() + PATIENCE
+    while any(map(running, left)):
+        assert time.monotonic() < deadline, "somebody was left behind"
+        time.sleep(0.01)
 
 
 def test_numbers_in_the_provenance_are_short_and_plain():

@@ -124,6 +124,10 @@ def run(args: Namespace) -> None:
     report = args.report or Path(args.out).with_suffix(".png")
     for path in (args.out, report):
         check_folder(path)
+    if os.path.realpath(args.out) == os.path.realpath(report):
+        raise InputError(
+            f"--out: {args.out}: the picture goes there; give the layout another name, or --report"
+        )
     if args.method == "grounding":
         _choose_grounding(args, start, report)
     else:
@@ -256,13 +260,13 @@ def _choose_grounding(args, layout, report):
             f"{1e3 * metrics['hwhm']['worst_tenth']:15.2f} "
             f"{1e3 * metrics['position_error']['mean']:18.2f} {1e3 * metrics['noise_gain']:18.3g}"
         )
-    save_grounding(report, found)
     grounding = {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}
     replace(
         layout,
         name=args.name or Path(args.out).stem,
         provenance=layout.provenance | {"grounding": grounding},
     ).save(args.out)
+    save_grounding(report, found)
     print(f"{args.out}: provenance.grounding lists the electrodes to ground; {report}")
 
 

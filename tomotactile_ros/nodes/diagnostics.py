@@ -11,6 +11,8 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from tomotactile_ros.devices.health import Trouble
+
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
     DiagnosticStatus.WARN,
@@ -26,6 +28,11 @@ class Report:
     level: bytes
     message: str
     values: dict[str, float | int | str] = field(default_factory=dict)
+
+
+def level_of(trouble: Trouble) -> bytes:
+    """Level of a status that has this trouble."""
+    return ERROR if trouble.serious else WARN
 
 
 class Diagnostics:

@@ -136,7 +136,7 @@ class Driver:
         message = "; ".join([status.message, *(trouble.text for trouble in own)])
         troubles = (*status.troubles, *own)
         for trouble in troubles:
-            level = max(level, diagnostics.ERROR if trouble.serious else diagnostics.WARN)
+            level = max(level, diagnostics.level_of(trouble))
         said = (status.state, tuple((trouble.name, trouble.serious) for trouble in troubles))
         if status.state != "closed" and said != self._said:
             self._said = said

@@ -5,6 +5,7 @@ is then configured, activated, deactivated and cleaned up - at once by a plain n
 managed one (rclpy.lifecycle).
 """
 
+import os
 import signal
 import sys
 import traceback
@@ -171,6 +172,8 @@ def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None)
     nodes: list[Node] = []
     try:
         _init(args)
+        if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = MultiThreadedExecutor(_THREADS)
         for node in make_nodes():
             nodes.append(node)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tomotactile_ros.files import save_figure
 from tomotactile_ros.optimizer.step import Step
 
 
@@ -31,7 +32,7 @@ def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, ti
         figure.colorbar(image, ax=list(axes[:, column]), label=f"{label} by contact position / mm")
     _history(axes[0, 2], history, best)
     _table(axes[1, 2], start, best)
-    figure.savefig(path, dpi=100, format="png")
+    save_figure(figure, path)
 
 
 def _settings(step):
@@ -140,7 +141,7 @@ def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
     rate.minorticks_off()
     rate.set_xlabel("frames per second at 1 kHz switching")
     _ranks(axes[1], found)
-    figure.savefig(path, dpi=100, format="png")
+    save_figure(figure, path)
 
 
 def _invert(x):

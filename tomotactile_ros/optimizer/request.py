@@ -6,8 +6,9 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
@@ -18,6 +19,7 @@ from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.processes import die_with_parent
 from tomotactile_ros.region import Region, regular_polygon
 
 METHODS = ("equalize", "free")
@@ -31,20 +33,35 @@ _ENVIRONMENT = {  # of processes that search
 }
 
 
-def processes(workers: int) -> Executor:
-    """A pool of processes for searches.
+@contextmanager
+def processes(workers: int) -> Iterator[Executor]:
+    """A pool of processes for searches, which end with it, and with this process whatever ends it.
 
     For the main thread. A worker that a Ctrl-C ends while it starts would leave the pool waiting.
     """
     for variable, value in _ENVIRONMENT.items():
         os.environ.setdefault(variable, value)  # read by new processes when they start
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    before = active_children()
+    pool = ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
+    )
     interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:  # all start now, and inherit this
         list(pool.map(int, range(workers)))
+        signal.signal(signal.SIGINT, interrupted)
+        yield pool
     finally:
         signal.signal(signal.SIGINT, interrupted)
-    return pool
+        for child in active_children():
+            if child not in before:
+                child.terminate()  # what it still does is not wanted any more
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_with(parent: int) -> None:
+    """In a worker: end when the parent does."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent(parent)
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
