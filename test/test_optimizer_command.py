@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.request import Request, processes
 from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
 
 PATIENCE = 60.0
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -147,6 +151,42 @@ def test_ctrl_c_before_the_first_step_writes_nothing(tmp_path, monkeypatch, caps
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "--layout", "equal-4x4"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize", "--out", "x.yaml"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--out", "x.yaml"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "grounding", "--out", "x.yaml"],
+    ],
+)
+@pytest.mark.parametrize(
+    "limit",
+    [("--regularization", "1e-30"), ("--resolution", "1"), ("--resolution", "100000")],
+)
+def test_limits_of_the_arithmetic_are_one_line(tmp_path, monkeypatch, capsys, words, limit):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, *limit]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert limit[0].strip("-") in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_matrix_without_inverse_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("tomotactile_ros.commands.evaluate.LEAST_REGULARIZATION", 1e-30)
+    assert main(["evaluate", "--layout", "equal-4x4", "--regularization", "1e-30"]) == 2
+    assert "is too small for this layout" in capsys.readouterr().err
+
+
+def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
+    monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e6)
+    with pytest.raises(InputError, match="16 electrodes at resolution 40 would take about"):
+        Pipeline(load_layout("equal-4x4"), Settings())
+    simulator = Simulator(load_layout("equal-4x4"), load_scene("wide"), "closed_form")
+    with pytest.raises(InputError, match="patches, would take about"):
+        simulator.frame(0.0, 0)
+
+
 def test_the_picture_never_takes_the_place_of_the_layout(tmp_path, capsys):
     out = str(tmp_path / "x.png")
     for more in ([], ["--report", str(tmp_path / "." / "x.png")]):
@@ -175,6 +215,7 @@ def running(pid):
 STEADY = """
 import sys
 from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.optimizer.request import Request
 
 steps_of = Request.steps_of

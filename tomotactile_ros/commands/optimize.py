@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.evaluation.point_spread import RESOLUTION
+from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS, RESOLUTION
 from tomotactile_ros.files import check_folder
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.grounding import scans
@@ -244,6 +244,8 @@ def _summary(start, best):
 def _choose_grounding(args, layout, report):
     from tomotactile_ros.optimizer.report import save_grounding
 
+    checks.positive(args.regularization, "--regularization", "number", LEAST_REGULARIZATION)
+    checks.integer(args.resolution, "--resolution", 2, MOST_CELLS)
     counts = args.conditions or _halves(layout.electrodes)
     found = list(
         track(

@@ -12,6 +12,7 @@ from multiprocessing import active_children, get_context
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import equalize
@@ -122,7 +123,8 @@ class Request:
         if self.starts is not None:
             checks.integer(self.starts, "starts", 1, 10000)
         checks.integer(self.seed, "seed", 0, 2**32 - 1)
-        checks.positive(self.regularization, "regularization", "number")
+        checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
+        checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
             raise InputError("spacing, margin and keep_out: only method free knows them")
         if self.method == "free":
