@@ -172,6 +172,13 @@ def test_limits_of_the_arithmetic_are_one_line(tmp_path, monkeypatch, capsys, wo
     assert not list(tmp_path.iterdir())
 
 
+def test_a_figure_that_was_zero_before_has_a_ratio(tmp_path):
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--workers", "1"]
+    command += ["--regularization", "1e-9", "--starts", "1", "--resolution", "6"]
+    assert main([*command, "--out", str(tmp_path / "x.yaml")]) == 0
+    assert (tmp_path / "x.png").exists()
+
+
 def test_a_matrix_without_inverse_is_one_line(monkeypatch, capsys):
     monkeypatch.setattr("tomotactile_ros.commands.evaluate.LEAST_REGULARIZATION", 1e-30)
     assert main(["evaluate", "--layout", "equal-4x4", "--regularization", "1e-30"]) == 2

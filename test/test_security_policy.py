@@ -11,7 +11,7 @@ from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import Image
 
 POLICY = Path(__file__).resolve().parent.parent / "config" / "security" / "policy.xml"
-SOMETIMES = {"/clock", "/parameter_events", "/surface"}  # simulated time; curved layouts
+SOMETIMES = {"/clock", "/parameter_events", "/surface", "/touches"}  # by parameters and layout
 
 
 def allowed(node: str, kind: str, what: str) -> set[str]:

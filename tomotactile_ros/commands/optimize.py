@@ -17,7 +17,7 @@ from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
 from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
-from tomotactile_ros.optimizer.step import best_of, finished
+from tomotactile_ros.optimizer.step import best_of, finished, ratio
 from tomotactile_ros.progress import Progress, track
 
 HELP = "optimize where the electrodes are, or which of them to ground"
@@ -238,7 +238,7 @@ def _summary(start, best):
         ("mean position error", "position_error", "mean"),
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
-        yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {after / before:.3f}"
+        yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {ratio(before, after):.3f}"
 
 
 def _choose_grounding(args, layout, report):

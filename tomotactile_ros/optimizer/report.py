@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tomotactile_ros.files import save_figure
-from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.optimizer.step import Step, ratio
 
 
 def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, title: str) -> None:
@@ -97,7 +97,9 @@ def _table(axes, start, best):
         ("blur mean", "blur", "mean"),
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
-        rows.append([label, f"{1e3 * before:.1f}", f"{1e3 * after:.1f}", f"{after / before:.2f}"])
+        rows.append(
+            [label, f"{1e3 * before:.1f}", f"{1e3 * after:.1f}", f"{ratio(before, after):.2f}"]
+        )
     if "noise_gain" in start.metrics:
         before, after = start.metrics["noise_gain"], best.metrics["noise_gain"]
         rows.append(
