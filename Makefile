@@ -4,7 +4,7 @@ PROFILE ?= accurate
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run test bench fuzz clean
+.PHONY: help setup run test bench fuzz lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
@@ -12,6 +12,7 @@ help:
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make fuzz     random bytes against the wire protocol"
 	@echo "make setup    only set up and build; scripts/setup COMMAND runs any command there"
+	@echo "make lock     pin all packages anew, with hashes, in scripts/requirements.lock"
 	@echo "make clean    remove everything that was made"
 
 setup:
@@ -30,6 +31,9 @@ bench:
 fuzz:
 	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \
 		exec python3 benchmark/fuzz_protocol.py'
+
+lock:
+	@scripts/lock
 
 clean:
 	rm -rf .venv build install log out

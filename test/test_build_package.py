@@ -19,7 +19,6 @@ CONTRACT = {
         "electrodes": "uint16",
         "grounded": "sequence<uint16>",
         "voltages": "sequence<float>",
-        "row_period": "float",
     },
     "Contact": {
         "position": "geometry_msgs/Point",
@@ -89,3 +88,15 @@ def test_installed_command_works_with_several_processes(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert out.exists()
+
+
+def test_the_lock_pins_every_requirement_with_hashes_and_names_no_host():
+    lock = (ROOT / "scripts" / "requirements.lock").read_text(encoding="utf-8")
+    assert "://" not in lock
+    entries = re.split(r"\n(?=\S)", re.sub(r"^#.*\n", "", lock, flags=re.MULTILINE).strip())
+    pinned = {re.split(r"==|\[", entry)[0] for entry in entries}
+    assert all(re.match(r"\S+==\S+ ", entry) and "--hash=sha256:" in entry for entry in entries)
+    asked = (ROOT / "scripts" / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    names = {re.split(r"[=<>\[]", line)[0] for line in asked if line and line[0] != "#"}
+    assert {name.replace("_", "-") for name in names} <= pinned
+    assert "setuptools" in pinned  # builds what comes as source

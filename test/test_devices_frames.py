@@ -128,6 +128,19 @@ def test_repeated_late_and_misfitting_rows_are_ignored():
     assert assembler.counters.rows_ignored == 2 + E + 2
 
 
+def test_an_electrode_is_grounded_once_in_a_frame_and_always_by_the_same_row():
+    assembler = FrameAssembler(E, E)
+    rows = [row(i, 1) for i in range(E)]
+    twice = row(1, 1, grounded=0)
+    assert feed(assembler, [rows[0], twice, *rows[2:]]) == []
+    assert assembler.counters.rows_ignored == 1
+    (frame,) = feed(assembler, [row(i, 2) for i in range(E)])
+    assert frame.grounded.tolist() == list(range(E))
+    swapped = [row(0, 3, grounded=1), row(1, 3, grounded=0), row(2, 3), row(3, 3)]
+    assert feed(assembler, swapped) == []
+    assert assembler.counters.rows_ignored == 3
+
+
 def test_rows_of_equal_sequence_from_before_and_after_a_restart_are_not_joined():
     rows = [row(0, 3), row(1, 3), *(row(i, 3, time=50_000) for i in (2, 3))]
     assembler = FrameAssembler(E, E)
@@ -254,13 +267,19 @@ def test_a_mapping_begun_with_a_late_packet_is_put_right_and_that_is_no_jump():
     assert clock.to_host(0.01) == pytest.approx(5.01)
 
 
-def test_a_device_clock_that_stood_still_is_noticed_after_two_seconds():
+def test_a_line_slower_than_the_device_does_not_make_old_data_fresh():
+    """Every second 0.6 s more pile up, to 12 s, as behind a socket of 400 kB/s."""
     clock = DeviceClock()
-    for k in range(600):
-        host = 0.01 * k
-        clock.update(host if k < 100 else host - 0.3, host)
-    assert clock.jumps == 1
-    assert clock.to_host(5.69) == pytest.approx(5.99, abs=1e-3)
+    for k in range(6000):
+        device = 0.01 * k
+        host = 1000.0 + device + min(0.6 * device, 12.0)
+        clock.update(device, host)
+        clock.fit()
+        assert abs(clock.to_host(device) - (1000.0 + device)) < 0.06
+    assert clock.jumps == 0
+    assert clock.late_since < 1000.5
+    clock.update(60.0, 1060.01)
+    assert clock.late_since is None
 
 
 @pytest.mark.parametrize("held_up_at", range(6))

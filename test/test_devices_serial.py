@@ -6,6 +6,7 @@ Every wait is for an event; PATIENCE is only how long a broken program may take 
 import contextlib
 import errno
 import itertools
+import math
 import os
 import re
 import select
@@ -24,7 +25,14 @@ import pytest
 import serial
 from serial import rfc2217
 
-from tomotactile_ros.devices import conversation, emulator, line, protocol
+from tomotactile_ros.devices import (
+    DeviceSettings,
+    conversation,
+    emulator,
+    line,
+    make_device,
+    protocol,
+)
 from tomotactile_ros.devices.serial import (
     FIRST_RETRY,
     LAST_RETRY,
@@ -32,6 +40,7 @@ from tomotactile_ros.devices.serial import (
     retry_delays,
 )
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import load_layout
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PATIENCE = 30.0
@@ -585,6 +594,144 @@ def test_a_device_ten_times_too_fast_is_told():
         watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
 
 
+class SlowPort(emulator.PtyPort):
+    """A line that carries `speed` bytes/s; what does not fit waits in the device."""
+
+    speed = math.inf
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since, self._sent = time.monotonic(), 0
+
+    def send(self, data):
+        now = time.monotonic()
+        room = min(self.speed * (now - self._since), 1e6)
+        sent = super().send(data[: int(room)]) if room >= 1 else 0
+        self._since = now if room >= 1 else self._since
+        return sent
+
+
+def test_a_line_slower_than_the_sensor_never_makes_old_data_fresh(monkeypatch):
+    """600 rows/s of 52 bytes are twice what the line carries: the device's buffer fills."""
+    started = {}
+
+    def source(elapsed, sequence):
+        started[sequence] = time.time()
+        return counted(elapsed, sequence)
+
+    monkeypatch.setattr(SlowPort, "speed", 15_000.0)
+    slow = emulator.EmulatedDevice(source, E, rate=100.0)
+    ages = []
+    with plugged(slow, SlowPort) as port:
+        device = SerialDevice(port.path, E)
+        device.max_age = 0.3
+        arrived = {}
+
+        def receive(frame):
+            arrived[frame.sequence] = time.time()
+            ages.append((time.time() - frame.stamp, time.time() - started[frame.sequence]))
+
+        watch = Watch(device)
+        device.open(lambda frame: (receive(frame), watch(frame)))
+        watch.wait_for(lambda s: s.state == "late" and s.counters["frames_stale"] > 20)
+        status = device.status()
+        assert "s old and not published" in status.message
+        assert status.counters["age"] > 0.3
+        watch.wait_for_frames(20)  # the line was emptied in between
+        assert device.status().counters["clock_jumps"] == 0
+        monkeypatch.setattr(SlowPort, "speed", math.inf)
+        monkeypatch.setattr(SerialDevice, "LATE_FOR", 0.5)
+        watch.wait_for(lambda s: s.state == "streaming")
+        device.close()
+    told, true = np.array(ages).T
+    # a row is sampled at the frame's end by the emulator; 2 periods for that and for scheduling
+    assert (np.abs(told - true) < 0.1).mean() > 0.95
+    assert (true < 0.3 + 0.1).mean() > 0.95
+
+
+def test_rows_of_before_the_start_are_not_taken_for_new(monkeypatch):
+    """A device that was left streaming: seconds of rows wait on the line when the host comes."""
+    with plugged(sensor()) as port:
+        port.device.streaming = True
+        port.device._start_scan(time.monotonic() - 3.0)
+        with watched(SerialDevice(port.path, E)) as watch:
+            watch.wait_for_frames(20)
+        assert watch.frames[0].sequence >= 300
+
+
+def test_a_device_clock_that_stood_still_is_put_right_by_an_empty_line():
+    paused = []
+
+    def clock(now):
+        if not paused:
+            return now
+        return paused[0] if now < paused[0] + 1.5 else now - 1.5
+
+    with plugged(sensor(clock=clock)) as port:
+        device = SerialDevice(port.path, E)
+        device.max_age = 1.0
+        watch = Watch(device)
+        device.open(watch)
+        watch.wait_for_frames(10)
+        paused.append(time.monotonic())
+        watch.wait_for(lambda s: s.state == "late")
+        watch.wait_for(lambda s: s.counters["reconnects"] >= 1)
+        watch.wait_for_frames(10)
+        device.close()
+    assert time.time() - watch.frames[-1].stamp < 1.0
+
+
+def test_answers_to_nothing_that_was_asked_change_nothing():
+    """An ACK with another tag, or to another command: neither the rate nor the frame is touched."""
+
+    class Talkative(emulator.EmulatedDevice):
+        def rows_due(self, now):
+            rows = super().rows_due(now)
+            false = protocol.Ack(0x7777, protocol.SET_RATE, False, 1.0)
+            return rows + (protocol.encode(false) if rows else b"")
+
+    with connected(Talkative(counted, E, rate=100.0)) as (_, watch):
+        watch.wait_for_frames(30)
+        counters = watch.device.status().counters
+        assert counters["answers_ignored"] > 10
+        assert counters["rate_device"] == 100.0
+        assert counters["frames_incomplete"] <= 1  # one at the stop with which it began
+
+
+def troubles(status):
+    return {trouble.name: trouble for trouble in status.troubles}
+
+
+def test_a_device_that_reports_a_fault_is_in_trouble():
+    class Hot(emulator.EmulatedDevice):
+        def _next_frame(self, now):
+            super()._next_frame(now)
+            self.hot = True
+
+        def rows_due(self, now):
+            rows = super().rows_due(now)
+            fault = protocol.Error(0, 0, protocol.HARDWARE_FAULT, "too \x1b[2J hot")
+            return rows + (protocol.encode(fault) if getattr(self, "hot", False) and rows else b"")
+
+    with connected(Hot(counted, E, rate=100.0)) as (_, watch):
+        watch.wait_for(lambda s: "device" in troubles(s))
+        status = watch.device.status()
+    assert troubles(status)["device"].serious
+    assert "hot" in status.message and status.message.isprintable()
+
+
+def test_lost_frames_and_readings_above_the_drive_voltage_are_troubles():
+    high = sensor(drive_voltage=1.0)
+    with connected(high) as (port, watch):
+        watch.wait_for(lambda s: "above drive" in troubles(s))
+        assert "loss" not in troubles(watch.device.status())
+        port._mangle = losing(0.02)
+        watch.wait_for(lambda s: "loss" in troubles(s) and not troubles(s)["loss"].serious)
+        port._mangle = losing(0.4)
+        watch.wait_for(lambda s: "loss" in troubles(s) and troubles(s)["loss"].serious)
+        assert "% of the frames are lost" in watch.device.status().message
+
+
 def losing(share: float, seed: int = 0):
     """Line that loses that share of the packets."""
     random = np.random.default_rng(seed)
@@ -751,7 +898,8 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
     )
     assert line.find_port("usb:0001:0002") == "/dev/c"
     assert line.find_port("usb:2341:0010:X2") == "/dev/b"
-    (tmp_path / "skin-1").touch()
+    (tmp_path / "skin-1").symlink_to("/dev/null")
+    (tmp_path / "skin-2").touch()  # no device
     assert line.find_port(f"{tmp_path}/skin-*") == f"{tmp_path}/skin-1"
     assert line.find_port("ttyUSB0") == "/dev/ttyUSB0"
     assert line.find_port("rfc2217://host:1") == "rfc2217://host:1"
@@ -762,10 +910,41 @@ def test_ports_are_found_by_usb_id_pattern_and_name(monkeypatch, tmp_path):
         ("socket://far.away", "refused", "socket://HOST:PORT"),
         ("rfc2217://far.away:70000", "refused", "rfc2217://HOST:PORT"),
         (f"{tmp_path}/no-*", "disconnected", "plugged in"),
+        (f"{tmp_path}/skin-2", "refused", "no device under /dev"),
     ):
         with pytest.raises(line.LineFault, match=words) as raised:
             line.find_port(port)
         assert raised.value.state == state
+
+
+@pytest.mark.parametrize(
+    "scheme", ["spy", "SPY", "loop", "alt", "hwgrep", "cp2110", "file", "http"]
+)
+def test_a_port_never_makes_pyserial_do_anything_else(tmp_path, monkeypatch, scheme):
+    precious = tmp_path / "precious"
+    precious.write_text("as it was")
+    monkeypatch.setattr(line.serial, "serial_for_url", None)  # would end in another message
+    for port in (f"{scheme}:///dev/ttyS0?file={precious}", f"{scheme}://?logging=debug"):
+        with pytest.raises(line.LineFault, match="none of /dev") as raised:
+            line.open_line(port, 9600)
+        assert raised.value.state == "refused"
+        with pytest.raises(InputError, match="none of /dev"):
+            make_device(DeviceSettings(load_layout("equal-4x4"), "serial", port=port))
+    for url in ("socket://h:1?logging=debug", "rfc2217://h:1/?logging=debug", "socket://u@h:1/x"):
+        with pytest.raises(line.LineFault, match="without options"):
+            line.open_line(url, 9600)
+    assert precious.read_text() == "as it was"
+
+
+def test_a_port_outside_of_dev_is_not_opened(tmp_path, monkeypatch):
+    monkeypatch.setattr(line.serial, "serial_for_url", None)
+    file, fifo = tmp_path / "file", tmp_path / "fifo"
+    file.touch()
+    os.mkfifo(fifo)
+    (tmp_path / "link").symlink_to(file)
+    for path in (file, fifo, tmp_path, tmp_path / "link", "/dev/../etc/passwd", "/dev/shm"):
+        with pytest.raises(line.LineFault, match="no device under /dev"):
+            line.open_line(str(path), 9600)
 
 
 def test_a_read_takes_no_more_memory_than_it_returns():

@@ -1,12 +1,18 @@
 """Files: found by name, written whole or not at all, refused early where that cannot be."""
 
+import io
 import os
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tomotactile_ros import files
+from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_arrays
+from tomotactile_ros.yamlio import MAX_BYTES, read_mapping
 
 
 def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
@@ -72,3 +78,183 @@ def test_a_place_that_takes_no_file_is_refused_and_left_alone(place, reason):
         with pytest.raises(InputError, match=f"^{place}: cannot be written: {reason}"):
             work(place)
     assert Path("/dev/null").is_char_device()
+
+
+@pytest.mark.parametrize("read", [read_mapping, load_arrays, lambda path: next(read_frames(path))])
+@pytest.mark.parametrize("suffix", [".npz", ".db3"])
+def test_what_would_never_end_is_not_read(tmp_path, read, suffix):
+    fifo, zero = tmp_path / f"fifo{suffix}", tmp_path / f"zero{suffix}"
+    os.mkfifo(fifo)
+    zero.symlink_to("/dev/zero")
+    for path in (fifo, zero):
+        with pytest.raises(InputError, match="is no plain file"):
+            read(path)
+
+
+def test_a_file_that_grows_while_it_is_read_or_takes_too_long_is_given_up(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    with pytest.raises(InputError, match="larger than"):
+        files.read_limited(path, 4)
+    monkeypatch.setattr(files, "READ_TIME", -1.0)
+    with pytest.raises(InputError, match="cannot be read within"):
+        files.read_limited(path, 5)
+    with pytest.raises(InputError, match="larger than"):  # says that it holds nothing
+        files.read_limited("/proc/self/maps", 100)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: [" + ",".join(["1"] * (MAX_BYTES // 2 - 10)) + "]",
+        "[" * (MAX_BYTES // 2),
+        "- " * (MAX_BYTES // 4),
+        "a: " + "1:1" * (MAX_BYTES // 4),
+        "{" + ",".join(f"k{i}: {{}}" for i in range(MAX_BYTES // 12)) + "}",
+    ],
+    ids=["flat", "deep", "deep block", "sexagesimal", "wide"],
+)
+def test_a_small_file_is_no_long_work(tmp_path, text, monkeypatch):
+    """What is limited is the work, not the time, which depends on the machine."""
+    from tomotactile_ros import yamlio
+
+    monkeypatch.setattr(yamlio, "MAX_VALUES", 10_000)
+    built = []
+    node = yamlio.yaml.composer.Composer.compose_node
+
+    def counted(self, *place):
+        built.append(1)
+        return node(self, *place)
+
+    monkeypatch.setattr(yamlio.yaml.composer.Composer, "compose_node", counted)
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    try:
+        read_mapping(path)
+    except InputError as error:
+        assert "not valid YAML" in str(error) and "\n" not in str(error)
+    assert len(built) <= yamlio.MAX_VALUES
+
+
+SECRET = "c0rrect-h0rse"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SECRET,
+        f"root:{SECRET}:x",
+        f"- {SECRET}",
+        f"{SECRET}: 1\n{SECRET}: 2",
+        f"a: *{SECRET}",
+        f"a: !{SECRET} 1",
+        f"%{SECRET}",
+        f"format: {SECRET}",
+        f"password: {SECRET}\n",
+    ],
+)
+def test_a_refusal_does_not_tell_what_stands_in_the_file(tmp_path, text):
+    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.scene import load_scene
+
+    path = tmp_path / "file"
+    path.write_text(text)
+    for load in (read_mapping, load_layout, load_scene):
+        try:
+            load(path)
+        except InputError as error:
+            assert SECRET not in str(error)
+
+
+def test_a_recording_that_grows_without_bounds_is_refused(tmp_path):
+    bomb = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("voltages", "grounded"):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array_header_1_0(
+                    member, {"descr": "|u1", "fortran_order": False, "shape": (150_000_000,)}
+                )
+                for _ in range(150):
+                    member.write(bytes(1_000_000))
+    assert bomb.stat().st_size < 1e6
+    with pytest.raises(InputError, match="would grow to 300 MB"):
+        load_arrays(bomb)
+
+
+@pytest.mark.parametrize("shape", [(10**10,), (2**62, 8)])
+def test_an_array_that_declares_more_than_is_there_is_refused(tmp_path, shape):
+    stream = io.BytesIO()
+    header = {"descr": "<f2", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    path = tmp_path / "large.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("voltages.npy", stream.getvalue() + bytes(100))
+    with pytest.raises(InputError, match="are declared"):
+        load_arrays(path)
+
+
+def test_what_is_written_has_the_permissions_that_the_umask_leaves(tmp_path):
+    before = os.umask(0o027)
+    try:
+        files.write_atomic(tmp_path / "new", b"1")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
+    (tmp_path / "new").chmod(0o600)
+    files.write_atomic(tmp_path / "new", b"2")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o600
+
+
+def test_a_link_stays_and_its_target_is_written(tmp_path):
+    (tmp_path / "far").mkdir()
+    target, link = tmp_path / "far" / "target", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    files.write_atomic(link, b"new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert os.listdir(tmp_path / "far") == ["target"]
+
+
+def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="cannot be written"):
+        patch.setattr(files.os, "fsync", _disk_full)
+        files.save_figure(Figure(), path)
+    assert path.read_bytes() == b"old" and os.listdir(tmp_path) == ["picture.png"]
+    files.save_figure(Figure(), path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def _disk_full(*_):
+    raise OSError(28, "No space left on device")
+
+
+NAME = "\x1b[2J\x1b[H[INFO] all is well\n"
+
+
+def test_names_from_files_reach_terminals_and_logs_escaped(tmp_path, capsys):
+    from tomotactile_ros.cli import main
+    from tomotactile_ros.layout import load_layout
+
+    layout = tmp_path / "layout.yaml"
+    load_layout("equal-4x4").save(layout)
+    layout.write_text(layout.read_text().replace("name: equal-4x4", f"name: {NAME!r}"))
+    layout.write_text(layout.read_text().replace("'\\x1b", '"\\x1b').replace("\\n'", '\\n"'))
+    assert main(["inspect", str(layout)]) == 2
+    arrays = tmp_path / "arrays.npz"
+    np.savez(arrays, **{NAME.replace("/", ""): np.zeros(3)})
+    assert main(["inspect", str(arrays)]) == 0
+    with zipfile.ZipFile(arrays, "w") as archive:
+        archive.writestr(NAME, b"no array")
+    assert main(["inspect", str(arrays)]) == 2
+    told = capsys.readouterr()
+    for line in (told.out + told.err).split("\n"):
+        assert line.isprintable() and not line.startswith("[INFO]")
+    assert "\\x1b[2J" in told.out and "\\x1b[2J" in told.err
+
+
+def test_every_complaint_is_one_printable_line():
+    assert str(InputError("a\nb\x1b[2Jµ")) == "a\\nb\\x1b[2Jµ"

@@ -130,7 +130,7 @@ def test_good_file_is_read(tmp_path):
         ("name: square", "name: 2020-13-45", "not valid YAML: month must be in 1..12"),
         (GOOD, "", "the file is empty"),
         (GOOD, "# nothing\n", "the file is empty"),
-        (GOOD, "- 1\n", "[1] is not a mapping"),
+        (GOOD, "- 1\n", "is not a mapping of keys to values"),
         (GOOD, "[" * 100000, "nested too deeply"),
         (GOOD, "a" * 1_000_001, "the file is larger than 1 MB"),
     ],

@@ -1,6 +1,7 @@
 """Parameters: a bad value is refused with the reason, at the start and at run time."""
 
 import signal
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -11,9 +12,15 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from ament_index_python.packages import get_package_share_directory
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+)
+from rclpy.parameter import Parameter
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
 
@@ -102,7 +109,7 @@ def test_every_parameter_is_described(probe, tactile):
         assert len(own) >= 10
         assert all(d.description for d in described.descriptors)
         read_only = {d.name for d in described.descriptors if d.read_only}
-        assert read_only == {"layout", "frame_id"}
+        assert read_only == {"layout", "frame_id", "allow_path_changes"}
     get = GetParameters.Request(names=["excluded"])
     (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
     assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
@@ -110,13 +117,15 @@ def test_every_parameter_is_described(probe, tactile):
 
 
 def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
-    driver = start("driver", {"scene": "idle", "rate": "20"})  # a whole number will do
+    changing = {"allow_path_changes": "true"}
+    driver = start("driver", {"scene": "idle", "rate": "20", **changing})  # a whole number will do
     probe.wait_for(VoltageFrame, "/voltage_frame")
 
     for name, value, reason in [
         ("layout", "equal-4x4", "read-only"),
         ("scene", "nothing", "'nothing': no such file"),
         ("device", "serial", "port: missing"),
+        ("allow_path_changes", False, "read-only"),
         ("rate", -3.0, "out of range"),
         ("rate", -3, "out of range"),
         ("rate", "fast", "not a number"),
@@ -142,7 +151,9 @@ def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
 
 def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene, tmp_path):
     start("driver", {"scene": scene})
-    reconstruction = start("reconstruction", {"resolution": 20, "view_size": 100})
+    reconstruction = start(
+        "reconstruction", {"resolution": 20, "view_size": 100, "allow_path_changes": "true"}
+    )
     image = probe.wait_for(Image, "/pressure")
     assert (image.height, image.width) == (20, 20)
 
@@ -172,6 +183,71 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
     assert probe.set_parameter("/reconstruction", "profile", "balanced").successful
     probe.wait_for(ContactArray, "/contacts", lambda m: len(m.contacts) > 0)
     ends_cleanly(reconstruction)
+
+
+def test_paths_are_fixed_at_the_start_unless_asked_for(probe, start, scene):
+    start("tactile", {"scene": "idle"})
+    probe.wait_for(VoltageFrame, "/voltage_frame")
+    for node, name, value in [
+        ("/driver", "scene", scene),
+        ("/driver", "port", "/dev/ttyS0"),
+        ("/driver", "recording", "frames.npz"),
+        ("/reconstruction", "calibration", "/etc/passwd"),
+    ]:
+        result = probe.set_parameter(node, name, value)
+        assert not result.successful and f"{name}: is read-only" in result.reason
+        assert "allow_path_changes" in result.reason
+    assert probe.set_parameter("/driver", "scene", "idle").successful  # as it is
+
+
+SLOW_SETTINGS = """
+import sys, time
+from pathlib import Path
+from tomotactile_ros.nodes.reconstruction import main
+from tomotactile_ros.reconstruction import Pipeline
+
+folder = Path(sys.argv.pop(1))
+prepare = Pipeline.with_settings
+
+def slowly(self, settings):
+    (folder / "begun").touch()
+    while not (folder / "enough").exists():
+        time.sleep(0.01)
+    return prepare(self, settings)
+
+Pipeline.with_settings = slowly
+sys.exit(main())
+"""
+
+
+def test_images_go_on_while_parameters_are_put_into_effect(domain, probe, start, tmp_path):
+    """The change ends only after images and diagnostics that were made meanwhile."""
+    start("driver", {"scene": "idle", "rate": "50.0"})
+    words = ["-c", SLOW_SETTINGS, str(tmp_path), *ros_arguments({})]
+    reconstruction = Process([sys.executable, *words], domain)
+    try:
+        images = probe.listen(Image, "/pressure")
+        reports = probe.listen(DiagnosticArray, "/diagnostics")
+        probe.until(lambda: len(images) > 2, "images")
+        client = probe.node.create_client(SetParameters, "/reconstruction/set_parameters")
+        probe.until(client.service_is_ready, "service")
+        wish = Parameter("resolution", value=20).to_parameter_msg()
+        client.call_async(SetParameters.Request(parameters=[wish]))
+        probe.until((tmp_path / "begun").exists, "change under way")
+        images.clear()
+        reports.clear()
+
+        def well():
+            said = [s for report in reports for s in report.status if "reconstruction" in s.name]
+            return len(images) > 5 and len(said) > 2 and said[-1].level == DiagnosticStatus.OK
+
+        probe.until(well, "images and reports meanwhile")
+        assert images[-1].height == 40
+        (tmp_path / "enough").touch()
+        probe.until(lambda: images[-1].height == 20, "images of the new resolution")
+        ends_cleanly(reconstruction)
+    finally:
+        reconstruction.kill()
 
 
 def test_a_misspelt_parameter_is_pointed_out(probe, start):

@@ -1,5 +1,6 @@
 """The reconstruction refuses frames that do not fit, goes on, and says why there is no image."""
 
+import itertools
 import threading
 
 import numpy as np
@@ -21,6 +22,7 @@ from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.life import PlainNode
 from tomotactile_ros.nodes.tactile import DirectReconstruction
+from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 
 STATUS = "reconstruction: reconstruction"
@@ -139,6 +141,47 @@ def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monke
     node.destroy_node()
     rclpy.shutdown()
     assert report.level == DiagnosticStatus.ERROR and "an image takes seconds" in report.message
+
+
+def test_most_frames_refused_is_an_error_although_there_are_images(probe, start):
+    """A good frame every second among ten bad ones: formerly OK."""
+    reconstruction = start("reconstruction", {"layout": "equal-4x4"})
+    publisher = probe.node.create_publisher(VoltageFrame, "/voltage_frame", 2)
+    count = itertools.count()
+
+    def publish():
+        number = next(count)
+        now = probe.node.get_clock().now().nanoseconds * 1e-9
+        name = "equal-4x4" if number % 10 == 0 else "equal-8x8"
+        publisher.publish(frame_to_message(a_frame(now), name, make_header(now, "skin")))
+
+    probe.node.create_timer(0.05, publish)
+    probe.wait_for(Image, "/pressure")
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "% of the frames are refused: its layout"
+    )
+    assert "% of the frames are refused" in reconstruction.output
+
+
+def test_two_publishers_and_old_frames_are_told(probe, start):
+    start("reconstruction", {"layout": "equal-4x4"})
+    first, second = Source(probe), Source(probe)
+    first.send()  # of 2023
+    probe.wait_for(Image, "/pressure")
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "2 publish /voltage_frame: frames are mixed"
+    )
+    second.close()
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, " s old: clocks differ")
+
+
+def test_missed_frames_are_counted_across_the_wrap_of_their_numbers(domain):
+    rclpy.init(args=[], domain_id=domain)
+    watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
+    for sequence in (2**32 - 3, 2**32 - 1, 2, 3, 1_000_000, 1_000_002, 5):
+        watch.accepted(sequence, 0.0, 0.0)
+    rclpy.shutdown()
+    assert watch.missed == 1 + 2 + 1
 
 
 def test_a_publisher_of_something_else_is_named(probe, start):

@@ -106,6 +106,16 @@ def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
         assert stamps() == sorted(stamps())
 
 
+def test_somebody_else_on_the_topic_is_told_by_the_driver(probe, start):
+    driver = start("driver", {"scene": "idle"})
+    probe.node.create_publisher(VoltageFrame, "/voltage_frame", 1)
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.ERROR, "1 more publish /voltage_frame"
+    )
+    ends_cleanly(driver)
+    assert "1 more publish /voltage_frame" in driver.output
+
+
 def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, plug):
     plug("--layout", "equal-4x4")
     driver = start("driver", {"device": "serial", "port": plug.port})

@@ -89,7 +89,7 @@ def test_only_a_live_scene_listens(probe, start):
     def listeners():
         return probe.node.count_subscribers("/touches")
 
-    start("driver", {"scene": "idle"})
+    start("driver", {"scene": "idle", "allow_path_changes": True})
     assert probe.set_parameter("/driver", "scene", "live").successful
     probe.until(lambda: listeners() == 1, "subscription to touches")
     assert probe.set_parameter("/driver", "scene", "idle").successful

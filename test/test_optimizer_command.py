@@ -1,18 +1,28 @@
 """`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
 
 import json
+import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.request import Request, processes
 from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
 
+PATIENCE = 60.0
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -139,6 +149,124 @@ def test_ctrl_c_before_the_first_step_writes_nothing(tmp_path, monkeypatch, caps
     assert main([*command, "--out", str(tmp_path / "x.yaml")]) == 130
     assert "nothing is written" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "--layout", "equal-4x4"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize", "--out", "x.yaml"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--out", "x.yaml"],
+        ["optimize", "--rows", "3", "--cols", "3", "--method", "grounding", "--out", "x.yaml"],
+    ],
+)
+@pytest.mark.parametrize(
+    "limit",
+    [("--regularization", "1e-30"), ("--resolution", "1"), ("--resolution", "100000")],
+)
+def test_limits_of_the_arithmetic_are_one_line(tmp_path, monkeypatch, capsys, words, limit):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, *limit]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert limit[0].strip("-") in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_figure_that_was_zero_before_has_a_ratio(tmp_path):
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--workers", "1"]
+    command += ["--regularization", "1e-9", "--starts", "1", "--resolution", "6"]
+    assert main([*command, "--out", str(tmp_path / "x.yaml")]) == 0
+    assert (tmp_path / "x.png").exists()
+
+
+def test_a_matrix_without_inverse_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("tomotactile_ros.commands.evaluate.LEAST_REGULARIZATION", 1e-30)
+    assert main(["evaluate", "--layout", "equal-4x4", "--regularization", "1e-30"]) == 2
+    assert "is too small for this layout" in capsys.readouterr().err
+
+
+def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
+    monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e6)
+    with pytest.raises(InputError, match="16 electrodes at resolution 40 would take about"):
+        Pipeline(load_layout("equal-4x4"), Settings())
+    simulator = Simulator(load_layout("equal-4x4"), load_scene("wide"), "closed_form")
+    with pytest.raises(InputError, match="patches, would take about"):
+        simulator.frame(0.0, 0)
+
+
+def test_the_picture_never_takes_the_place_of_the_layout(tmp_path, capsys):
+    out = str(tmp_path / "x.png")
+    for more in ([], ["--report", str(tmp_path / "." / "x.png")]):
+        command = ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize", *more]
+        assert main([*command, "--out", out]) == 2
+        assert "the picture goes there" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def descendants(pid):
+    """Process ids of all that a process has started."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in map(int, (task / "children").read_text().split()):
+            found += [child, *descendants(child)]
+    return found
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+STEADY = """
+import sys
+from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.optimizer.request import Request
+
+steps_of = Request.steps_of
+
+def announced(self, executor):
+    for step in steps_of(self, executor):
+        yield step
+        print("step", step.iteration, flush=True)
+
+Request.steps_of = announced
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_stopped_optimizer_writes_its_best_and_leaves_nobody_behind(tmp_path, number):
+    out, program = tmp_path / "best.yaml", tmp_path / "program.py"
+    program.write_text(STEADY)
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--steps", "100000"]
+    command += ["--resolution", "6", "--starts", "2", "--workers", "2", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, str(program), *command],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert any(line.startswith("step 1") for line in process.stdout)
+    left = descendants(process.pid)
+    assert len(left) >= 2
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE)
+    status = process.returncode
+    if number == signal.SIGKILL:
+        assert status == -signal.SIGKILL and not out.exists()
+    else:
+        assert status == 0
+        assert len(load_layout(out).provenance["steps"]) >= 2
+        assert out.with_suffix(".png").read_bytes().startswith(PNG)
+    deadline = time.monotonic() + PATIENCE
+    while any(map(running, left)):
+        assert time.monotonic() < deadline, "somebody was left behind"
+        time.sleep(0.01)
 
 
 def test_numbers_in_the_provenance_are_short_and_plain():

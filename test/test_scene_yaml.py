@@ -120,7 +120,7 @@ def test_what_is_not_named_is_not_modelled(tmp_path):
         ("dead: [5]", "hum: {amplitude: 1}", "defects.hum.frequency: is missing"),
         ("dead: [5]", "switch_resistance: -1", "defects.switch_resistance: -1.0 is negative"),
         (GOOD, "", "the file is empty"),
-        ("3.3", "3.3: 4", "line 2: not valid YAML: mapping values are not allowed here"),
+        ("3.3", "3.3: 4", "line 2: not valid YAML: mapping values are not allowed"),
     ],
 )
 def test_mistake_gets_one_line_with_file_and_key(tmp_path, old, new, expected):

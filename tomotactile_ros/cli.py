@@ -6,7 +6,7 @@ import importlib
 import os
 import sys
 
-from tomotactile_ros.command_line import Parser, end_of_pipe
+from tomotactile_ros.command_line import Parser, end_of_pipe, stop_like_ctrl_c
 from tomotactile_ros.errors import InputError
 
 COMMANDS = (
@@ -35,6 +35,7 @@ def main(argv: list[str] | None = None) -> int:
         command.set_defaults(run=module.run)
     args = parser.parse_args(argv)
     try:
+        stop_like_ctrl_c()
         status = args.run(args) or 0
         sys.stdout.flush()
         return status

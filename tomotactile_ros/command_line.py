@@ -16,6 +16,18 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
 
 
+def stop_like_ctrl_c() -> None:
+    """Let SIGTERM and SIGHUP end a program as Ctrl-C does; nohup keeps its meaning."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, frame: object) -> None:
+    signal.signal(number, signal.SIG_IGN)  # once is enough: the end is not to be interrupted
+    raise KeyboardInterrupt
+
+
 def end_of_pipe() -> int:
     """Exit status when the reader of standard output (`| head`) has had enough.
 

@@ -7,6 +7,20 @@ from contextlib import contextmanager
 class InputError(ValueError):
     """Bad input. The message is one line: where (file: key), what is wrong, what would be right."""
 
+    def __init__(self, message: object = ""):
+        super().__init__(printable(str(message)))
+
+
+def printable(text: str) -> str:
+    """The text with everything escaped that a terminal or a log would not show as it is.
+
+    Names come from files and messages of others: a few control characters clear a screen, or look
+    like a line of the log.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
 
 @contextmanager
 def complaints_at(place: str) -> Iterator[None]:

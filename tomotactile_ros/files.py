@@ -1,48 +1,113 @@
 """Files: where those of the package are, and how others are written, whole or not at all."""
 
+import errno
+import io
 import os
+import secrets
+import stat
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError
 
+READ_TIME = 10.0  # s for one file
+_PIECE = 1 << 20
+
+
+def open_regular(path: str | os.PathLike, most: int) -> int:
+    """Descriptor of a plain file of at most `most` bytes; InputError for anything else.
+
+    A named pipe or a device would keep the reader waiting, or never end.
+    """
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise InputError(f"{show(os.fspath(path))}: is no path") from None
+    found = os.fstat(number)
+    complaint = ""
+    if stat.S_ISDIR(found.st_mode):
+        complaint = f"cannot be read: {os.strerror(errno.EISDIR)}"
+    elif not stat.S_ISREG(found.st_mode):
+        complaint = "cannot be read: is no plain file"
+    elif found.st_size > most:
+        complaint = f"the file is larger than {most / 1e6:g} MB"
+    if complaint:
+        os.close(number)
+        raise InputError(f"{path}: {complaint}")
+    return number
+
+
+def read_limited(path: str | os.PathLike, most: int) -> bytes:
+    """All of a plain file of at most `most` bytes, in at most `READ_TIME`; else InputError."""
+    deadline = time.monotonic() + READ_TIME
+    pieces, length = [], 0
+    with os.fdopen(open_regular(path, most), "rb", buffering=0) as file:
+        try:
+            while piece := file.read(_PIECE):
+                pieces.append(piece)
+                length += len(piece)
+                if length > most:
+                    raise InputError(f"{path}: the file is larger than {most / 1e6:g} MB")
+                if time.monotonic() > deadline:
+                    raise InputError(f"{path}: cannot be read within {READ_TIME:g} s")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    return b"".join(pieces)
+
 
 def check_folder(path: str | os.PathLike) -> None:
     """Refuse a place that takes no file, before long work whose result goes there."""
-    path = Path(path)
-    if path.is_dir():
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
         raise InputError(f"{path}: cannot be written: is a folder")
-    if path.exists() and not path.is_file():
+    if target.exists() and not target.is_file():
         raise InputError(f"{path}: cannot be written: is a device")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
+    if not target.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {target.parent}")
     try:
-        tempfile.TemporaryFile(dir=path.parent).close()
+        tempfile.TemporaryFile(dir=target.parent).close()
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def write_atomic(path: str | os.PathLike, data: bytes) -> None:
-    """Write to a temporary file beside ``path`` and move it into place."""
+    """Write to a temporary file beside ``path`` and move it into place.
+
+    A symbolic link stays and its target is written; an existing file keeps its permissions, a new
+    one has those that the umask leaves.
+    """
     check_folder(path)
-    path = Path(path)
-    temporary = None
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}-{secrets.token_hex(4)}")
     try:
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            temporary = file.name
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        number = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            with os.fdopen(number, "wb") as file:
+                if target.exists():
+                    os.fchmod(number, stat.S_IMODE(target.stat().st_mode))
+                file.write(data)
+                file.flush()
+                os.fsync(number)
+            os.replace(temporary, target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
     except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def save_figure(figure, path: str | os.PathLike, **how) -> None:
+    """Write a matplotlib figure, whole or not at all; a PNG unless the name says otherwise."""
+    kind = Path(path).suffix.lower().lstrip(".")
+    known = figure.canvas.get_supported_filetypes()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=100, format=kind if kind in known else "png", **how)
+    write_atomic(path, buffer.getvalue())
 
 
 def shared_folders() -> list[Path]:

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
+import struct
 import zipfile
 import zlib
 from dataclasses import dataclass
+from typing import IO
 
 import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import write_atomic
+from tomotactile_ros.files import open_regular, write_atomic
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
 
 DEFAULT_DRIVE = 3.3  # V
+MAX_BYTES = 4_000_000_000  # of all arrays together
+MAX_GROWTH = 100  # times the size of the file; measured readings hardly compress at all
+HARMLESS_BYTES = 256_000_000  # however much they were compressed
+_LONGEST_HEADER = 10_000  # bytes, of numpy's arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,18 +88,62 @@ def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> Frames
 
 
 def load_arrays(path: str | os.PathLike) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz` file; InputError for anything else."""
+    """All arrays of an `.npz` file; InputError for anything else, also for one too large."""
     try:
-        with open(path, "rb") as file, np.lib.npyio.NpzFile(file, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
+        with os.fdopen(open_regular(path, MAX_BYTES), "rb") as file:
+            _check_sizes(path, file)
+            with np.lib.npyio.NpzFile(file, allow_pickle=False) as content:
+                arrays = {name: content[name] for name in content.files}
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
+    except InputError:
+        raise
+    except (
+        ValueError, EOFError, KeyError, RuntimeError, RecursionError, MemoryError,
+        zipfile.BadZipFile, zlib.error, struct.error,
+    ):  # fmt: skip
         raise InputError(f"{path}: is not a file of plain arrays (.npz)") from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
-            raise InputError(f"{path}: {name}: is not an array, the file is no .npz")
+            raise InputError(f"{path}: {checks.show(name)}: is not an array, the file is no .npz")
     return arrays
+
+
+def _check_sizes(path: str | os.PathLike, file: IO[bytes]) -> None:
+    """Refuse what grows beyond `MAX_BYTES`, and an array that says it is larger than it is."""
+    with zipfile.ZipFile(file) as archive:
+        total = sum(member.file_size for member in archive.infolist())
+        packed = os.fstat(file.fileno()).st_size
+        if total > MAX_BYTES or total > max(MAX_GROWTH * packed, HARMLESS_BYTES):
+            raise InputError(
+                f"{path}: {packed / 1e6:.3g} MB would grow to {total / 1e6:.4g} MB, "
+                f"at most {MAX_BYTES / 1e6:.4g} MB and {MAX_GROWTH} times are read"
+            )
+        for member in archive.infolist():
+            with archive.open(member) as stream:
+                header = stream.read(_LONGEST_HEADER)
+            declared = _declared_bytes(header)
+            if declared is not None and declared > member.file_size:
+                raise InputError(
+                    f"{path}: {checks.show(member.filename)}: {declared / 1e6:.4g} MB are declared, "
+                    f"{member.file_size / 1e6:.4g} MB are there"
+                )
+    file.seek(0)
+
+
+def _declared_bytes(header: bytes) -> int | None:
+    """Size of the array that begins so; None where it is no array."""
+    stream = io.BytesIO(header)
+    if header[:6] != b"\x93NUMPY":
+        return None
+    version = np.lib.format.read_magic(stream)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 def contacts_of(path: str | os.PathLike, key: str, text: object) -> list[list[dict]]:
@@ -103,7 +154,7 @@ def contacts_of(path: str | os.PathLike, key: str, text: object) -> list[list[di
             checks.pair((contact["x"], contact["y"]), "center", "position in m")
             if contact["force"] is not None:
                 checks.number(contact["force"], "force", "force in N")
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError(
             f"{path}: {key}: is not JSON of a list of contacts (x, y, force) for each frame"
         ) from None

@@ -45,6 +45,8 @@ class Layout:
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name.strip():
             raise InputError(f"name: {checks.show(self.name)} is not a text")
+        if not self.name.isprintable():
+            raise InputError(f"name: {checks.show(self.name)} has characters that nothing shows")
         checks.positive(self.sheet_resistance, "sheet_resistance", "number in ohm/sq")
         checks.length(self.radius, "electrodes.radius")
         positions = checks.points(self.positions, "electrodes.positions", least=2)

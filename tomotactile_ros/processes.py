@@ -69,9 +69,14 @@ class Child:
             return
 
     def _die_with_parent(self) -> None:
-        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != self._parent:  # it has ended in the meantime
-            os._exit(1)
+        die_with_parent(self._parent)
+
+
+def die_with_parent(parent: int) -> None:
+    """Ask the system for a SIGTERM when the parent process, of this id, ends."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it has ended in the meantime
+        os._exit(1)
 
 
 def stop_all(children: Sequence[Child]) -> None:

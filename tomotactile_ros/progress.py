@@ -6,6 +6,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import TextIO, TypeVar
 
 Item = TypeVar("Item")
@@ -46,8 +47,7 @@ class Progress:
         left = (now - self._start) / max(done, 1) * (self.total - done)
         text = f"{self.label}: {done} of {self.total}, {left:.0f} s left"
         text += f", {note}" if note else ""
-        self._stream.write(self._beside_bar(text, done) if self._bar else f"{text}\n")
-        self._stream.flush()
+        self._write(self._beside_bar(text, done) if self._bar else f"{text}\n")
         self._shown = True
 
     def _beside_bar(self, text, done):
@@ -62,5 +62,9 @@ class Progress:
 
     def __exit__(self, *error):
         if self._bar and self._shown:
-            self._stream.write("\r\x1b[K")
+            self._write("\r\x1b[K")
+
+    def _write(self, text):
+        with suppress(OSError):  # a terminal that has gone is no reason to lose the work
+            self._stream.write(text)
             self._stream.flush()

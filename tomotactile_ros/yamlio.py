@@ -18,22 +18,59 @@ import yaml
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import write_atomic
+from tomotactile_ros.files import read_limited, write_atomic
 
 MAX_BYTES = 1_000_000
+MAX_VALUES = 300_000  # seconds of work; 65535 positions have 200,000
+MAX_DEPTH = 50
+MAX_DIGITS = 10_000  # what takes the square of its length: 1:2:3 is a number in YAML 1.1
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_OURS = re.compile(r"^[\"']?format[\"']?\s*:\s*[\"']?tomotactile-", re.MULTILINE)
 _REQUIRED: Any = object()
 T = TypeVar("T")
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML without what only hides mistakes or bombs: repeated keys, aliases, merges."""
+class _SlowParser(yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser):
+    """The parser in Python, where PyYAML was built without libyaml."""
+
+    def __init__(self, stream):
+        yaml.reader.Reader.__init__(self, stream)
+        yaml.scanner.Scanner.__init__(self)
+        yaml.parser.Parser.__init__(self)
+
+
+_Parser = yaml.cyaml.CParser if yaml.__with_libyaml__ else _SlowParser
+
+
+class _Loader(
+    yaml.composer.Composer, _Parser, yaml.constructor.SafeConstructor, yaml.resolver.Resolver
+):
+    """Safe YAML without what only hides mistakes or bombs: repeated keys, aliases, depth."""
+
+    def __init__(self, stream):
+        _Parser.__init__(self, stream)
+        yaml.composer.Composer.__init__(self)
+        yaml.constructor.SafeConstructor.__init__(self)
+        yaml.resolver.Resolver.__init__(self)
+        self._values = self._depth = 0
 
     def compose_node(self, parent, index):
         if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.MarkedYAMLError(problem="aliases (*name) are not allowed", problem_mark=mark)
-        return super().compose_node(parent, index)
+            self._refuse("aliases (*name) are not allowed")
+        self._values += 1
+        self._depth += 1
+        if self._values > MAX_VALUES:
+            self._refuse(f"more than {MAX_VALUES} values")
+        if self._depth > MAX_DEPTH:
+            self._refuse("nested too deeply")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        scalar = isinstance(node, yaml.ScalarNode)
+        if scalar and len(node.value) > MAX_DIGITS and not node.tag.endswith(":str"):
+            raise yaml.MarkedYAMLError(
+                problem=f"a number of {len(node.value)} characters", problem_mark=node.start_mark
+            )
+        return node
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -47,32 +84,37 @@ class _Loader(yaml.SafeLoader):
                 seen.add(name)
         return super().construct_mapping(node, deep)
 
+    def _refuse(self, problem: str) -> None:
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
+
 
 def read_mapping(path: str | os.PathLike) -> dict:
-    """The mapping at the top of a YAML file; InputError for anything else."""
+    """The mapping at the top of a YAML file; InputError for anything else.
+
+    What stands in a file that is none of this package is not repeated in the complaint: its path
+    may have been given by somebody who must not read it.
+    """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: the file is larger than {MAX_BYTES / 1e6:g} MB")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        text = read_limited(path, MAX_BYTES).decode()
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8") from None
+    ours = _OURS.search(text) is not None
     try:
         content = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise InputError(f"{path}: {line}not valid YAML: {error.problem}") from None
+        problem = error.problem if ours else re.sub(r"'.*'", "'...'", error.problem)
+        raise InputError(f"{path}: {line}not valid YAML: {problem}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply") from None
     except (yaml.YAMLError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not valid YAML: {reason}") from None
+        reason = ": " + " ".join(str(error).split()) if ours else ""
+        raise InputError(f"{path}: not valid YAML{reason}") from None
     if content is None:
         raise InputError(f"{path}: the file is empty")
     if not isinstance(content, dict):
-        raise InputError(f"{path}: {show(content)} is not a mapping of keys to values")
+        raise InputError(f"{path}: is not a mapping of keys to values")
     return content
 
 
@@ -95,7 +137,9 @@ class Reader:
         reader = cls(read_mapping(path), f"{path}: ")
         found = reader.mapping.get("format")
         if found != file_format:
-            was = "is missing" if found is None else f"{show(found)} is not known here"
+            ours = isinstance(found, str) and found.startswith("tomotactile-")
+            was = "is missing" if found is None else "is not known here"
+            was = f"{show(found)} {was}" if ours else was
             raise InputError(f"{path}: format: {was}, the file must say 'format: {file_format}'")
         return reader
 

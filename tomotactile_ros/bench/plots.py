@@ -8,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros.bench import trade
 from tomotactile_ros.bench.cases import find_layout
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import save_figure
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}
@@ -48,7 +48,7 @@ def save_front(path: str | Path, result: dict) -> None:
         all_axes[-1].plot([], [], label=label, **style)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     figure.suptitle(f"Speed and accuracy, one thread of {result['machine']['processor']}")
-    _write(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_front(axes, rows, best):
@@ -104,7 +104,7 @@ def save_growth(path: str | Path, result: dict) -> None:
             axes.grid(color="0.9")
             axes.legend(frameon=False, fontsize=9, loc="upper left")
     figure.suptitle(f"Growth of cost, profile fast, one thread of {result['machine']['processor']}")
-    _write(figure, path)
+    save_figure(figure, path)
 
 
 def _plain_numbers(axis):
@@ -142,10 +142,3 @@ def _figure(width, height):
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def _write(figure, path):
-    try:
-        figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -5,11 +5,17 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, Namespace
 
+from tomotactile_ros import checks
 from tomotactile_ros.bench.tables import text
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
-from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
+from tomotactile_ros.evaluation.point_spread import (
+    LEAST_REGULARIZATION,
+    MOST_CELLS,
+    REGULARIZATION,
+    RESOLUTION,
+)
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layout import load_layout
@@ -55,6 +61,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
+    checks.integer(args.resolution, "--resolution", 2, MOST_CELLS)
+    if args.regularization is not None:
+        checks.positive(args.regularization, "--regularization", "number", LEAST_REGULARIZATION)
     if args.profile:
         for option in ("regularization", "model"):
             if getattr(args, option) is not None:

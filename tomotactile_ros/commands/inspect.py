@@ -13,7 +13,7 @@ from tomotactile_ros.checks import show
 from tomotactile_ros.contact import Contact
 from tomotactile_ros.course import course_to_dict
 from tomotactile_ros.defects import named_defects
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, printable
 from tomotactile_ros.files import find_config
 from tomotactile_ros.frames_file import contacts_of, load_arrays
 from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
@@ -39,19 +39,24 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     path = _find(args.file)
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
-        print("\n".join(_describe_arrays(path)))
+        _show(_describe_arrays(path))
         return
     kind = read_mapping(path).get("format")
     if kind == LAYOUT_FORMAT:
-        print("\n".join(describe_layout(load_layout(path))))
+        _show(describe_layout(load_layout(path)))
     elif kind == SCENE_FORMAT:
         scene = load_scene(path)
-        print("\n".join(_describe_scene(scene, load_layout(scene.layout or args.layout))))
+        _show(_describe_scene(scene, load_layout(scene.layout or args.layout)))
     else:
+        found = show(kind) if str(kind).startswith("tomotactile-") else "what it names"
         raise InputError(
-            f"{path}: format: {show(kind)} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
+            f"{path}: format: {found} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
             "and the file is no .npz"
         )
+
+
+def _show(lines):
+    print("\n".join(map(printable, lines)))
 
 
 def _find(name):

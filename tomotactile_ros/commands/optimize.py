@@ -11,13 +11,13 @@ from pathlib import Path
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.evaluation.point_spread import RESOLUTION
+from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS, RESOLUTION
 from tomotactile_ros.files import check_folder
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
 from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
-from tomotactile_ros.optimizer.step import best_of, finished
+from tomotactile_ros.optimizer.step import best_of, finished, ratio
 from tomotactile_ros.progress import Progress, track
 
 HELP = "optimize where the electrodes are, or which of them to ground"
@@ -124,6 +124,10 @@ def run(args: Namespace) -> None:
     report = args.report or Path(args.out).with_suffix(".png")
     for path in (args.out, report):
         check_folder(path)
+    if os.path.realpath(args.out) == os.path.realpath(report):
+        raise InputError(
+            f"--out: {args.out}: the picture goes there; give the layout another name, or --report"
+        )
     if args.method == "grounding":
         _choose_grounding(args, start, report)
     else:
@@ -234,12 +238,14 @@ def _summary(start, best):
         ("mean position error", "position_error", "mean"),
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
-        yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {after / before:.3f}"
+        yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {ratio(before, after):.3f}"
 
 
 def _choose_grounding(args, layout, report):
     from tomotactile_ros.optimizer.report import save_grounding
 
+    checks.positive(args.regularization, "--regularization", "number", LEAST_REGULARIZATION)
+    checks.integer(args.resolution, "--resolution", 2, MOST_CELLS)
     counts = args.conditions or _halves(layout.electrodes)
     found = list(
         track(
@@ -256,13 +262,13 @@ def _choose_grounding(args, layout, report):
             f"{1e3 * metrics['hwhm']['worst_tenth']:15.2f} "
             f"{1e3 * metrics['position_error']['mean']:18.2f} {1e3 * metrics['noise_gain']:18.3g}"
         )
-    save_grounding(report, found)
     grounding = {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}
     replace(
         layout,
         name=args.name or Path(args.out).stem,
         provenance=layout.provenance | {"grounding": grounding},
     ).save(args.out)
+    save_grounding(report, found)
     print(f"{args.out}: provenance.grounding lists the electrodes to ground; {report}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from tomotactile_ros.devices.base import Device, Frame, Status
@@ -36,6 +37,8 @@ class DeviceSettings:
         For ``replay``: file or bag, and whether to start over at its end.
     drive_voltage : float, V
         For ``replay`` of recordings that do not hold it.
+    max_age : float, s
+        For ``serial``: frames whose last sample is longer ago are dropped and counted; 0 for any.
     """
 
     layout: Layout
@@ -49,6 +52,7 @@ class DeviceSettings:
     recording: str = ""
     loop: bool = False
     drive_voltage: float = 3.3
+    max_age: float = 0.0
 
 
 def make_device(settings: DeviceSettings) -> Device:
@@ -61,13 +65,10 @@ def make_device(settings: DeviceSettings) -> Device:
     """
     if not 0.0 <= settings.rate <= 1e5:
         raise InputError(f"rate: {settings.rate:g} is no rate; expected 0 (default) or frames/s")
-    if settings.device == "fake":
-        return _make_fake(settings)
-    if settings.device == "serial":
-        return _make_serial(settings)
-    if settings.device == "replay":
-        return _make_replay(settings)
-    raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
+    if settings.device not in KINDS:
+        raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
+    make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
+    return make[settings.device](settings)
 
 
 def _make_fake(settings: DeviceSettings) -> Device:
@@ -81,19 +82,25 @@ def _make_fake(settings: DeviceSettings) -> Device:
 
 
 def _make_serial(settings: DeviceSettings) -> Device:
+    from tomotactile_ros.devices.line import complaint_about
     from tomotactile_ros.devices.serial import SerialDevice
 
     if not settings.port:
         raise InputError("port: missing; expected a tty, usb:VID:PID or a URL such as socket://")
+    complaint = complaint_about(settings.port)
+    if complaint:
+        raise InputError(complaint)
     if settings.baud <= 0:
         raise InputError(f"baud: {settings.baud} is no bit rate; expected e.g. 2000000")
-    return SerialDevice(
+    device = SerialDevice(
         settings.port,
         settings.layout.electrodes,
         baud=settings.baud,
         rate=settings.rate,
         partial_frames=settings.partial_frames,
     )
+    device.max_age = settings.max_age or math.inf
+    return device
 
 
 def _make_replay(settings: DeviceSettings) -> Device:

@@ -79,7 +79,7 @@ class FrameAssembler:
             self.counters.rows_ignored += 1
             return []
         done = [] if key == self._key else self._next(key)
-        if self._received[row.row]:
+        if self._received[row.row] or self._contradicts(row):
             self.counters.rows_ignored += 1
             return done
         self._received[row.row] = True
@@ -92,6 +92,11 @@ class FrameAssembler:
         elif len(self._block) == _BLOCK:
             self._convert()
         return done
+
+    def _contradicts(self, row: Row) -> bool:
+        """Whether another row grounds this electrode, or this row another one in other frames."""
+        known = self._grounded[row.row]
+        return known != row.grounded and (known >= 0 or row.grounded in self._grounded)
 
     def abandon(self) -> None:
         """Forget the frame under way: the device has stopped, which is no loss."""

@@ -6,6 +6,7 @@ becomes of them.  The thread never raises: whatever goes wrong ends in the devic
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tomotactile_ros.devices.health import Health
+from tomotactile_ros.devices.health import Health, Trouble
 from tomotactile_ros.errors import InputError
 
 
@@ -67,7 +68,8 @@ class Status:
     state : str
         ``closed`` (not opened, or closed), ``disconnected`` (no port; trying again),
         ``identifying`` (asking who is there), ``streaming`` (frames arrive), ``stopped`` (paused on
-        request), ``silent`` (port open, no data), ``garbled`` (data, but no valid packet),
+        request), ``late`` (frames arrive, too old to be used), ``silent`` (port open, no data),
+        ``garbled`` (data, but no valid packet),
         ``refused`` (the device does not fit or rejects a setting), ``finished`` (end of a
         recording), ``failed`` (an error in the source itself).
     message : str
@@ -76,12 +78,15 @@ class Status:
         Totals since ``open``, rates in 1/s, times in s; docs/protocol.md explains each.
     dead : tuple of int
         Electrodes that look dead (rule: `tomotactile_ros.devices.health.DeadChannels`).
+    troubles : tuple of Trouble
+        What is wrong with frames that arrive all the same; the message tells it, too.
     """
 
     state: str
     message: str
     counters: dict[str, float] = field(default_factory=dict)
     dead: tuple[int, ...] = ()
+    troubles: tuple[Trouble, ...] = ()
 
 
 class Device(Protocol):
@@ -110,10 +115,18 @@ class ThreadedDevice:
     ----------
     rate : float
         Wanted frames per second; 0 leaves it to the source.
+
+    Attributes
+    ----------
+    max_age : float, s
+        Frames whose last sample is longer ago are dropped, counted and told; inf for any age.
     """
+
+    LATE_FOR = 10.0  # s that too old frames are told of
 
     def __init__(self, rate: float = 0.0) -> None:
         self.health = Health()
+        self.max_age = math.inf
         self._rate = float(rate)
         self._streaming = True
         self._on_frame: Callable[[Frame], None] | None = None
@@ -146,10 +159,14 @@ class ThreadedDevice:
     def status(self) -> Status:
         """State, message and counters of this moment."""
         state, message = self._state
+        if state == "streaming" and self.health.stale_within(self.LATE_FOR):
+            state, message = "late", f"{self.health.stale_note(self.max_age)}; {message}"
         if self.health.callback_error:
             message += f"; a frame was refused: {self.health.callback_error}"
         counters = {"rate_wanted": self._rate, **self.health.counters(), **self._counters()}
-        return Status(state, message, counters, self.health.dead_channels.dead)
+        troubles = self._troubles() if state in ("streaming", "late") else []
+        message = "; ".join([message, *(trouble.text for trouble in troubles)])
+        return Status(state, message, counters, self.health.dead_channels.dead, tuple(troubles))
 
     def set_rate(self, rate: float) -> None:
         """Ask for `rate` frames per second."""
@@ -164,6 +181,9 @@ class ThreadedDevice:
     def _run(self) -> None:
         raise NotImplementedError
 
+    def _troubles(self) -> list[Trouble]:
+        return self.health.troubles()
+
     def _counters(self) -> dict[str, float]:
         return {}
 
@@ -176,8 +196,12 @@ class ThreadedDevice:
             self._changed.clear()
 
     def _deliver(self, frame: Frame, last_sample: float | None = None) -> None:
-        """Hand `frame` over; `last_sample` (s, monotonic clock) gives the latency its start."""
+        """Hand `frame` over; `last_sample` (s, monotonic clock) says how old it is."""
         if self._stop.is_set():
+            return
+        age = 0.0 if last_sample is None else time.monotonic() - last_sample
+        if age > self.max_age:
+            self.health.frame_too_old(age)
             return
         try:
             self._on_frame(frame)

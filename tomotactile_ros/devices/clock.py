@@ -2,8 +2,10 @@
 
 A packet can arrive late, never early: of each second only the smallest difference between arrival
 and device time is used.  A line through the minima of the last 30 s, with the median of the
-pairwise slopes (Theil 1950, Sen 1968), gives offset and drift; a few seconds of delayed packets do
-not move it, nor does what has piled up while the host stood still.
+pairwise slopes (Theil 1950, Sen 1968), gives offset and drift; delayed packets do not move it, nor
+does what has piled up while the host stood still or because the line is slower than the device.
+Whatever is late is taken for late, never for a jump of the device's clock: old readings must not be
+stamped fresh.  Whoever has emptied the line (devices/serial.py) begins a new mapping.
 """
 
 from __future__ import annotations
@@ -21,14 +23,17 @@ class DeviceClock:
     window : int
         Number of one-second minima the line goes through.
     tolerance : float
-        An arrival this much before its predicted time, or all arrivals of two seconds this much
-        after, mean that the device clock has jumped.  In the first second an early arrival only
-        says that the ones before were late, unless it is early by more than a second.  Delays that
-        melt away are those of a backlog and no jump.
+        An arrival this much before its predicted time means that the device clock has jumped.  In
+        the first second an early arrival only says that the ones before were late, unless it is
+        early by more than a second.  An arrival this much after it is late.
+
+    Attributes
+    ----------
+    late_since : float or None
+        Host time since when every arrival has been late.
     """
 
     MAX_DRIFT = 2e-3
-    LATE_PERIOD = 2.0
     LEAST_STEP = 1e-4
 
     def __init__(self, window: int = 30, tolerance: float = 0.05) -> None:
@@ -38,6 +43,7 @@ class DeviceClock:
         self._device0: float | None = None
         self._slope = self._intercept = 0.0
         self._last_mapped = -np.inf
+        self.late_since: float | None = None
 
     @property
     def drift(self) -> float:
@@ -50,13 +56,15 @@ class DeviceClock:
             self._begin(device, host)
             return
         late = host - self.to_host(device)
-        if self._has_jumped(device, host, late):
+        if self._has_jumped(device, late):
             self.jumps += 1
             self._begin(device, host)
             return
         self._last_device = device
         if late > self._tolerance:
+            self.late_since = host if self.late_since is None else self.late_since
             return
+        self.late_since = None
         self._intercept += min(late, 0.0)
         elapsed = device - self._device0
         difference = (host - self._host0) - elapsed
@@ -99,22 +107,14 @@ class DeviceClock:
         clock._last_mapped, clock.jumps = self._last_mapped, self.jumps
         return clock
 
-    def _has_jumped(self, device: float, host: float, late: float) -> bool:
-        if late <= self._tolerance:
-            self._late_since = None
-        elif self._late_since is None or late < self._late_since[1] - self._tolerance:
-            self._late_since = host, late
+    def _has_jumped(self, device: float, late: float) -> bool:
         settled = device - self._device0 >= 1.0 or late < -1.0
-        return (
-            device < self._last_device
-            or (settled and late < -self._tolerance)
-            or (self._late_since is not None and host - self._late_since[0] > self.LATE_PERIOD)
-        )
+        return device < self._last_device or (settled and late < -self._tolerance)
 
     def _begin(self, device: float, host: float) -> None:
         self._device0 = self._last_device = device
         self._host0 = host
-        self._late_since: tuple[float, float] | None = None
+        self.late_since = None
         self._slope = self._intercept = 0.0
         self._minima.clear()
         self._least = (0.0, 0.0)

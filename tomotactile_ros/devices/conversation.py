@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 import time
 from collections.abc import Callable
@@ -31,7 +32,7 @@ class Conversation:
         self.line, self.parser = line, parser
         self.arrival = 0.0
         self._closing = closing
-        self._tag = 0
+        self._tag = random.randrange(0xFFFF)  # answers to whoever asked before must not fit
 
     def listen(self, timeout: float) -> list[protocol.Packet]:
         """Packets that have come, waiting up to `timeout` s for the first byte."""
@@ -56,8 +57,9 @@ class Conversation:
         self.parser.reset()
         before = asdict(self.parser.counters)
         self.line.write(b"\0")
+        asked: set[int] = set()
         for attempt in range(1, LAST_ATTEMPT + 1):
-            identity = self._ask_once()
+            identity = self._ask_once(asked)
             if identity is not None or self._closing.is_set():
                 return identity
             if attempt >= ATTEMPTS:
@@ -65,14 +67,14 @@ class Conversation:
                 report(fault)
         raise fault
 
-    def _ask_once(self) -> protocol.Identity | None:
-        tag = self.command(protocol.IDENTIFY)
+    def _ask_once(self, asked: set[int]) -> protocol.Identity | None:
+        asked.add(self.command(protocol.IDENTIFY))
         deadline = time.monotonic() + ANSWER_TIME
         while not self._closing.is_set() and (left := deadline - time.monotonic()) > 0:
             for packet in self.listen(min(left, 0.1)):
-                if isinstance(packet, protocol.Identity) and packet.tag == tag:
+                if isinstance(packet, protocol.Identity) and packet.tag in asked:
                     return packet
-                if isinstance(packet, protocol.Error) and packet.tag == tag:
+                if isinstance(packet, protocol.Error) and packet.tag in asked:
                     raise LineFault("refused", f"port: device on {self.line.name}: {packet}")
         return None
 

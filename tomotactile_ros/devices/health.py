@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class DeadChannels:
 
     def __init__(self, window: int = 64) -> None:
         self.dead: tuple[int, ...] = ()
+        self.highest = 0.0  # V, largest reading of the last frame, either way
         self._window = window
         self._constant: set[int] = set()
         self._frames = 0
@@ -29,6 +31,7 @@ class DeadChannels:
     def update(self, voltages: np.ndarray, drive_voltage: float) -> None:
         """Take in the readings (L, E) of one frame, V, NaN where invalid."""
         low, high = np.fmin.reduce(voltages, axis=0), np.fmax.reduce(voltages, axis=0)
+        self.highest = float(max(np.fmax.reduce(high), -np.fmin.reduce(low)))
         if self._low is None or self._low.shape != low.shape:
             self._low, self._high, self._frames = low, high, 0
         else:
@@ -48,10 +51,43 @@ class DeadChannels:
         self.dead = tuple(sorted(self._constant.union(np.flatnonzero(invalid).tolist())))
 
 
+@dataclass(frozen=True)
+class Trouble:
+    """Something wrong with frames that arrive all the same; `name` stays while it lasts."""
+
+    name: str
+    serious: bool
+    text: str
+
+
+class Recent:
+    """Sums of the last seconds: `counts` numbers each second, kept for `seconds`."""
+
+    def __init__(self, counts: int, seconds: int = 10) -> None:
+        self._sums = np.zeros((seconds, counts))
+        self._seconds = np.full(seconds, -1)
+
+    def add(self, *numbers: float) -> None:
+        """Add to the sums of this second."""
+        second = int(time.monotonic())
+        place = second % len(self._seconds)
+        if self._seconds[place] != second:
+            self._seconds[place] = second
+            self._sums[place] = 0.0
+        self._sums[place] += numbers
+
+    def sums(self) -> np.ndarray:
+        """(counts,) sums over the last seconds."""
+        recent = self._seconds > int(time.monotonic()) - len(self._seconds)
+        return self._sums[recent].sum(axis=0)
+
+
 class Health:
     """Counts delivered frames, measures their rate and latency, and watches the channels."""
 
     RATE_WINDOW, LEAST_SPAN = 5.0, 0.5
+    LOSS, SERIOUS_LOSS = 0.01, 1 / 3  # of the frames
+    ABOVE, OFTEN = 1.1, 0.1  # times the drive voltage; of the frames
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -64,6 +100,10 @@ class Health:
             self.callback_error = ""
             self._frames = 0
             self._callback_errors = 0
+            self._age = 0.0
+            self._recent = Recent(3)  # frames delivered, lost, above the drive voltage
+            self._highest = 0.0
+            self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
             self._latencies = np.full(4096, np.nan)
 
@@ -75,9 +115,55 @@ class Health:
         with self._lock:
             self._times[self._frames % self._times.size] = now
             late = np.nan if last_sample is None else now - last_sample
+            self._age = 0.0 if last_sample is None else late
             self._latencies[self._frames % self._latencies.size] = late
             self._frames += 1
         self.dead_channels.update(voltages, drive_voltage)
+        highest = self.dead_channels.highest / drive_voltage if drive_voltage > 0 else 0.0
+        with self._lock:
+            self._recent.add(1, 0, highest > self.ABOVE)
+            if highest > self.ABOVE:
+                self._highest = self.dead_channels.highest
+
+    def frames_lost(self, number: int) -> None:
+        """Note frames that did not arrive, or not whole."""
+        if number:
+            with self._lock:
+                self._recent.add(0, number, 0)
+
+    def troubles(self) -> list[Trouble]:
+        """What is wrong with the frames of the last 10 s."""
+        with self._lock:
+            delivered, lost, above = self._recent.sums()
+        found = []
+        share = lost / max(delivered + lost, 1.0)
+        if share > self.LOSS:
+            text = f"{100 * share:.0f} % of the frames are lost or incomplete"
+            found.append(Trouble("loss", share > self.SERIOUS_LOSS, text))
+        if above > self.OFTEN * delivered:
+            text = (
+                f"readings up to {self._highest:.3g} V are above the drive voltage: "
+                "scale, range or drive voltage of the device are wrong"
+            )
+            found.append(Trouble("above drive", True, text))
+        return found
+
+    def frame_too_old(self, age: float) -> None:
+        """Note a frame that was dropped because its last sample was `age` s ago."""
+        with self._lock:
+            self._stale += 1
+            self._stale_age, self._stale_at = age, time.monotonic()
+
+    def stale_within(self, seconds: float) -> bool:
+        """Whether a frame was too old in the last `seconds`."""
+        return time.monotonic() - self._stale_at < seconds
+
+    def stale_note(self, limit: float) -> str:
+        """What is to be said of frames that were older than `limit`, s."""
+        return (
+            f"frames are {self._stale_age:.2g} s old and not published (max_age {limit:g} s, "
+            f"{self._stale} so far): line or host are slower than the sensor, lower its rate"
+        )
 
     def forget_rate(self) -> None:
         """Measure the rate anew, because another one is due from now on."""
@@ -98,6 +184,8 @@ class Health:
             latencies = self._latencies[~np.isnan(self._latencies)]
             counters = {
                 "frames": float(self._frames),
+                "frames_stale": float(self._stale),
+                "age": float(self._stale_age if self._stale_at > self._times.max() else self._age),
                 "callback_errors": float(self._callback_errors),
             }
         span = float(np.ptp(recent)) if recent.size else 0.0

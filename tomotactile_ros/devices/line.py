@@ -1,6 +1,8 @@
 """A byte line to a device: finds and opens the port, reads what is there, tells why it cannot.
 
-Everything here is pyserial; `serial_for_url` gives ttys, `socket://host:port` and `rfc2217://`.
+Everything here is pyserial. Of what `serial_for_url` opens, only ttys, `socket://host:port` and
+`rfc2217://host:port` are let through, without options: others write files, load modules or flood
+the log, and the name of a port may come from the network.
 """
 
 from __future__ import annotations
@@ -8,12 +10,18 @@ from __future__ import annotations
 import errno
 import glob
 import os
+import re
 import select
+import stat
 import time
-from urllib.parse import urlsplit
+from queue import Queue
 
 import serial
 from serial.tools import list_ports
+
+_ON_THE_NETWORK = re.compile(
+    r"(socket|rfc2217)://([\w.-]+|\[[0-9a-f:.%]+\]):(\d{1,5})/?", re.IGNORECASE | re.ASCII
+)
 
 
 class LineFault(Exception):
@@ -24,49 +32,65 @@ class LineFault(Exception):
         self.state = state
 
 
+def complaint_about(port: str) -> str:
+    """Why nothing of this name is ever opened, in one line; empty where it may be."""
+    if "\0" in port or not port.isprintable():
+        return f"port: {port[:80]!r} holds characters that no port has"
+    if port.lower().startswith("usb:"):
+        if not re.fullmatch(r"usb:[0-9a-f]{1,4}:[0-9a-f]{1,4}(:.+)?", port, re.IGNORECASE):
+            return f"port: {port[:80]!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"
+    elif "://" in port:
+        scheme = port.partition(":")[0].lower()
+        if scheme not in ("socket", "rfc2217"):
+            return f"port: {port[:80]!r} is none of /dev/..., usb:, socket://, rfc2217://"
+        found = _ON_THE_NETWORK.fullmatch(port)
+        if not found or int(found[3]) > 65535:
+            return f"port: {port[:80]!r} is not {scheme}://HOST:PORT, without options"
+    return ""
+
+
 def find_port(port: str) -> str:
     """Turn what the user wrote into what pyserial opens.
 
     Parameters
     ----------
     port : str
-        ``usb:VID:PID`` or ``usb:VID:PID:SERIAL`` (hexadecimal ids), a URL, a path, a pattern such
-        as ``/dev/serial/by-id/*skin*``, or a bare name such as ``ttyUSB0``.
+        ``usb:VID:PID`` or ``usb:VID:PID:SERIAL`` (hexadecimal ids), ``socket://HOST:PORT``,
+        ``rfc2217://HOST:PORT``, a path under /dev or of a link that leads there, a pattern such as
+        ``/dev/serial/by-id/*skin*``, or a bare name such as ``ttyUSB0``.
 
     Raises
     ------
     LineFault
-        Nothing or more than one thing fits.
+        Nothing or more than one thing fits, or it is no port.
     """
+    complaint = complaint_about(port)
+    if complaint:
+        raise LineFault("refused", complaint)
     if port.lower().startswith("usb:"):
         return _the_only(_usb_ports(port), port)
     if "://" in port:
-        return _checked_url(port)
+        return port
     path = port if os.sep in port else os.path.join("/dev", port)
     if any(c in path for c in "*?["):
-        return _the_only(sorted(glob.glob(path)), port)
+        return _the_only([p for p in sorted(glob.glob(path)) if _is_device(p)], port)
+    if os.path.exists(path) and not _is_device(path):
+        raise LineFault("refused", f"port: {path} is no device under /dev")
     return path
 
 
-def _checked_url(url: str) -> str:
-    scheme = url.partition(":")[0].lower()
+def _is_device(path: str) -> bool:
+    """Whether it is, or leads to, a character device under /dev."""
+    target = os.path.realpath(path)
     try:
-        complete = scheme not in ("socket", "rfc2217") or urlsplit(url).port is not None
-    except ValueError:
-        complete = False
-    if not complete:
-        raise LineFault("refused", f"port: {url!r} is not {scheme}://HOST:PORT")
-    return url
+        return target.startswith("/dev/") and stat.S_ISCHR(os.stat(target).st_mode)
+    except OSError:
+        return False
 
 
 def _usb_ports(port: str) -> list[str]:
     parts = port.split(":", 3)[1:]
-    try:
-        vendor, product = int(parts[0], 16), int(parts[1], 16)
-    except (ValueError, IndexError):
-        raise LineFault(
-            "refused", f"port: {port!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"
-        ) from None
+    vendor, product = int(parts[0], 16), int(parts[1], 16)
     try:
         ports = list_ports.comports()
     except Exception as error:  # noqa: BLE001 - an adapter that goes while it is asked about
@@ -150,9 +174,22 @@ class Line:
         while True:
             data = self._port.read(1)
             if data:
-                return data + self._port.read(self._port.in_waiting)
+                return data + self._rest()
             if time.monotonic() >= deadline:
                 return b""
+
+    def _rest(self) -> bytes:
+        """What has come meanwhile; from RFC 2217's queue of single bytes all at once.
+
+        pyserial takes them out one by one, slower than a network brings them: the queue would grow.
+        """
+        waiting = getattr(self._port, "_read_buffer", None)
+        if not isinstance(waiting, Queue):
+            return self._port.read(self._port.in_waiting)
+        with waiting.mutex:
+            data = b"".join(filter(None, waiting.queue))
+            waiting.queue.clear()
+        return data
 
 
 def open_line(port: str, baud: int) -> Line:

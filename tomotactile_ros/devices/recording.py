@@ -52,6 +52,8 @@ def read_frames(
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
     is_npz = path.suffix == ".npz"
+    if not is_npz:
+        _check_plain(path)
     frames = _npz_frames(path, drive_voltage, layout_id) if is_npz else _bag_frames(path, layout_id)
     return _checked(path, frames, electrodes)
 
@@ -127,6 +129,13 @@ def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iter
             drive,
             loaded.row_period,
         )
+
+
+def _check_plain(path: Path) -> None:
+    """A bag's files must be plain ones: a named pipe would keep the reader waiting."""
+    for file in path.iterdir() if path.is_dir() else [path]:
+        if not file.is_file() and not file.is_dir():
+            raise InputError(f"{file}: cannot be read: is no plain file")
 
 
 def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:

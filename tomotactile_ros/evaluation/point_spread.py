@@ -17,11 +17,14 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
+from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.metrics import Quality, quality
 from tomotactile_ros.evaluation.symmetry import Symmetry, find_symmetry
 from tomotactile_ros.grid import Grid
 
+LEAST_REGULARIZATION = 1e-9  # below, J'J + lambda^2 I loses its inverse to rounding
+MOST_CELLS = 400  # contact positions along the longer side
 REGULARIZATION = 1000.0  # lambda^2 of the paper
 RESOLUTION = 40  # contact positions, and pixels, along the longer side
 
@@ -61,7 +64,9 @@ class PointSpread:
         matrix[np.diag_indices_from(matrix)] += self.regularization
         factor, info = lapack.dpotrf(matrix, lower=True, overwrite_a=True)
         if info:
-            raise np.linalg.LinAlgError("J'J + lambda^2 I is not positive definite")
+            raise InputError(
+                "regularization: is too small for this layout, J'J + lambda^2 I has no inverse"
+            )
         inverse, _ = lapack.dpotri(factor, lower=True, overwrite_c=True)
         return np.tril(inverse) + np.tril(inverse, -1).T
 

@@ -7,8 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+
+from tomotactile_ros.devices.health import Trouble
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -25,6 +28,11 @@ class Report:
     level: bytes
     message: str
     values: dict[str, float | int | str] = field(default_factory=dict)
+
+
+def level_of(trouble: Trouble) -> bytes:
+    """Level of a status that has this trouble."""
+    return ERROR if trouble.serious else WARN
 
 
 class Diagnostics:
@@ -45,8 +53,12 @@ class Diagnostics:
         self._report = report
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # on a steady clock: with use_sim_time and no simulation running, it still speaks
+        # and in a group of its own: while a parameter takes long to put into effect, too
         self._timer = node.create_timer(
-            1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            1.0,
+            self.publish,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
 
     def publish(self) -> None:

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
@@ -19,7 +20,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
-from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.parameters import PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
@@ -28,16 +29,34 @@ SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
     Spec("device", "fake", "Where the frames come from", choices=KINDS),
-    Spec("scene", "default", "For fake: what touches the sheet, a scene file or an installed name"),
+    Spec(
+        "scene",
+        "default",
+        "For fake: what touches the sheet, a scene file or an installed name",
+        path=True,
+    ),
     Spec("model", "fem", "For fake: physics of the sheet", choices=MODELS),
-    Spec("port", "", "For serial: /dev/tty..., usb:VID:PID or a URL such as socket://host:port"),
+    Spec(
+        "port",
+        "",
+        "For serial: /dev/tty..., usb:VID:PID, socket:// or rfc2217://HOST:PORT",
+        path=True,
+    ),
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
     Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
+    Spec(
+        "max_age",
+        1.0,
+        "For serial: s; older readings are not published; 0: any age",
+        low=0.0,
+        high=3600.0,
+    ),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
-    Spec("recording", "", "For replay: a frames.npz or a rosbag2"),
+    Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
     Spec("loop", False, "For replay: start over at the end"),
     Spec("drive_voltage", 3.3, "For replay: V, where the recording names none", low=1e-3, high=1e3),
+    PATH_CHANGES,
 )
 
 _LEVELS = {
@@ -66,7 +85,7 @@ class Driver:
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
-        self._said = ""
+        self._said: tuple = ()
         self._simulated_now = self._simulated_stamp = 0.0
         self._publisher = node.create_publisher(
             VoltageFrame,
@@ -108,19 +127,33 @@ class Driver:
 
     def report(self) -> Report:
         """State of the device for /diagnostics; a change is also logged."""
-        if self._device is None:
+        device = self._device  # another thread may take it away
+        if device is None:
             return Report(diagnostics.WARN, "not configured")
-        status = self._device.status()
+        status = device.status()
         level = _LEVELS.get(status.state, diagnostics.ERROR)
-        message = status.message
-        if status.dead:
-            electrodes = ", ".join(map(str, status.dead))
-            message += f"; electrodes that look dead: {electrodes}"
-            level = max(level, diagnostics.WARN)
-        if status.state != "closed" and (status.state, status.dead) != self._said:
-            self._said = (status.state, status.dead)
+        own = self._own_troubles(status.dead)
+        message = "; ".join([status.message, *(trouble.text for trouble in own)])
+        troubles = (*status.troubles, *own)
+        for trouble in troubles:
+            level = max(level, diagnostics.level_of(trouble))
+        said = (status.state, tuple((trouble.name, trouble.serious) for trouble in troubles))
+        if status.state != "closed" and said != self._said:
+            self._said = said
             self._say(level, f"{status.state}: {message}")
         return Report(level, message, {"state": status.state, **status.counters})
+
+    def _own_troubles(self, dead: tuple[int, ...]) -> list[Trouble]:
+        found = []
+        if dead:
+            electrodes = ", ".join(map(str, dead))
+            text = f"electrodes that look dead: {electrodes}"
+            found.append(Trouble(f"dead {electrodes}", False, text))
+        others = self._node.count_publishers("voltage_frame") - 1
+        if others > 0:
+            text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
+            found.append(Trouble("publishers", True, text))
+        return found
 
     def _say(self, level: bytes, text: str) -> None:
         if level == diagnostics.OK:

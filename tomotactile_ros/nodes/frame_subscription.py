@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -26,6 +27,8 @@ def subscribe_to_frames(
 ) -> None:
     """Listen to `voltage_frame`: a late frame is dropped, not queued.
 
+    Frames go on while parameters or services take long: they have a callback group of their own.
+
     Parameters
     ----------
     node : the node that listens.
@@ -49,6 +52,7 @@ def subscribe_to_frames(
         QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
         ),
+        callback_group=MutuallyExclusiveCallbackGroup(),
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         event_callbacks=SubscriptionEventCallbacks(
             incompatible_qos=lambda event: incompatible(_policy_name(event.last_policy_kind))

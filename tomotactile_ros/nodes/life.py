@@ -5,6 +5,7 @@ is then configured, activated, deactivated and cleaned up - at once by a plain n
 managed one (rclpy.lifecycle).
 """
 
+import os
 import signal
 import sys
 import traceback
@@ -14,7 +15,7 @@ from typing import Any, Protocol
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
@@ -22,6 +23,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 
 BAD_INPUT = 2
+_THREADS = 4  # parameters and services, diagnostics and frames of a node; two nodes in a process
 AUTOSTART = Spec("autostart", False, "Be active from the start", read_only=True)
 
 
@@ -170,7 +172,9 @@ def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None)
     nodes: list[Node] = []
     try:
         _init(args)
-        executor = SingleThreadedExecutor()
+        if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+        executor = MultiThreadedExecutor(_THREADS)
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)

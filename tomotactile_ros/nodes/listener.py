@@ -8,6 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
+from tomotactile_ros.errors import printable
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_image, stamp_of
 from tomotactile_ros.view.display import Shot
@@ -64,7 +65,7 @@ class Listener(Node):
             self._heard.add(status.name.split(":")[0].rsplit("/")[-1])
             self._complaints.pop(status.name, None)
             if status.level != DiagnosticStatus.OK:
-                self._complaints[status.name] = status.message
+                self._complaints[status.name] = printable(status.message)
 
     def _add(self, header, key: str, value: object) -> None:
         stamp = stamp_of(header)

@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 
 from tomotactile_ros.errors import InputError
 
+ALLOW_PATH_CHANGES = "allow_path_changes"
 _TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
 
 
@@ -38,6 +39,9 @@ class Spec:
     low, high : range of a number, ends included.
     choices : the words allowed for a text.
     read_only : cannot be changed while the node runs.
+    path : names a file or a port; cannot be changed while the node runs either, unless it was
+        started with `allow_path_changes`: whoever may set parameters could else let the node open
+        what he must not open himself.
     """
 
     name: str
@@ -47,6 +51,7 @@ class Spec:
     high: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    path: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
         """What `ros2 param describe` shows."""
@@ -58,6 +63,8 @@ class Spec:
         )
         if self.choices:
             descriptor.additional_constraints = "one of " + ", ".join(self.choices)
+        if self.path:
+            descriptor.additional_constraints = "fixed at the start without allow_path_changes"
         if self.low is not None and isinstance(self.default, float):
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(self.low), to_value=float(self.high))
@@ -99,6 +106,11 @@ class Spec:
             raise InputError(
                 f"{self.name}: {value:g} is out of range, {self.low:g} to {self.high:g} is allowed"
             )
+
+
+PATH_CHANGES = Spec(
+    ALLOW_PATH_CHANGES, False, "Paths and ports can be changed while the node runs", read_only=True
+)
 
 
 class Parameters:
@@ -153,11 +165,20 @@ class Parameters:
             self._node.set_parameters([Parameter(spec.name, Parameter.Type.INTEGER_ARRAY, [])])
         return value
 
+    def _check_paths(self, changed: set[str]) -> None:
+        fixed = sorted(name for name in changed if self._specs[name].path)
+        if fixed and not self.values[ALLOW_PATH_CHANGES]:
+            raise InputError(
+                f"{fixed[0]}: is read-only while the node runs, as every path is unless it was "
+                f"started with {ALLOW_PATH_CHANGES}:=true"
+            )
+
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = [p for p in parameters if p.name in self._specs]
         try:
             given = {p.name: self._specs[p.name].convert(p.value) for p in mine}
             changed = {name for name, value in given.items() if value != self.values[name]}
+            self._check_paths(changed)
             values = {**self.values, **given}
             if changed:
                 self._on_change(changed, values)

@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
+from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.nodes import diagnostics
@@ -47,6 +48,7 @@ class Reconstruction:
         self._pipeline: Pipeline | None = None
         self._recent: deque[Frame] = deque(maxlen=self.parameters["tare_frames"])
         self._active = False
+        self._said: set[tuple[str, bool]] = set()
         self._excluded: tuple[int, ...] = ()
         self._outputs = Outputs(node)
         topic = node.resolve_topic_name("voltage_frame")
@@ -96,19 +98,29 @@ class Reconstruction:
 
     def report(self) -> Report:
         """State for /diagnostics; why there are no frames is also logged."""
-        if not self._active:
+        pipeline = self._pipeline  # another thread may take it away
+        if not self._active or pipeline is None:
             return Report(diagnostics.WARN, "not active")
-        figures = {"profile": self._pipeline.profile, **self._watch.figures()}
+        figures = {"profile": pipeline.profile, **self._watch.figures()}
         complaint = self._watch.complaint()
         if complaint and self._lock.locked():  # a thread of its own makes the images
             complaint = "an image takes seconds: profile or resolution are too much here"
         if complaint:
             self._log.warning(complaint, throttle_duration_sec=_EVERY)
             return Report(diagnostics.ERROR, complaint, figures)
+        troubles = self._watch.troubles()
         if self._excluded:
             electrodes = ", ".join(map(str, self._excluded))
-            return Report(diagnostics.WARN, f"electrodes left out: {electrodes}", figures)
-        return Report(diagnostics.OK, "images are made", figures)
+            text = f"electrodes left out: {electrodes}"
+            troubles.append(Trouble(f"excluded {electrodes}", False, text))
+        begun = {(trouble.name, trouble.serious) for trouble in troubles}
+        for trouble in troubles:
+            if (trouble.name, trouble.serious) not in self._said:
+                self._log.warning(trouble.text)
+        self._said = begun
+        level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
+        message = "; ".join(trouble.text for trouble in troubles) or "images are made"
+        return Report(level, message, figures)
 
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()

@@ -3,7 +3,7 @@
 from typing import Any
 
 from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.parameters import PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
@@ -23,7 +23,12 @@ SPECS = (
         high=1e30,
     ),
     Spec("noise", 0.001, "Noise of a reading, V rms", low=1e-7, high=1.0),
-    Spec("calibration", "", "File of `tomotactile calibrate`; overrides the contact law below"),
+    Spec(
+        "calibration",
+        "",
+        "File of `tomotactile calibrate`; overrides the contact law below",
+        path=True,
+    ),
     Spec("contact_coefficient", 1e-4, "c of the contact law g = c p^m", low=1e-12, high=1e6),
     Spec("contact_exponent", 1.0, "m of the contact law g = c p^m", low=0.1, high=10.0),
     Spec("contact_radius", 0.005, "Typical radius of a contact, m", low=1e-5, high=1.0),
@@ -36,6 +41,7 @@ SPECS = (
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
     Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
     Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
+    PATH_CHANGES,
 )
 OF_THE_NODE = {"tare_frames", "view_range", "view_overlay", "view_size"}
 _PLAIN_SETTINGS = (

@@ -6,7 +6,12 @@ from collections import deque
 import numpy as np
 from rclpy.node import Node
 
+from tomotactile_ros.devices.health import Recent, Trouble
+
 TYPE = "tomotactile_ros/msg/VoltageFrame"
+_RESTART = 2**16
+_SOME = 0.01  # of the frames
+_OLD = 1.0  # s from a frame's stamp to its image
 _PATIENCE = 2.0  # s without a frame before it is said
 
 
@@ -32,25 +37,51 @@ class FrameWatch:
         """Begin to wait anew."""
         self._since = time.monotonic()
         self._refusal = self._incompatible = ""
+        self._recent = Recent(3)  # frames processed, missed, refused
 
     def accepted(self, sequence: int, latency: float, duration: float) -> None:
         """Note a processed frame: s from its stamp to its image, s of work."""
-        if self._sequence is not None and sequence > self._sequence:
-            self.missed += sequence - self._sequence - 1
+        gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
+        missed = gap if gap < _RESTART else 0  # a number far away is that of another start
+        self.missed += missed
         self._sequence = sequence
+        self._recent.add(1, missed, 0)
         self.processed += 1
         self._latencies.append(latency)
         self._durations.append(duration)
-        self.restart()
+        self._since, self._incompatible = time.monotonic(), ""
 
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
+        self._recent.add(0, 0, 1)
         self._refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
         """Note that a publisher's quality of service does not suit."""
         self._incompatible = policy
+
+    def troubles(self) -> list[Trouble]:
+        """What is wrong with the frames of the last 10 s, though there are some."""
+        processed, missed, refused = self._recent.sums()
+        found = []
+        publishers = self._node.count_publishers(self._topic)
+        if publishers > 1:
+            text = f"{publishers} publish {self._topic}: frames are mixed"
+            found.append(Trouble("publishers", True, text))
+        if refused > _SOME * (processed + refused):
+            share = 100 * refused / (processed + refused)
+            text = f"{share:.0f} % of the frames are refused: {self._refusal}"
+            found.append(Trouble("refused", share > 50, text))
+        if missed > 0.5 * (processed + missed):
+            share = 100 * missed / (processed + missed)
+            text = f"{share:.0f} % of the frames are missed: images or network are too slow"
+            found.append(Trouble("missed", False, text))
+        age = float(np.median(self._latencies)) if self._latencies else 0.0
+        if age > _OLD:
+            text = f"frames are {age:.3g} s old: clocks differ, or the way is slow"
+            found.append(Trouble("old", False, text))
+        return found
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""

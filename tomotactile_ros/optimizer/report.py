@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.files import save_figure
+from tomotactile_ros.optimizer.step import Step, ratio
 
 
 def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, title: str) -> None:
@@ -31,7 +32,7 @@ def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, ti
         figure.colorbar(image, ax=list(axes[:, column]), label=f"{label} by contact position / mm")
     _history(axes[0, 2], history, best)
     _table(axes[1, 2], start, best)
-    figure.savefig(path, dpi=100, format="png")
+    save_figure(figure, path)
 
 
 def _settings(step):
@@ -96,7 +97,9 @@ def _table(axes, start, best):
         ("blur mean", "blur", "mean"),
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
-        rows.append([label, f"{1e3 * before:.1f}", f"{1e3 * after:.1f}", f"{after / before:.2f}"])
+        rows.append(
+            [label, f"{1e3 * before:.1f}", f"{1e3 * after:.1f}", f"{ratio(before, after):.2f}"]
+        )
     if "noise_gain" in start.metrics:
         before, after = start.metrics["noise_gain"], best.metrics["noise_gain"]
         rows.append(
@@ -140,7 +143,7 @@ def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
     rate.minorticks_off()
     rate.set_xlabel("frames per second at 1 kHz switching")
     _ranks(axes[1], found)
-    figure.savefig(path, dpi=100, format="png")
+    save_figure(figure, path)
 
 
 def _invert(x):

@@ -6,12 +6,14 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from tomotactile_ros import checks
 from tomotactile_ros.arrangements import usual_radius
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.layout import Layout, equal_grid
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import equalize
@@ -19,6 +21,7 @@ from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.processes import die_with_parent
 from tomotactile_ros.region import Region, regular_polygon
 
 METHODS = ("equalize", "free")
@@ -32,20 +35,35 @@ _ENVIRONMENT = {  # of processes that search
 }
 
 
-def processes(workers: int) -> Executor:
-    """A pool of processes for searches.
+@contextmanager
+def processes(workers: int) -> Iterator[Executor]:
+    """A pool of processes for searches, which end with it, and with this process whatever ends it.
 
     For the main thread. A worker that a Ctrl-C ends while it starts would leave the pool waiting.
     """
     for variable, value in _ENVIRONMENT.items():
         os.environ.setdefault(variable, value)  # read by new processes when they start
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    before = active_children()
+    pool = ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
+    )
     interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:  # all start now, and inherit this
         list(pool.map(int, range(workers)))
+        signal.signal(signal.SIGINT, interrupted)
+        yield pool
     finally:
         signal.signal(signal.SIGINT, interrupted)
-    return pool
+        for child in active_children():
+            if child not in before:
+                child.terminate()  # what it still does is not wanted any more
+        pool.shutdown(cancel_futures=True)
+
+
+def _end_with(parent: int) -> None:
+    """In a worker: end when the parent does."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent(parent)
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
@@ -106,7 +124,8 @@ class Request:
         if self.starts is not None:
             checks.integer(self.starts, "starts", 1, 10000)
         checks.integer(self.seed, "seed", 0, 2**32 - 1)
-        checks.positive(self.regularization, "regularization", "number")
+        checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
+        checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
             raise InputError("spacing, margin and keep_out: only method free knows them")
         if self.method == "free":

@@ -111,6 +111,11 @@ def finished(layout: Layout, name: str, method: str, settings: dict, history, be
     return replace(layout, name=name, provenance=provenance)
 
 
+def ratio(before: float, after: float) -> float:
+    """`after` relative to `before`; 1 where both are 0, as errors on very coarse grids are."""
+    return after / before if before else 1.0 if after == before else np.inf
+
+
 def rounded(value, digits: int = 5):
     """Numbers of nested plain data with `digits` significant digits."""
     if isinstance(value, dict):

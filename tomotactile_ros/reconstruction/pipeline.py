@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
@@ -48,6 +49,7 @@ class Pipeline:
                 f"excluded: electrode {max(settings.excluded)} does not exist, "
                 f"{layout.name} has 0 to {layout.electrodes - 1}"
             )
+        _check_memory(layout.electrodes, settings.resolution)
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
         self.profile = settings.profile
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
@@ -226,6 +228,12 @@ class Pipeline:
             level = self.settings.regularization
             self._linear[key] = LinearImage(self._model.basis(level), level, missing)
         return self._linear[key]
+
+
+def _check_memory(electrodes: int, resolution: int) -> None:
+    """Measured: 18 arrays of electrodes x cells and 100 of electrodes x electrodes."""
+    needed = 8.0 * electrodes * (18.0 * resolution**2 + 100.0 * electrodes)
+    memory.check(needed, f"layout: {electrodes} electrodes at resolution {resolution}")
 
 
 def _numbers(bad) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from tomotactile_ros import memory
 from tomotactile_ros.sheet.transfer import Sheet, Transfer, electrode_of
 
 SAME = 1.0  # patches closer than this part of the smaller radius become one
@@ -44,6 +45,7 @@ def contact_points(
     owner = electrode_of(points, sheet.layout, radii)
     points = np.where(owner[:, None] >= 0, sheet.layout.positions[owner], points)
     kept, group = _together(points, radii, owner)
+    memory.check(40.0 * len(kept) ** 2, f"contacts: {len(contacts)}, in {len(kept)} patches,")
     with np.errstate(divide="ignore", over="ignore"):
         resistance = 1 / np.bincount(group, flow, len(kept))
     return sheet.transfer(points[kept], radii[kept]), resistance

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.files import save_figure
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.view.contacts import contact_lines
 
@@ -55,9 +56,9 @@ def save_pressure(
     figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=100, bbox_inches="tight", pad_inches=0.1)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    save_figure(figure, path, bbox_inches="tight", pad_inches=0.1)
 
 
 def _draw_contacts(axes, contacts: Sequence, truth: Sequence[dict]) -> None:

@@ -1,0 +1,51 @@
+"""config/security/policy.xml: allows what the running nodes do, and nothing else."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from rclpy.node import NodeNameNonExistentError
+from sensor_msgs.msg import Image
+
+POLICY = Path(__file__).resolve().parent.parent / "config" / "security" / "policy.xml"
+SOMETIMES = {"/clock", "/parameter_events", "/surface", "/touches"}  # by parameters and layout
+
+
+def allowed(node: str, kind: str, what: str) -> set[str]:
+    """Full names of the topics or services that the policy allows a node."""
+    tree = ElementTree.parse(POLICY)
+    names = set()
+    for profile in tree.iter("profile"):
+        if profile.get("node") == node:
+            for group in profile.findall(kind):
+                if group.get(what) == "ALLOW":
+                    names |= {e.text for e in group}
+    return {n.replace("~", f"/{node}") if n[0] in "~/" else f"/{n}" for n in names}
+
+
+@pytest.mark.parametrize("node", ["driver", "reconstruction"])
+def test_the_policy_allows_what_the_node_does_and_nothing_else(probe, start, node):
+    start("driver", {"scene": "idle"})
+    start("reconstruction")
+    probe.wait_for(Image, "/pressure")
+
+    def names(look) -> set[str]:
+        try:
+            return {name for name, _ in look(node, "/")}
+        except NodeNameNonExistentError:  # not discovered yet
+            return set()
+
+    me = probe.node
+    wanted = {
+        ("topics", "publish"): me.get_publisher_names_and_types_by_node,
+        ("topics", "subscribe"): me.get_subscriber_names_and_types_by_node,
+        ("services", "reply"): me.get_service_names_and_types_by_node,
+    }
+    for (kind, what), look in wanted.items():
+        may = allowed(node, kind, what)
+        probe.until(lambda look=look, may=may: names(look) >= may - SOMETIMES, f"all {kind}")
+        assert names(look) <= may
+    assert names(me.get_client_names_and_types_by_node) == set()
