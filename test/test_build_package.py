@@ -19,7 +19,6 @@ CONTRACT = {
         "electrodes": "uint16",
         "grounded": "sequence<uint16>",
         "voltages": "sequence<float>",
-        "row_period": "float",
     },
     "Contact": {
         "position": "geometry_msgs/Point",
