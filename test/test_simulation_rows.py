@@ -193,6 +193,13 @@ def test_impossible_scans_are_refused(settings, complaint):
         simulator(disc(0.0, 0.0), **settings)
 
 
+def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
+    rows = simulator(disc(0.03, 0.02, velocity=(1.0, 0.0)))
+    monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e3)
+    with pytest.raises(InputError, match="^contacts: 1, in .* patches that change, would take"):
+        rows.frame(0.0)
+
+
 def test_contacts_on_every_electrode_and_none():
     """Rows whose own electrode is under a contact, and rows with nothing on the sheet at all."""
     strip = Contact("rectangle", center=(-0.1, 0.1), size=(0.3, 0.012), velocity=(0.0, -4.0))

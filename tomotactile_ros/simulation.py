@@ -264,7 +264,9 @@ def _scan_order(order, electrodes: int) -> np.ndarray:
         raise InputError(f"order: {checks.show(order)} is not a list of electrodes")
     if found.min() < 0 or found.max() >= electrodes:
         wrong = found.min() if found.min() < 0 else found.max()
-        raise InputError(f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}")
+        raise InputError(
+            f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}"
+        )
     return found.astype(np.intp)
 
 

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.linalg.lapack import dposv
 
+from tomotactile_ros import memory
 from tomotactile_ros.sheet.contacts import Patches, contact_points
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.frames import frame
@@ -33,6 +34,7 @@ _AT_ONCE = 16  # states: with more, fast contacts meet too many unknowns
 _STEP = 2e-4  # m that a point moves between states that are solved, see docs/model.md
 _RATIO = 1e-2  # by which a conductance changes meanwhile
 _FAR = 1e6  # steps
+_BYTES = 64.0  # for each two points of a state
 
 
 def moving_rows(
@@ -86,6 +88,7 @@ def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
     if 2 * np.count_nonzero(chosen) > len(path):
         chosen[:] = True
     solved = np.flatnonzero(chosen)
+    _check_memory(touching[0], min(len(solved), _AT_ONCE))
     found = merge(sheet.layout, [touching[row] for row in solved])
     unlike = np.flatnonzero((found.leads[1:] != found.leads[:-1]).any(axis=1))
     for gap in unlike[np.diff(solved)[unlike] > 1]:
@@ -111,6 +114,12 @@ def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
     out = voltages[: len(path)]
     out[between] += share[between] * (voltages[len(path) :] - out[between])
     return out
+
+
+def _check_memory(contacts, states):
+    points = sum(len(patches[1]) for patches, _ in contacts)
+    what = f"contacts: {len(contacts)}, in {points} patches that change,"
+    memory.check(_BYTES * states * points**2, what)
 
 
 def _path(touching):
