@@ -237,6 +237,7 @@ def test_defects_scene_names_every_defect():
     defects = load_scene("defects").defects
     assert all(vars(defects).values())
     assert all(vars(defects.sheet).values())
+    assert all(vars(defects.channels).values())
 
 
 @pytest.mark.parametrize(

@@ -231,4 +231,6 @@ def _short(value):
         value = vars(value)
     if isinstance(value, dict):
         return ", ".join(f"{k} {_short(v)}" for k, v in value.items())[:120]
+    if isinstance(value, list) and any(isinstance(each, dict) for each in value):
+        return "; ".join(map(_short, value))[:120]
     return str(value)[:120]
