@@ -1,5 +1,8 @@
 """The reference model: converged, in agreement with the closed form, symmetric, any outline and form."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -122,3 +125,28 @@ def test_nothing_touches():
 def test_a_bare_conductor_on_an_electrode_is_refused():
     with pytest.raises(InputError, match="a bare conductor touches an electrode"):
         ReferenceSheet(GRID).solve([(disc((0.0, 0.0), 0.005), np.inf)])
+
+
+AFTERWARDS = """
+import os, signal
+from tomotactile_ros.bench.reference import ReferenceSheet, disc
+from tomotactile_ros.layout import equal_grid
+
+ReferenceSheet(equal_grid(2, 2, (0.1, 0.1), 0.0025, 1e4, margin=0.01)).solve(
+    [(disc((0.013, 0.021), 0.005), 2.0)]
+)
+for provoke in (lambda: os.write(write, b"x"), lambda: os.kill(os.getpid(), signal.SIGINT)):
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        provoke()
+    except (BrokenPipeError, KeyboardInterrupt) as error:
+        print(type(error).__name__)
+"""
+
+
+def test_the_process_still_survives_closed_pipes_and_ctrl_c():
+    """Gmsh lets both end it, and the next write to a socket that the other side closed as well."""
+    command = [sys.executable, "-c", AFTERWARDS]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.stdout.split() == ["BrokenPipeError", "KeyboardInterrupt"], done

@@ -8,6 +8,7 @@ are small at rims and grow with the distance from them.
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -112,7 +113,10 @@ def _gmsh():
         raise InputError(f"the reference model needs Gmsh: {_NEEDED}") from None
     except OSError as error:  # the wheel needs libraries of the system, such as libGLU
         raise InputError(f"the reference model needs Gmsh, which does not start: {error}") from None
+    before = {number: signal.getsignal(number) for number in (signal.SIGPIPE, signal.SIGINT)}
     gmsh.initialize(readConfigFiles=False, interruptible=False)
+    for number, handler in before.items():  # of which Gmsh makes what ends the process
+        signal.signal(number, handler)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
