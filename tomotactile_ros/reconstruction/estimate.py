@@ -163,7 +163,7 @@ def contacts_and_pressure(blobs, values, found, law, grid):
         force = float(law.pressure(strength.conductance / area)) * area
         radius = float(np.sqrt((area if strength.is_disc else blob.area) / np.pi))
         if strength.is_disc:
-            pixels, shape = _disc(strength.position, radius, grid)
+            pixels, shape = disc_cells(strength.position, radius, grid)
         else:
             pixels, shape = blob.pixels, np.maximum(values[blob.pixels], 0.0)
             area = np.count_nonzero(shape) * grid.cell_area
@@ -176,7 +176,7 @@ def contacts_and_pressure(blobs, values, found, law, grid):
     return sorted(contacts, key=lambda contact: -contact.force), pressure
 
 
-def _disc(position, radius, grid):
+def disc_cells(position, radius, grid):
     """Pixels (n,) that a disc covers, and the part of each that it does: 1 within, falling over the rim's cell."""
     distance = np.hypot(*(grid.pixels - position).T)
     covered = np.clip((radius - distance) / np.sqrt(grid.cell_area) + 0.5, 0.0, 1.0)

@@ -77,6 +77,15 @@ class GroundedSheet:
         np.fill_diagonal(block, self.impedance[chosen])
         return block
 
+    def readings(self, conductances: np.ndarray) -> np.ndarray:
+        """(n, n) v / V0 by (a) and (b) where the points have `conductances` (K,), S; row l with electrode l grounded."""
+        touching = np.flatnonzero(conductances > 0)
+        share = self.share[:, touching]
+        block = self.among(touching) + np.diag(1 / conductances[touching])
+        admittance = self.admittance + share @ np.linalg.solve(block, share.T)
+        impedance = np.linalg.inv(admittance)
+        return 1 - impedance / impedance.diagonal()[:, None]
+
 
 class RecentBlock:
     """D between pixels, kept from call to call: of contacts that move slowly only a few pixels are new."""

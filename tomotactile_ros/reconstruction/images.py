@@ -27,11 +27,12 @@ _LEAST = 0.02  # conductance of a contact, in parts of the strongest
 
 @dataclass
 class Image:
-    """values (K,), S; its blobs; how strongly each conducts."""
+    """values (K,), S; its blobs; how strongly each conducts; the image before it was smoothed, g of each pixel, if any."""
 
     values: np.ndarray
     blobs: list[Blob]
     strengths: list[Strength]
+    exact: np.ndarray | None = None
 
 
 class ImageMaker:
@@ -65,6 +66,7 @@ class ImageMaker:
         exact = conductance_image(local, measured, sharp, self.memories[1], self._recent)
         values = spread(exact, grid, width)
         image = self.described(local, measured, values, point_area, exact, resolved=True)
+        image.exact = exact
         for blob, strength in zip(image.blobs, image.strengths):
             if strength.is_disc:
                 _draw(values, blob, strength, width, grid)

@@ -10,6 +10,7 @@ import numpy as np
 
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.reconstruction.channels import (
@@ -20,15 +21,17 @@ from tomotactile_ros.reconstruction.channels import (
     swapped_channels,
 )
 from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
-from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure
+from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure, disc_cells
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
 from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
 from tomotactile_ros.reconstruction.rows import scanned_rows
-from tomotactile_ros.reconstruction.settings import Result, Settings
+from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
+ESTIMATED = ("accurate",)  # profiles whose contacts are estimated, not read from an image
+_EXPLAINED = 5e-3  # of the readings' sum of squares that an image of wide contacts may leave: 7 % of each
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -42,7 +45,7 @@ class Pipeline:
     report : one line for the log
     """
 
-    def __init__(self, layout: Layout, settings: Settings, *, model: Model | None = None):
+    def __init__(self, layout: Layout, settings: Settings, *, model: Model | None = None, estimator=None):
         self.layout, self.settings = layout, settings
         if max(settings.excluded, default=0) >= layout.electrodes:
             raise InputError(
@@ -68,6 +71,20 @@ class Pipeline:
         if settings.profile == "auto":
             self.profile, self.report = self._measure_profiles()
         self._make_image = ImageMaker(self.profile, self._model, settings.contact_radius)
+        self._estimator, self._state = None, State()
+        if self.profile in ESTIMATED and settings.regularization is None:
+            self._estimator = estimator or self._make_estimator()
+
+    def _make_estimator(self) -> Estimator:
+        settings = self.settings
+        return Estimator(
+            self.layout,
+            noise=settings.noise,
+            law=settings.contact_law,
+            radius=settings.contact_radius,
+            model=settings.model,
+            excluded=settings.excluded,
+        )
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
@@ -85,12 +102,17 @@ class Pipeline:
         valid = np.isfinite(stack)
         total = np.where(valid, stack, 0.0).sum(axis=0)
         self._baseline = total / np.maximum(np.count_nonzero(valid, axis=0), 1)
-        self._make_image.forget()
+        self._forget()
 
     def untare(self) -> None:
         """Forget the tare."""
         self._baseline = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start the next frame from scratch."""
         self._make_image.forget()
+        self._state.forget()
 
     def process(self, voltages, grounded, drive_voltage: float) -> Result:
         """Reconstruct one frame.
@@ -104,6 +126,95 @@ class Pipeline:
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
+        if self._estimator is not None:
+            return self._estimated(voltages, grounded, drive_voltage)
+        return self._imaged(voltages, grounded, drive_voltage)
+
+    def _estimated(self, voltages, grounded, drive_voltage) -> Result:
+        """What the estimator says; wide contacts as the image shows them, if that explains the readings."""
+        estimate = self._estimate(voltages, grounded, drive_voltage)
+        if estimate.state != "valid":
+            estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
+        bad = np.zeros(self.layout.electrodes, bool)
+        bad[list(estimate.left_out)] = True
+        if estimate.state != "valid":
+            return self._wide(voltages, grounded, drive_voltage) or self._withheld(estimate, bad)
+        idle = not estimate.contacts
+        contacts = [_reported(each) for each in estimate.contacts]
+        pressure = np.zeros(len(self.grid.pixels))
+        conductance = np.zeros_like(pressure)
+        for each in estimate.parts:
+            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
+            covered = covered / covered.sum()
+            pressure[pixels] += each.force * covered / self.grid.cell_area
+            conductance[pixels] += each.conductance * covered
+        typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
+        potential = drive_voltage * np.minimum(conductance * typical, 1.0)
+        return Result(
+            self.grid.fill(potential),
+            self.grid.fill(pressure),
+            contacts,
+            _numbers(bad),
+            idle,
+            0.0,
+            misfit=estimate.misfit,
+            faults=estimate.left_out,
+        )
+
+    def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
+        """The estimate without channels whose couplings no sheet has, swapped wires for example, if that explains more."""
+        bad = self._read(voltages, grounded, drive_voltage)[1]
+        bad[list(estimate.left_out)] = False
+        if not bad.any():
+            return estimate
+        kept = np.array(voltages, float)
+        kept[:, bad] = np.nan
+        kept[bad[np.asarray(grounded)]] = np.nan
+        again = self._estimate(kept, grounded, drive_voltage)
+        if again.state != "valid":
+            return estimate
+        again.left_out.update(dict.fromkeys(_numbers(bad), "its couplings contradict all others"))
+        return again
+
+    def _wide(self, voltages, grounded, drive_voltage) -> Result | None:
+        """What the image shows of contacts that no few discs explain; None where it does not explain the readings either."""
+        frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
+        if measured is None or bad.any() or np.isnan(frame[~np.eye(len(frame), dtype=bool)]).any():
+            return None
+        image = self._make_image(local, measured)
+        if image.exact is None or not (image.exact > 0).any():
+            return None
+        left = frame / drive_voltage - local.meter.sheet.readings(image.exact)
+        np.fill_diagonal(left, 0.0)
+        np.fill_diagonal(frame, 0.0)
+        if (left**2).sum() > _EXPLAINED * ((frame / drive_voltage) ** 2).sum():
+            return None
+        return self._imaged(voltages, grounded, drive_voltage)
+
+    def _estimate(self, voltages, grounded, drive_voltage):
+        frame = ordered(self.layout, voltages, grounded)
+        if self._baseline is not None:
+            frame = frame - self._baseline
+        rows = np.asarray(grounded, int)
+        return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state)
+
+    def _withheld(self, estimate, bad) -> Result:
+        unknown = self.grid.fill(np.full(len(self.grid.pixels), np.nan))
+        return Result(
+            unknown,
+            unknown.copy(),
+            [],
+            _numbers(bad),
+            False,
+            0.0,
+            state=estimate.state,
+            reason=estimate.reason,
+            misfit=estimate.misfit,
+            faults=estimate.left_out,
+        )
+
+    def _imaged(self, voltages, grounded, drive_voltage) -> Result:
+        """The image, and contacts from its blobs."""
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
         if measured is None:
             self._make_image.forget()
@@ -136,6 +247,13 @@ class Pipeline:
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
         """How strongly each contact of a frame conducts, strongest first; arguments as for `process`."""
         drive_voltage = check_drive_voltage(drive_voltage)
+        if self._estimator is not None:
+            estimate = self._estimate(voltages, grounded, drive_voltage)
+            found = [
+                Strength(np.array([each.x, each.y]), each.conductance, each.area, True)
+                for each in estimate.contacts
+            ]
+            return sorted(found, key=lambda strength: -strength.conductance)
         _, _, local, measured = self._read(voltages, grounded, drive_voltage)
         found = [] if measured is None else self._make_image(local, measured).strengths
         return sorted(found, key=lambda strength: -strength.conductance)
@@ -164,7 +282,7 @@ class Pipeline:
         return choose(median_times(works), self.settings.deadline)
 
     def _process_anew(self, *frame):
-        self._make_image.forget()
+        self._forget()
         return self.process(*frame)
 
     def _measure(self, frame, bad, drive_voltage):
@@ -234,6 +352,21 @@ def _check_memory(electrodes: int, resolution: int) -> None:
     """Measured: 18 arrays of electrodes x cells and 100 of electrodes x electrodes."""
     needed = 8.0 * electrodes * (18.0 * resolution**2 + 100.0 * electrodes)
     memory.check(needed, f"layout: {electrodes} electrodes at resolution {resolution}")
+
+
+def _reported(contact) -> ContactEstimate:
+    """The estimator's contact as a result shows it."""
+    return ContactEstimate(
+        contact.x,
+        contact.y,
+        contact.force,
+        contact.pressure,
+        contact.area,
+        contact.radius,
+        contact.covariance,
+        contact.force_std,
+        contact.probability,
+    )
 
 
 def _numbers(bad) -> tuple[int, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -73,7 +74,11 @@ class Settings:
 class ContactEstimate:
     """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m).
 
-    Peak and area are those of the pressure image, whose integral over the contact is the force.
+    In `fast` peak and area are those of the pressure image, whose integral over the contact is the force; in
+    `balanced` and `accurate` those of the contact.
+
+    position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there. NaN where
+        nothing was estimated of them.
     """
 
     x: float
@@ -82,6 +87,9 @@ class ContactEstimate:
     pressure: float
     area: float
     radius: float
+    position_covariance: tuple[float, float, float, float] = (math.nan,) * 4
+    force_std: float = math.nan
+    probability: float = math.nan
 
 
 @dataclass
@@ -96,6 +104,10 @@ class Result:
     excluded : electrodes that were left out of this frame.
     idle : nothing above the noise; the image is zero.
     regularization : lambda_J^2 in use.
+    state : `valid`, or `withheld`: nothing explains the readings, and `reason` says why. Then there are no contacts and
+        the image is NaN: that is not the same as nothing that touches.
+    misfit : chi-squared per reading, about 1 where noise alone is left; NaN where nothing was fitted.
+    faults : {electrode: why its channel is left out}
     """
 
     potential: np.ndarray
@@ -104,3 +116,7 @@ class Result:
     excluded: tuple[int, ...]
     idle: bool
     regularization: float
+    state: str = "valid"
+    reason: str = ""
+    misfit: float = math.nan
+    faults: dict[int, str] = field(default_factory=dict)

@@ -1,0 +1,373 @@
+"""The estimator's forward model, its derivatives, its solver and how sure it is of what it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
+from tomotactile_ros.estimation.touch import patches_for, touches
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.reconstruction.grounded import GroundedSheet
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.simulation import Simulator
+
+E, DRIVE = 16, 3.3
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.0025, 1e4)
+OPERATOR = SheetOperator(LAYOUT)
+ALL = np.arange(E)
+OFF = ~np.eye(E, dtype=bool)
+LAW = ContactLaw(1e-4, 1.0)
+DISC = np.array([[True] * 4 + [False] * 2])
+
+
+def contact(x, y, radius=0.005, pressure=2e4, operator=OPERATOR):
+    """(6,) parameters of a disc that presses, and its number of patches."""
+    across = patches_for(radius, operator.pitch)
+    form = np.array([x, y, 0.0, np.log(radius), 0.0, 0.0])
+    (touch,), _ = touches(
+        operator, form[None], [across], np.zeros((1, 6), bool), np.zeros(operator.modes)
+    )
+    g = float(LAW.conductance(pressure)) * np.pi * radius**2
+    form[2] = -np.log(1 / g + touch.mean)
+    return form, across
+
+
+def pressed(*contacts, free=None, operator=OPERATOR):
+    forms, across = zip(*contacts)
+    forms = np.array(forms)
+    free = np.ones(forms.shape, bool) if free is None else free
+    return Unknowns.at_rest(operator).with_contacts(forms, across, free)
+
+
+def imperfect(unknowns, seed=1):
+    """The same on an uneven sheet, with channels that are all off."""
+    random = np.random.default_rng(seed)
+    return replace(
+        unknowns,
+        sheet=0.07 * random.standard_normal(OPERATOR.modes),
+        gain=1 + 0.02 * random.standard_normal(E),
+        offset=1e-3 * random.standard_normal(E),
+        resistance=200 * random.random(E),
+    )
+
+
+def readings(unknowns, operator=OPERATOR):
+    return Prediction(operator, unknowns, np.arange(operator.count)).readings
+
+
+def difference(unknowns, name, index, step):
+    """(E, E) central difference of the readings by one number."""
+    sides = []
+    for sign in (1, -1):
+        values = getattr(unknowns, name).copy()
+        values[index] += sign * step
+        sides.append(readings(replace(unknowns, **{name: values})))
+    return (sides[0] - sides[1]) / (2 * step)
+
+
+def prior(operator=OPERATOR, **channels):
+    return Prior.unknown(operator, ChannelPrior(**channels), 0.005, DRIVE)
+
+
+def rows_of(voltages, noise=3e-4):
+    weights = np.where(np.isnan(voltages), 0.0, (DRIVE / noise) ** 2)
+    np.fill_diagonal(weights, 0.0)
+    return Rows(np.nan_to_num(voltages) / DRIVE, weights, np.arange(len(voltages)))
+
+
+APART = pressed(contact(0.03, 0.02, 0.006), contact(-0.05, -0.04, 0.012, 5e3))
+PLACES = {
+    "between": APART,
+    "weak": pressed(contact(0.03, 0.02, 0.004, 5e2)),
+    "hard": pressed(contact(0.01, -0.02, 0.008, 2e5)),
+    "across an electrode's rim": pressed(contact(-0.0655, 0.0333, 0.004)),
+    "near each other": pressed(contact(0.03, 0.02, 0.005), contact(0.045, 0.02, 0.005)),
+    "across the sheet's rim": pressed(contact(0.0985, 0.02, 0.005)),
+}
+MUTUAL = pytest.mark.xfail(
+    reason="D between patches of two contacts is held when one moves", strict=True
+)
+CASES = [pytest.param(name, marks=MUTUAL if name == "near each other" else ()) for name in PLACES]
+
+
+@pytest.mark.parametrize("where", CASES)
+def test_derivatives_by_contacts(where):
+    """By forward differences over 0.1 mm and 2 %: to some per cent."""
+    unknowns = imperfect(PLACES[where])
+    found = iter(Prediction(OPERATOR, unknowns, ALL).contact_columns())
+    for i in range(len(unknowns.contacts)):
+        steps = [2e-5, 2e-5, 1e-4, 1e-4, 1e-4, 1e-4]
+        true = [difference(unknowns, "contacts", (i, j), step) for j, step in enumerate(steps)]
+        strength = np.abs(true[2]).max()
+        for each in true:
+            limit = 0.08 * np.abs(each).max() + 0.01 * strength
+            assert np.abs(next(found) - each).max() < limit
+        np.testing.assert_allclose(
+            Prediction(OPERATOR, unknowns, ALL).contact_columns()[6 * i + 2], true[2], atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("where", [name for name in PLACES if name != "near each other"])
+def test_derivatives_by_the_sheet(where):
+    unknowns = imperfect(PLACES[where])
+    found = Prediction(OPERATOR, unknowns, ALL).sheet_columns()
+    true = np.array([difference(unknowns, "sheet", j, 1e-4) for j in range(OPERATOR.modes)])
+    assert np.abs(found - true).max() < 0.02 * np.abs(true).max()
+
+
+def test_a_step_is_that_of_all_unknowns_together():
+    """Channels are eliminated (Schur complement); a dense system gives the same."""
+    truth = imperfect(PLACES["between"])
+    random = np.random.default_rng(2)
+    noise = 1e-3
+    rows = Rows(
+        readings(truth) + noise * random.standard_normal((E, E)), np.full((E, E), noise**-2.0), ALL
+    )
+    rows.weights[~OFF] = 0.0
+    rows.weights[3, 7:12] = 0.0
+    here = replace(
+        truth,
+        gain=truth.gain + 1e-3 * random.standard_normal(E),
+        offset=truth.offset + 1e-4 * random.standard_normal(E),
+        resistance=truth.resistance + 300.0,  # far from 0, where it is cut off
+        free=np.array([[True, True, True, False, False, False]] * 2),
+    )
+    before = prior()
+    fit = Fit(OPERATOR, here, rows, before)
+    columns = [*fit.prediction.contact_columns(), *fit.prediction.sheet_columns()]
+    spread = [np.array([1 / 0.2, 1 / 0.2, 0.1] * 2) ** -1.0, before.sheet_deviation]
+    off = [np.zeros(6), here.sheet]
+    for k, (name, step) in enumerate((("gain", 1e-5), ("offset", 1e-5), ("resistance", 0.1))):
+        columns += [difference(here, name, j, step) for j in range(E)]
+        spread.append(before.deviations[k])
+        off.append(getattr(here, name) - getattr(before, name))
+    spread, off = np.concatenate(spread), np.concatenate(off)
+    root = np.sqrt(rows.weights).ravel()
+    design = np.array(columns).reshape(len(columns), -1) * root
+    normal = design @ design.T + np.diag(spread**-2.0)
+    right = design @ (root * fit.misfit.ravel()) - off / spread**2
+    step = np.linalg.solve(normal, right)
+    reached = fit.linearised().step(0.0)
+    got = np.concatenate(
+        [
+            (reached.contacts - here.contacts)[:, :3].ravel(),
+            *(
+                getattr(reached, n) - getattr(here, n)
+                for n in ("sheet", "gain", "offset", "resistance")
+            ),
+        ]
+    )
+    deviation = np.sqrt(np.linalg.inv(normal).diagonal())
+    positive = np.ones(len(step), bool)
+    positive[-E:] = reached.resistance > 0  # others are cut off
+    assert positive[-E:].sum() > E / 2
+    np.testing.assert_allclose((got / deviation)[positive], (step / deviation)[positive], atol=1e-4)
+    own = fit.linearised().covariance()
+    np.testing.assert_allclose(np.sqrt(own.diagonal()), deviation[:6], rtol=2e-3)
+
+
+def test_impedance_is_reciprocal_and_currents_balance():
+    np.testing.assert_allclose(OPERATOR.admittance, OPERATOR.admittance.T, atol=1e-18)
+    unknowns = imperfect(APART)
+    for sheet in (np.zeros(OPERATOR.modes), unknowns.sheet):
+        y0 = OPERATOR.admittance_of(sheet)
+        np.testing.assert_allclose(y0.sum(axis=1), 0.0, atol=1e-12 * y0.max())
+        np.testing.assert_allclose(y0, y0.T, atol=1e-12 * y0.max())
+    np.testing.assert_allclose(
+        OPERATOR.admittance_change(unknowns.sheet).sum(axis=2), 0.0, atol=1e-16
+    )
+    places = np.array([[0.01, 0.03], [0.09, -0.05], [-0.0333, 0.0333]])
+    share, own = OPERATOR.points(places, np.full(3, 0.003))
+    np.testing.assert_allclose(share.sum(axis=0), 1.0, atol=1e-9)
+    assert (own >= 0).all()
+    np.testing.assert_allclose(
+        OPERATOR.share_added(unknowns.sheet, places).sum(axis=0), 0.0, atol=1e-9
+    )
+    z = Prediction(OPERATOR, unknowns, ALL).impedance
+    np.testing.assert_allclose(z, z.T, rtol=1e-12)
+    ideal = replace(unknowns, gain=np.ones(E), offset=np.zeros(E), resistance=np.zeros(E))
+    v = readings(ideal)
+    np.testing.assert_allclose(v.diagonal(), 0.0, atol=1e-12)
+    assert (v[OFF] > 0).all() and (v < 1).all()
+
+
+def test_operator_is_that_of_the_transfer_object():
+    """Equation b's parts from the oracle beside it."""
+    places, radii = np.array([[0.01, 0.03], [0.07, -0.05]]), np.full(2, 0.004)
+    oracle = GroundedSheet(OPERATOR.sheet.transfer(places, radii))
+    share, own = OPERATOR.points(places, radii)
+    np.testing.assert_allclose(share, oracle.share, atol=1e-9)
+    np.testing.assert_allclose(own, oracle.impedance, rtol=1e-9)
+    np.testing.assert_allclose(OPERATOR.admittance, oracle.admittance, atol=1e-15)
+
+
+def test_a_factor_of_all_conductances_leaves_readings_unchanged():
+    other = SheetOperator(equal_grid(4, 4, (0.2, 0.2), 0.0025, 2e4))
+    halved = replace(APART, contacts=APART.contacts - np.log(2) * np.eye(6)[2])
+    np.testing.assert_allclose(readings(halved, other), readings(APART), atol=1e-9)
+
+
+def test_readings_of_a_frame_of_finite_elements():
+    contacts = (
+        Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4),
+        Contact("disc", center=(-0.05, -0.04), radius=0.012, pressure=5e3),
+    )
+    frame = Simulator(LAYOUT, Scene("test", DRIVE, contacts, LAW)).ideal_frame(0.0)
+    assert np.abs(DRIVE * readings(APART) - frame)[OFF].max() < 0.02
+
+
+@pytest.mark.parametrize("uneven", [0.05, 0.15])
+def test_an_uneven_sheet_of_finite_elements(uneven):
+    """Change of Y0 by a field of the prior: what first order in its logarithm leaves is a tenth."""
+    random = np.random.default_rng(0)
+    sheet = uneven * random.standard_normal(OPERATOR.modes)
+    sheet[-2:] = 0.0
+    even, other = (
+        GroundedSheet(model.transfer(np.zeros((1, 2)), np.full(1, 0.001))).admittance
+        for model in (
+            FemSheet(LAYOUT),
+            FemSheet(LAYOUT, resistance=lambda p: 1e4 * np.exp(-OPERATOR.field_at(p) @ sheet)),
+        )
+    )
+    change = OPERATOR.admittance_of(sheet) - OPERATOR.admittance
+    assert np.linalg.norm(change - (other - even)) < 0.15 * np.linalg.norm(other - even)
+
+
+def test_the_limit_of_weak_contacts_is_linear():
+    form, across = contact(0.03, 0.02)
+    seen = []
+    for log_c in (-18.0, -20.0):
+        unknowns = pressed(([*form[:2], log_c, *form[3:]], across))
+        prediction = Prediction(OPERATOR, unknowns, ALL)
+        assert prediction.conductances[0] == pytest.approx(np.exp(log_c), rel=0.01)
+        seen.append(prediction.readings / np.exp(log_c))
+    np.testing.assert_allclose(seen[0], seen[1], rtol=2e-3, atol=1.0)
+    assert seen[1][OFF].min() > 0
+
+
+@pytest.mark.xfail(
+    reason="Y is inverted as it is, singular to rounding", strict=True, raises=np.linalg.LinAlgError
+)
+def test_a_contact_of_no_strength_at_all_is_no_error():
+    form, across = contact(0.03, 0.02)
+    assert np.isfinite(readings(pressed(([*form[:2], -60.0, *form[3:]], across)))).all()
+
+
+def test_no_contact_reads_nothing():
+    np.testing.assert_allclose(readings(Unknowns.at_rest(OPERATOR)), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.01])
+def test_the_limit_of_a_bare_conductor(radius):
+    """However hard: g grows and stays finite, readings end at those of the bare conductor."""
+    bare = Contact("disc", center=(0.03, 0.02), radius=radius)
+    frame = Simulator(LAYOUT, Scene("test", DRIVE, (bare,))).ideal_frame(0.0)
+    form, across = contact(0.03, 0.02, radius)
+    last = 0.0
+    for log_c in (-9.0, -8.0, -7.0, -5.0, 0.0):
+        prediction = Prediction(OPERATOR, pressed(([*form[:2], log_c, *form[3:]], across)), ALL)
+        assert np.isfinite(prediction.readings).all()
+        assert prediction.conductances[0] > last
+        last = prediction.conductances[0]
+    assert np.abs(DRIVE * prediction.readings - frame)[OFF].max() < 0.02
+
+
+def test_what_channels_do_to_readings():
+    unknowns = imperfect(APART)
+    ideal = replace(unknowns, gain=np.ones(E), offset=np.zeros(E))
+    np.testing.assert_allclose(
+        readings(unknowns), readings(ideal) * unknowns.gain + unknowns.offset, atol=1e-12
+    )
+    z = Prediction(OPERATOR, unknowns, ALL).impedance
+    expected = 1 - z / (z.diagonal() + unknowns.resistance)[:, None]
+    np.testing.assert_allclose(readings(ideal), expected, atol=1e-12)
+
+
+def test_rows_in_any_order_and_number():
+    unknowns = imperfect(APART)
+    some = np.array([7, 2, 2, 13])
+    np.testing.assert_array_equal(
+        Prediction(OPERATOR, unknowns, some).readings, readings(unknowns)[some]
+    )
+
+
+def test_a_floating_electrode_is_one_that_is_never_there():
+    """15 electrodes read what they read among 16, but for the bound of g near 1/c = D."""
+    used = np.delete(ALL, 5)
+    fewer = SheetOperator(LAYOUT, used=used)
+    a, b = (0.03, 0.02), (-0.05, -0.04)
+    forms = [contact(*a, 0.006, operator=fewer), contact(*b, 0.012, 5e3, operator=fewer)]
+    got = readings(pressed(*forms, operator=fewer), fewer)
+    np.testing.assert_allclose(got, readings(APART)[np.ix_(used, used)], atol=4e-4)
+
+
+def simulated(truth, noise, seed):
+    """`Rows` of the model's own readings with Gaussian noise, parts of V0."""
+    random = np.random.default_rng(seed)
+    return rows_of(
+        DRIVE * (readings(truth) + noise * random.standard_normal((E, E))), DRIVE * noise
+    )
+
+
+@pytest.mark.xfail(
+    reason="Linear.step: promised leaves out what the channels' own step takes off", strict=True
+)
+def test_solver_returns_to_the_truth_from_afar():
+    """Misfit that resistances to ground explain in part, too, must not end the iteration."""
+    truth = pressed(contact(-0.0145, 0.0476, 0.002), free=DISC)
+    rows = simulated(truth, 1e-6, 0)
+    rows = replace(rows, weights=np.where(rows.weights > 0, 3e-4**-2.0, 0.0))
+    start = replace(truth, contacts=truth.contacts + [[0.003, -0.003, 0.2, 0.3, 0.0, 0.0]])
+    fit = solve(OPERATOR, start, rows, prior(), 30)
+    assert fit.chi_squared < 0.1 * rows.count
+    np.testing.assert_allclose(fit.unknowns.contacts[0, :2], truth.contacts[0, :2], atol=1e-4)
+
+
+def test_every_step_of_the_solver_lowers_the_cost():
+    rows = simulated(imperfect(APART), 3e-4, 1)
+    start = replace(APART, contacts=APART.contacts + 0.2 * np.array([0.02, -0.02, 1, 1, 0, 0]))
+    costs = [Fit(OPERATOR, start, rows, prior()).cost]
+    costs += [solve(OPERATOR, start, rows, prior(), steps).cost for steps in (1, 2, 4, 8)]
+    assert (np.diff(costs) <= 0).all() and costs[-1] < 0.01 * costs[0]
+
+
+def test_regions_of_95_per_cent_hold_the_truth():
+    """Sheet and channels drawn from their priors, noise 1 mV: the model's own promise."""
+    random = np.random.default_rng(5)
+    before = replace(
+        prior(gain=0.02, offset=0.003, resistance=40.0),
+        resistance=np.full(E, 150.0),
+        sheet_deviation=0.5 * OPERATOR.deviation,
+        spread=0.4,
+    )
+    trials, held = 40, np.zeros(3)
+    for trial in range(trials):
+        radius = 0.005 * np.exp(0.4 * random.standard_normal())
+        place = random.uniform(-0.08, 0.08, 2)
+        form = contact(*place, radius, random.uniform(5e3, 3e4))
+        gain, offset, resistance = (
+            mean + deviation * random.standard_normal(E)
+            for mean, deviation in zip((1.0, 0.0, 150.0), before.deviations)
+        )
+        truth = replace(
+            pressed(form, free=DISC),
+            sheet=before.sheet_deviation * random.standard_normal(OPERATOR.modes),
+            gain=gain,
+            offset=offset,
+            resistance=np.maximum(resistance, 0.0),
+        )
+        start = replace(pressed(form, free=DISC), resistance=before.resistance)
+        fit = solve(OPERATOR, start, simulated(truth, 3e-4, trial), before, 20)
+        off = (fit.unknowns.contacts - truth.contacts)[0, :4]
+        cov = fit.covariance
+        assert cov.shape == (4, 4)
+        inside = off[:2] @ np.linalg.solve(cov[:2, :2], off[:2]) < chi2.ppf(0.95, 2)
+        held += [inside, *(np.abs(off[2:]) < 1.96 * np.sqrt(cov.diagonal()[2:]))]
+    assert (held >= 0.86 * trials).all(), held / trials

@@ -1,0 +1,87 @@
+"""Gains, offsets and resistances to ground as unknowns of the fit, eliminated before anything is solved.
+
+They outnumber all else (three a channel), but each touches one column or one row of the readings only: the blocks of
+their normal matrix are diagonal, but for gains against resistances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+@dataclass(frozen=True)
+class ChannelPrior:
+    """Standard deviations before anything is known, and what is expected.
+
+    gain : relative; published electronics contradict reciprocity by 0.8 to 7 %
+    offset : V; the input offset of common converters and amplifiers
+    resistance : ohm; an analogue switch has some tens to hundreds
+    """
+
+    gain: float = 0.03
+    offset: float = 0.003
+    resistance: float = 200.0
+
+
+class ChannelFit:
+    """The channels' part of the normal equations of one linearisation, eliminated.
+
+    Parameters
+    ----------
+    columns (P, L, n) derivatives of the readings by all other parameters; weights (L, n); misfit (L, n)
+    slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and by the resistance of its
+        row; offsets have 1
+    rows (L,) grounded electrode of each row
+    now : gain - 1, offset, resistance (n,) each; deviations of their priors, in the same units
+    """
+
+    def __init__(self, columns, weights, misfit, slopes, rows, now, deviations):
+        gain, resistance = slopes
+        count = weights.shape[1]
+        self._count = count
+        weighted = weights * gain
+        by_row = weights * resistance * deviations[2]
+        normal = np.zeros((3 * count, 3 * count))
+        first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
+        own = np.arange(count)
+        normal[own, own] = (weighted * gain).sum(axis=0) + deviations[0] ** -2.0
+        normal[own, count + own] = normal[count + own, own] = weighted.sum(axis=0)
+        normal[count + own, count + own] = weights.sum(axis=0) + deviations[1] ** -2.0
+        np.add.at(normal, (2 * count + rows, 2 * count + rows), (by_row * resistance * deviations[2]).sum(1))
+        normal[2 * count + own, 2 * count + own] += 1.0
+        to_rows = np.zeros((count, len(rows)))
+        to_rows[rows, np.arange(len(rows))] = 1.0
+        normal[third, first] = to_rows @ (by_row * gain)
+        normal[third, second] = to_rows @ by_row
+        normal[first, third] = normal[third, first].T
+        normal[second, third] = normal[third, second].T
+        right = np.concatenate(
+            [
+                (weighted * misfit).sum(axis=0) - now[0] / deviations[0] ** 2,
+                (weights * misfit).sum(axis=0) - now[1] / deviations[1] ** 2,
+                to_rows @ (by_row * misfit).sum(axis=1) - now[2] / deviations[2],
+            ]
+        )
+        self._mixed = np.concatenate(
+            [
+                np.einsum("pln,ln->pn", columns, weighted),
+                np.einsum("pln,ln->pn", columns, weights),
+                np.einsum("pln,ln->pl", columns, by_row) @ to_rows.T,
+            ],
+            axis=1,
+        )
+        self._scale = np.concatenate([np.ones(2 * count), np.full(count, deviations[2])])
+        factor = cho_factor(normal)
+        self._right = cho_solve(factor, right)
+        self._back = cho_solve(factor, self._mixed.T)
+        self.normal = self._mixed @ self._back
+        self.right = self._mixed @ self._right
+        self.promised = float(right @ self._right)  # what the channels' own steps take off the cost
+
+    def step(self, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all else."""
+        step = (self._right - self._back @ others) * self._scale
+        return tuple(step.reshape(3, self._count))

@@ -1,0 +1,70 @@
+"""What is not known of a sheet: the logarithm of its conductance as a Gaussian random field.
+
+Two lengths: unevenness of the sheet's make, alike over a quarter of a side, and slow changes over half of one. The field is cut into cells of half a spacing, its Karhunen-Loeve modes are those of the largest variance,
+and its mean over the sheet is 0: the mean is part of the calibration, a common factor of all conductances. Two
+coefficients more tell a uniform anisotropy: half the difference of the logarithms along x and y, and along the diagonals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.layout import Layout
+
+UNEVEN = 0.15  # standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
+ANISOTROPIC = 0.15  # of half the logarithm of the ratio: 1.5 : 1 is 0.2
+_SHORT = 0.6  # part of the variance that is alike over _NEAR only
+_NEAR = 0.25  # longer sides
+_FAR = 0.5  # longer sides
+_MODES = 40  # keep 99.9 % of the variance at 8 x 8
+_CELLS = 12, 16  # along the longer side, at least and at most
+
+
+class SheetField:
+    """Cells of a sheet and the modes of its field.
+
+    centres : (C, 2) of cells, m; modes : (C, J - 2) value of each mode with variance 1
+    deviation : (J,) prior standard deviation of the coefficients
+    owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell begins
+    """
+
+    def __init__(self, layout: Layout, places: np.ndarray, areas: np.ndarray, pitch: float):
+        size = max(layout.outline.size)
+        across = int(np.clip(np.ceil(2 * size / pitch), *_CELLS))
+        cell = np.clip(((places / size + 0.5) * across).astype(int), 0, across - 1)
+        _, self.owner = np.unique(cell[:, 0] * across + cell[:, 1], return_inverse=True)
+        self.order = np.argsort(self.owner, kind="stable")
+        cells = self.owner.max() + 1
+        self.ends = np.searchsorted(self.owner[self.order], np.arange(cells + 1))
+        area = np.bincount(self.owner, areas)
+        self.centres = np.stack(
+            [np.bincount(self.owner, areas * places[:, i]) / area for i in range(2)], axis=-1
+        )
+        self._reach = 0.6 * size / across
+        squared = ((self.centres[:, None] - self.centres) ** 2).sum(axis=-1)
+        covariance = _SHORT * np.exp(-squared / (2 * (_NEAR * size) ** 2))
+        covariance += (1 - _SHORT) * np.exp(-squared / (2 * (_FAR * size) ** 2))
+        weight = area / area.sum()
+        centring = np.eye(cells) - weight
+        covariance = centring @ covariance @ centring.T
+        root = np.sqrt(weight)
+        variance, vectors = np.linalg.eigh(root[:, None] * covariance * root)
+        kept = np.argsort(-variance)[: min(_MODES, cells - 1)]
+        scale = np.sqrt(np.maximum(variance[kept], 0.0))
+        self.modes = vectors[:, kept] / root[:, None] * scale
+        self.deviation = np.full(len(kept) + 2, UNEVEN)
+        self.deviation[-2:] = ANISOTROPIC
+
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """(Q, J) the field at `places` (Q, 2), interpolated between cells."""
+        squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
+        weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * self._reach**2))
+        weights /= weights.sum(axis=1, keepdims=True)
+        out = np.zeros((len(places), len(self.deviation)))
+        out[:, :-2] = weights @ self.modes
+        return out
+
+    def cell_values(self, places: np.ndarray) -> np.ndarray:
+        """(Q, J - 2) the field of the cell that each of `places` (Q, 2) lies in."""
+        squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
+        return self.modes[squared.argmin(axis=1)]

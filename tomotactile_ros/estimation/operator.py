@@ -1,0 +1,233 @@
+"""The sheet as the electrodes see it, for contacts anywhere and for a sheet that is not quite even.
+
+All electrodes held at potentials u against the driving layer draw the currents Y u. Without contacts Y is
+Y0; contacts add H (diag(1/g) + D)^-1 H^T (`reconstruction.grounded`, equation b). Y0 is the
+Dirichlet-to-Neumann map of the sheet at its electrodes, H holds the potentials of the sheet with one
+electrode at 1 V and all others at 0 V, D the Green function with all electrodes at 0 V.
+
+A sheet whose conductance is sigma exp(m(x)) instead of sigma changes them by (first order in m)
+
+    dY0_nk = int sigma m grad H_n . grad H_k,     dH_n(x) = - int sigma m grad D_x . grad H_n
+
+and D near x by the factor exp(-m(x)). For pairs of electrodes that see each other the first is taken as a
+change of the logarithm, which is right to second order for a field that varies slowly between them. A uniform
+anisotropy exchanges m grad . grad for the difference of the parts along and across (Polydorides and Lionheart
+2002 derive such sensitivities for electrical impedance tomography).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from tomotactile_ros.estimation.field import SheetField
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.sheet.fem import FemSheet
+
+_SEEN = 2e-3  # couplings above this part of the largest admittance change by a factor, others by a sum
+_LATTICE = 21  # points along the longer side at which dH is known; it is smooth
+
+
+class SheetOperator:
+    """Layout, model of the sheet and the electrodes in use; immutable once made.
+
+    Attributes
+    ----------
+    layout : Layout
+    used : (n,) electrodes whose wires are used; all others float
+    admittance : (n, n) Y0 of the even sheet, S
+    resistance : ohm/sq
+    modes : number J of coefficients that describe an uneven sheet
+    deviation : (J,) their standard deviation before anything is known
+    """
+
+    def __init__(self, layout: Layout, model: str = "auto", used=None):
+        self.layout = layout
+        self.used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
+        self.count = len(self.used)
+        self.position = np.full(layout.electrodes, -1)
+        self.position[self.used] = np.arange(self.count)
+        self.resistance = float(layout.sheet_resistance)
+        self.sheet = make_sheet(layout, model)
+        self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
+        self.admittance = self._inverse[:-1, :-1].copy()
+        self.pitch = float(np.median(layout.pitches))
+        self._uneven()
+
+    def points(self, places: np.ndarray, radii: np.ndarray):
+        """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places` (Q, 2)."""
+        share, own, _ = self._to(places, radii)
+        return share, own
+
+    def on_demand(self, places: np.ndarray, radii: np.ndarray):
+        """H (n, Q), and a function chosen (m,) -> (m, m) of D between places, ohm; arguments as for `points`."""
+        share, own, (transfer, fed, solved) = self._to(places, radii)
+
+        def impedance(chosen):
+            block = transfer.among(chosen) - fed[:, chosen].T @ solved[:, chosen]
+            block = (block + block.T) / 2
+            np.fill_diagonal(block, own[chosen])
+            return block
+
+        return share, impedance
+
+    def _to(self, places, radii):
+        transfer = self.sheet.transfer(places, radii)
+        fed = np.vstack([transfer.electrode_point[self.used], np.ones(len(places))])
+        solved = self._inverse @ fed
+        own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, solved), 0.0)
+        return solved[:-1], own, (transfer, fed, solved)
+
+    def admittance_of(self, sheet: np.ndarray) -> np.ndarray:
+        """(n, n) Y0, S, of the sheet with coefficients `sheet` (J,)."""
+        if not sheet.any():
+            return self.admittance
+        out = self.admittance * np.exp(np.clip(np.tensordot(sheet, self._factor, 1), -2, 2))
+        return _balanced(out + np.tensordot(sheet, self._term, 1))
+
+    def admittance_change(self, sheet: np.ndarray) -> np.ndarray:
+        """(J, n, n) derivative of `admittance_of`, S."""
+        if not sheet.any():
+            return self._change
+        now = self.admittance * np.exp(np.clip(np.tensordot(sheet, self._factor, 1), -2, 2))
+        return _balanced(self._factor * now + self._term)
+
+    def share_change(self, places: np.ndarray) -> np.ndarray:
+        """(J, Q, n) derivative of H at `places` (Q, 2) by the coefficients of the sheet."""
+        return self._interpolated(self._share_change, places).transpose(1, 0, 2)
+
+    def share_added(self, sheet: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(n, Q) what the coefficients `sheet` (J,) add to H at `places` (Q, 2)."""
+        added = (sheet @ self._share_by_mode).reshape(-1, self.count)
+        return self._interpolated(added, places).T
+
+    def _interpolated(self, values, places):
+        """(Q, ...) of `values` (lattice, ...) at `places` (Q, 2), linear between four points of the lattice."""
+        corner, weight = [], []
+        for axis, lattice in enumerate(self._lattice):
+            at = (places[:, axis] - lattice[0]) / (lattice[1] - lattice[0])
+            at = np.clip(at, 0, len(lattice) - 1 - 1e-9)
+            corner.append(at.astype(int))
+            weight.append((at - corner[-1]).reshape(-1, *[1] * (values.ndim - 1)))
+        (i, j), (u, v) = corner, weight
+        wide = len(self._lattice[1])
+        first, second = i * wide + j, (i + 1) * wide + j
+        out = (1 - u) * ((1 - v) * values[first] + v * values[first + 1])
+        return out + u * ((1 - v) * values[second] + v * values[second + 1])
+
+    def field_at(self, places: np.ndarray) -> np.ndarray:
+        """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
+        return self.field.at(places)
+
+    @property
+    def modes(self) -> int:
+        return len(self.deviation)
+
+    @cached_property
+    def untouched(self) -> np.ndarray:
+        """(n, n) Z of a sheet that is as good as untouched, ohm."""
+        least = 1e-7 * np.trace(self.admittance) / self.count**2
+        inverse = np.linalg.inv(self.admittance + least)
+        return (inverse + inverse.T) / 2
+
+    def _uneven(self):
+        """Modes of the sheet and what they change, from finite elements."""
+        fem = self.sheet if self.sheet.model == "fem" else FemSheet(self.layout)
+        mesh, used = fem.mesh, self.used
+        inverse = _bordered_inverse(fem.electrode_electrode, used)
+        fed = np.vstack([fem._to_electrodes.T[used], np.ones(len(fem.where))])
+        shares = (inverse @ fed)[:-1].T[fem.unknown]
+        corners, area, slope = _gradients(mesh.points, mesh.triangles)
+        self.field = SheetField(self.layout, corners.mean(axis=1), area, self.pitch)
+        owner, order, ends = self.field.owner, self.field.order, self.field.ends
+        root = np.sqrt(area / self.resistance)[:, None, None]
+        gradient = (root * np.einsum("tcd,tcn->tdn", slope, shares[mesh.triangles]))[order]
+        cells = len(ends) - 1
+        by_cell = np.empty((cells, self.count, self.count))
+        for cell in range(cells):
+            part = gradient[ends[cell] : ends[cell + 1]].reshape(-1, self.count)
+            by_cell[cell] = part.T @ part
+        along, across = gradient[:, 0], gradient[:, 1]
+        mixed = along.T @ across
+        modes = self.field.modes
+        change = np.concatenate(
+            [
+                np.tensordot(modes.T, by_cell, 1),
+                [along.T @ along - across.T @ across, mixed + mixed.T],
+            ]
+        )
+        total = by_cell.sum(axis=0)
+        seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
+        np.fill_diagonal(seen, False)
+        self._factor = np.where(seen, change / np.where(seen, total, 1.0), 0.0)
+        self._term = np.where(seen, 0.0, change)
+        for term in self._term:
+            np.fill_diagonal(term, 0.0)
+        self._change = _balanced(self._factor * self.admittance + self._term)
+        self.deviation = self.field.deviation
+        self._shares_on_lattice(fem, inverse, fed, slope, root, gradient)
+
+    def _shares_on_lattice(self, fem, inverse, fed, slope, root, gradient):
+        mesh, order, ends = fem.mesh, self.field.order, self.field.ends
+        size = np.array(self.layout.outline.size)
+        counts = np.maximum(2, np.ceil(_LATTICE * size / size.max())).astype(int)
+        self._lattice = [np.linspace(-s / 2, s / 2, c) for s, c in zip(size, counts)]
+        places = np.stack(np.meshgrid(*self._lattice, indexing="ij"), -1).reshape(-1, 2)
+        element, weights = mesh.locate(places)
+        corners = fem.unknown[mesh.triangles[element]]
+        feed = np.zeros((len(fem.where), len(places)))
+        for corner in range(3):
+            np.add.at(feed, (corners[:, corner], np.arange(len(places))), weights[:, corner])
+        at_places = np.einsum("kce,kc->ek", fem._to_electrodes[corners], weights)[self.used]
+        at_places = np.vstack([at_places, np.ones(len(places))])
+        potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
+        field = self.field.cell_values(places)
+        flat = root * np.einsum(
+            "tcd,tcp->tdp", slope, potential[fem.unknown][mesh.triangles]
+        )
+        flat = flat[order]
+        cells = len(ends) - 1
+        by_cell = np.empty((cells, len(places), self.count))
+        for cell in range(cells):
+            part = slice(ends[cell], ends[cell + 1])
+            by_cell[cell] = -flat[part].reshape(-1, len(places)).T @ gradient[part].reshape(
+                -1, self.count
+            )
+        change = np.tensordot(self.field.modes.T, by_cell, 1)
+        change -= field.T[:, :, None] * by_cell.sum(axis=0)
+        along = -(flat[:, 0].T @ gradient[:, 0] - flat[:, 1].T @ gradient[:, 1])
+        mixed = -(flat[:, 0].T @ gradient[:, 1] + flat[:, 1].T @ gradient[:, 0])
+        change = np.concatenate([change, [along, mixed]])
+        self._share_by_mode = change.reshape(len(change), -1)
+        self._share_change = np.ascontiguousarray(change.transpose(1, 0, 2))
+
+
+def _bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(n + 1, n + 1) inverse of [G 1; 1^T 0]."""
+    system = np.ones((len(used) + 1, len(used) + 1))
+    system[:-1, :-1] = between[np.ix_(used, used)]
+    system[-1, -1] = 0.0
+    inverse = np.linalg.inv(system)
+    return (inverse + inverse.T) / 2
+
+
+def _balanced(matrices: np.ndarray) -> np.ndarray:
+    """The same (..., n, n) with diagonals that make the rows sum to 0."""
+    own = np.arange(matrices.shape[-1])
+    out = matrices.copy()
+    out[..., own, own] = 0.0
+    out[..., own, own] = -out.sum(axis=-1)
+    return out
+
+
+def _gradients(points: np.ndarray, triangles: np.ndarray):
+    """Corners (T, 3, 2), areas (T,) and gradients (T, 3, 2) of the shape functions of triangles."""
+    corners = points[triangles]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    u, v = b - a, c - a
+    area = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    edges = np.stack([c - b, a - c, b - a], axis=1)
+    slope = np.stack([-edges[:, :, 1], edges[:, :, 0]], axis=-1) / (2 * area)[:, None, None]
+    return corners, area, slope

@@ -1,0 +1,40 @@
+"""Channels that no model explains: nothing read, a reading that never changes, a switch that never closes.
+
+Only what a row or a column shows by itself is judged here; what contradicts the others shows in the misfit of the fit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
+_ALIVE = 10.0  # times as much spans a channel that sees a touch
+_OPEN = 0.25  # of the largest share of the drive voltage that is typically left at an electrode in a row
+
+
+def dead_channels(valid: np.ndarray) -> np.ndarray:
+    """(E,) channels with less than half of their readings; valid (L, E), the grounded electrode's own entries counted as read."""
+    return np.count_nonzero(valid, axis=0) < len(valid) / 2
+
+
+def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
+    """(E,) channels whose readings (L, E), V, stay the same while most others change."""
+    if len(readings) < 4:
+        return np.zeros(readings.shape[1], bool)
+    low = np.where(valid, readings, np.inf).min(axis=0)
+    high = np.where(valid, readings, -np.inf).max(axis=0)
+    span = np.where(np.isfinite(high - low), high - low, 0.0)
+    alive = np.median(span) > _ALIVE * _STUCK * noise
+    return (span < _STUCK * noise) & alive
+
+
+def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
+    """(L,) rows in which nothing seems to be grounded: all electrodes are at the drive voltage.
+
+    left (L, E) drive voltage minus reading, in parts of the drive voltage, as `noise` is.
+    """
+    counts = np.maximum(np.count_nonzero(valid, axis=1), 1)
+    largest = np.where(valid, left, 0.0).max(axis=1)
+    typical = np.median(largest)
+    touched = np.median(np.where(valid, left, 0.0).sum(axis=1) / counts) < 1 - _ALIVE * noise
+    return (largest < _OPEN * typical) & touched & (largest < _ALIVE * noise)

@@ -1,0 +1,264 @@
+"""The one solver: maximum a posteriori of contacts, sheet and channels by Gauss-Newton with Levenberg's damping.
+
+Minimises the sum of ((reading - prediction) / noise)^2 and of what the priors take for each unknown (Tarantola 2005,
+chapter 3). Channels are eliminated first; the damping acts on contacts alone, the rest is nearly linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, SHEAR, STRETCH, X, Y
+
+_CONVERGED = 0.05  # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
+STEPS = 12  # at most, from one start
+_TRIES = 6  # of damping in one step
+_FEW_TRIES, _LITTLE = 2, 0.02  # after so many tries a step that promises less of the cost is not insisted on
+_LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
+_FIRST_DAMPING = 1e-3
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What was read: L rows of the n electrodes in use.
+
+    readings (L, n) in parts of V0; weights (L, n) one over the variance of the noise, 0 where nothing was read
+    grounded (L,) electrode in use that is grounded in each row
+    """
+
+    readings: np.ndarray
+    weights: np.ndarray
+    grounded: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return int(np.count_nonzero(self.weights))
+
+    def part(self, chosen) -> Rows:
+        """Only the rows `chosen`."""
+        return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen])
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is expected before the readings.
+
+    mean, deviation : of contacts' logarithm of the radius (median m, factor as a logarithm)
+    stretch : standard deviation of p and q of a contact that is no disc
+    channels : `ChannelPrior`, and V0 that its offsets are compared with
+    sheet, sheet_deviation (J,) ; gain, offset, resistance (n,): means; learned means have deviations of their own
+    """
+
+    radius: float
+    spread: float
+    stretch: float
+    sheet: np.ndarray
+    sheet_deviation: np.ndarray
+    gain: np.ndarray
+    offset: np.ndarray
+    resistance: np.ndarray
+    deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @classmethod
+    def unknown(cls, operator: SheetOperator, channels: ChannelPrior, radius: float, drive: float) -> Prior:
+        """Nothing has been learned of this sensor."""
+        count = operator.count
+        return cls(
+            radius,
+            0.6,
+            0.25,
+            np.zeros(operator.modes),
+            operator.deviation,
+            np.ones(count),
+            np.zeros(count),
+            np.zeros(count),
+            (
+                np.full(count, channels.gain),
+                np.full(count, channels.offset / drive),
+                np.full(count, channels.resistance),
+            ),
+        )
+
+
+class Fit:
+    """A point with its misfit.
+
+    Attributes
+    ----------
+    unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost with the priors
+    covariance (F, F) of the contacts' free parameters, all else marginal, and the number of
+        steps that led here; None and 0 before `solve`
+    """
+
+    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior):
+        self.operator, self.unknowns, self.rows, self.prior = operator, unknowns, rows, prior
+        self.prediction = Prediction(operator, unknowns, rows.grounded)
+        self.misfit = rows.readings - self.prediction.readings
+        self.chi_squared = float((rows.weights * self.misfit**2).sum())
+        self.cost = self.chi_squared + self._of_priors()
+        self.covariance = None
+        self.steps = 0
+
+    def _of_priors(self) -> float:
+        u, prior = self.unknowns, self.prior
+        cost = (((u.sheet - prior.sheet) / prior.sheet_deviation) ** 2).sum()
+        for now, mean, deviation in zip(_channels(u), _channels(prior), prior.deviations):
+            cost += (((now - mean) / deviation) ** 2).sum()
+        contacts = u.contacts
+        cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
+        cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
+        return float(cost)
+
+    @property
+    def doubt(self) -> float:
+        """What a significant change of the cost is to be multiplied with: 1 where noise explains the misfit.
+
+        What the model lacks makes all readings of an electrode err together; its excess counts once for each.
+        """
+        excess = self.chi_squared - self.rows.count
+        return 1.0 + max(excess, 0.0) / self.operator.count
+
+    def linearised(self) -> Linear:
+        return Linear(self)
+
+
+class Linear:
+    """Normal equations at a fit, channels eliminated; `step(damping)` solves them."""
+
+    def __init__(self, fit: Fit):
+        self.fit = fit
+        u, prior, rows = fit.unknowns, fit.prior, fit.rows
+        contacts = fit.prediction.contact_columns()
+        self.free = len(contacts)
+        columns = np.concatenate([contacts, fit.prediction.sheet_columns()])
+        count = len(columns)
+        flat = columns.reshape(count, -1)
+        weighted = flat * np.sqrt(rows.weights).ravel()
+        normal = weighted @ weighted.T
+        right = weighted @ (np.sqrt(rows.weights) * fit.misfit).ravel()
+        curvature, pull = self._priors()
+        normal[np.diag_indices(count)] += curvature
+        right = right + pull
+        ratio = fit.prediction.ratio
+        slopes = 1 - ratio, u.gain * ratio / fit.prediction.own[:, None]
+        now = [a - b for a, b in zip(_channels(u), _channels(prior))]
+        self.channels = ChannelFit(
+            columns, rows.weights, fit.misfit, slopes, rows.grounded, now, prior.deviations
+        )
+        self.normal = normal - self.channels.normal
+        self.right = right - self.channels.right
+
+    def _priors(self):
+        u, prior = self.fit.unknowns, self.fit.prior
+        curvature = np.zeros(u.contacts.shape)
+        pull = np.zeros(u.contacts.shape)
+        curvature[:, X : Y + 1] = max(self.fit.operator.layout.outline.size) ** -2.0  # somewhere
+        curvature[:, CONDUCTANCE] = 1e-2  # a tenfold change is nothing unusual
+        curvature[:, RADIUS] = prior.spread**-2
+        pull[:, RADIUS] = (np.log(prior.radius) - u.contacts[:, RADIUS]) / prior.spread**2
+        curvature[:, STRETCH:] = prior.stretch**-2
+        pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
+        sheet = prior.sheet_deviation**-2.0
+        return (
+            np.concatenate([curvature[u.free], sheet]),
+            np.concatenate([pull[u.free], (prior.sheet - u.sheet) * sheet]),
+        )
+
+    def step(self, damping: float) -> Unknowns:
+        """Where the damped step leads; `promised` is then how much the cost should fall by the linear model."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        scaled = self.normal * scale[:, None] * scale
+        damped = scaled.copy()
+        damped[np.diag_indices(self.free)] += damping
+        step = scale * cho_solve(cho_factor(damped), scale * self.right)
+        self.promised = float(step @ (2 * self.right - self.normal @ step))
+        self.promised += self.channels.promised
+        longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
+        if longest > 1:
+            step = step / longest
+        return self._moved(step)
+
+    def covariance(self) -> np.ndarray:
+        """(F, F) of the contacts' free parameters."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
+        return (inverse * scale[:, None] * scale)[: self.free, : self.free]
+
+    def _by_contact(self, step):
+        out = np.zeros(self.fit.unknowns.contacts.shape)
+        out[self.fit.unknowns.free] = step[: self.free]
+        return out
+
+    def _moved(self, step):
+        u, operator = self.fit.unknowns, self.fit.operator
+        contacts = u.contacts + self._by_contact(step)
+        half = np.array(operator.layout.outline.size) / 2
+        contacts[:, X : Y + 1] = np.clip(contacts[:, X : Y + 1], -half, half)
+        largest = np.log(max(operator.layout.outline.size))
+        contacts[:, RADIUS] = np.clip(contacts[:, RADIUS], np.log(_smallest(operator)), largest)
+        contacts[:, STRETCH:] = np.clip(contacts[:, STRETCH:], -1.5, 1.5)
+        least = np.log(_LEAST * operator.admittance.diagonal().max())
+        contacts[:, CONDUCTANCE] = np.maximum(contacts[:, CONDUCTANCE], least)
+        gain, offset, resistance = self.channels.step(step)
+        return replace(
+            u,
+            contacts=contacts,
+            sheet=u.sheet + step[self.free :],
+            gain=u.gain + gain,
+            offset=u.offset + offset,
+            resistance=np.maximum(u.resistance + resistance, 0.0),
+        )
+
+
+def solve(operator: SheetOperator, start: Unknowns, rows: Rows, prior: Prior, steps: int = STEPS) -> Fit:
+    """The best fit that at most `steps` steps from `start` lead to, with its covariance."""
+    fit, damping = Fit(operator, start, rows, prior), _FIRST_DAMPING
+    for step in range(steps):
+        linear = fit.linearised()
+        better, damping = _descend(linear, damping)
+        gained = 0.0 if better is None else fit.cost - better.cost
+        if better is not None:
+            fit = better
+        if gained < _CONVERGED * fit.doubt:
+            break
+    fit.steps = step + 1
+    fit.covariance = linear.covariance() if better is None else Linear(fit).covariance()
+    return fit
+
+
+def _descend(linear: Linear, damping: float) -> tuple[Fit | None, float]:
+    """The next fit that is better, None if there is none, and the damping to begin with there."""
+    fit = linear.fit
+    for tries in range(_TRIES):
+        reached = linear.step(damping)
+        if linear.promised < _CONVERGED * fit.doubt:
+            break
+        if tries >= _FEW_TRIES and linear.promised < _LITTLE * fit.cost:
+            break
+        tried = Fit(fit.operator, reached, fit.rows, fit.prior)
+        if tried.cost < fit.cost:
+            return tried, damping / 10
+        damping = max(damping, 1e-4) * 10
+    return None, damping
+
+
+def _channels(each):
+    return each.gain, each.offset, each.resistance
+
+
+def _smallest(operator) -> float:
+    """Radius of the smallest contact, m: a fiftieth of the spacing, where nothing tells it from a point."""
+    return operator.pitch / 50
+
+
+def _limits(fit) -> np.ndarray:
+    """How far contacts may move in one step, in the units of their parameters."""
+    reach = 0.3 * fit.operator.pitch
+    return np.array([reach, reach, 1.5, 0.5, 0.3, 0.3])
