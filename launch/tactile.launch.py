@@ -27,7 +27,7 @@ ARGUMENTS = {
     "device": "fake, serial or replay",
     "port": "of the serial device",
     "recording": "to replay: a frames.npz or a rosbag2",
-    "profile": "fast, balanced, accurate or auto",
+    "profile": "fast, balanced, accurate, joint or auto",
     "namespace": "of both nodes, one for each sensor",
     "params_file": "parameters of driver and reconstruction, beside config/*.yaml",
 }

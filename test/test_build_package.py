@@ -26,10 +26,15 @@ CONTRACT = {
         "pressure": "float",
         "area": "float",
         "radius": "float",
+        "position_covariance": "double[4]",
+        "force_std": "float",
+        "probability": "float",
     },
     "ContactArray": {
         "header": "std_msgs/Header",
         "contacts": "sequence<tomotactile_ros/Contact>",
+        "state": "uint8",
+        "reason": "string",
     },
 }
 

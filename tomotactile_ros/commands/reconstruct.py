@@ -17,7 +17,7 @@ from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
-from tomotactile_ros.reconstruction.settings import PROFILES, Result
+from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
 from tomotactile_ros.sheet import MODELS
 
 HELP = "make pressure images and contacts of frames"
@@ -72,12 +72,25 @@ def run(args: Namespace) -> None:
 
 
 def save_results(path: str, results: list[Result], latency: list[float]) -> None:
-    """pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s."""
-    contacts = [[asdict(contact) for contact in result.contacts] for result in results]
+    """pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s; where
+    contacts of some frame are withheld, reason (N,), empty for the others."""
+    contacts = [[contact_entry(contact) for contact in result.contacts] for result in results]
     content = {
         "pressure": np.array([result.pressure for result in results], np.float32),
         "potential": np.array([result.potential for result in results], np.float32),
         "contacts": json.dumps(contacts),
         "latency": np.array(latency),
     }
+    if any(result.reason for result in results):
+        content["reason"] = np.array([result.reason for result in results])
     save_arrays(path, content)
+
+
+def contact_entry(contact: ContactEstimate) -> dict[str, float]:
+    """What a result file says of a contact; standard deviations (m, N) only where they were estimated."""
+    entry = asdict(contact)
+    covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
+    if not np.isfinite(covariance).all():
+        del entry["force_std"], entry["probability"]
+        return entry
+    return {**entry, "position_std": float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))}

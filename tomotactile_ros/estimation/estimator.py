@@ -15,7 +15,12 @@ from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.screening import dead_channels, open_grounds, stuck_channels
+from tomotactile_ros.estimation.screening import (
+    dead_channels,
+    latest_state,
+    open_grounds,
+    stuck_channels,
+)
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y, touches
@@ -29,7 +34,7 @@ _FEWEST = 4  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
 _LATEST = 12  # rows of a frame that are looked at first where it changes
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
-_SECOND_LOOK = 60  # budget of a search in other rows or without a channel
+_SECOND_LOOK = 50  # budget of a search in other rows or without a channel
 _TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
 _PLACE_FLOOR = 1.5e-3  # spacings: what the model of electrodes and contacts errs in places, standard deviation
@@ -138,9 +143,15 @@ class Estimator:
             left_out.setdefault(int(electrode), "it is never grounded: its switch or wire is open")
         if rows.count < _FEWEST_READINGS:
             return Estimate([], [], "withheld", "too little was read", left_out)
+        begun = latest_state(1 - rows.readings, rows.weights > 0, self.noise / drive_voltage)
+        rows = rows.part(slice(begun, None))
+        if rows.count < _FEWEST_READINGS or (begun and len(rows.grounded) < _FEWEST):
+            reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
+            return Estimate([], [], "withheld", reason, left_out, first=begun)
         prior = Prior.unknown(search.operator, self.channels, self.radius, drive_voltage)
         start = state.unknowns if state.used == used else None
         fit, first = self._fit(search, rows, prior, start)
+        first += begun
         fit = self._without_bad_channels(search, fit, left_out)
         state.unknowns, state.used = fit.unknowns, used
         reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count

@@ -38,3 +38,16 @@ def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarra
     typical = np.median(largest)
     touched = np.median(np.where(valid, left, 0.0).sum(axis=1) / counts) < 1 - _ALIVE * noise
     return (largest < _OPEN * typical) & touched & (largest < _ALIVE * noise)
+
+
+def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:
+    """Number of the first row from which on the sheet is touched all the time, or untouched all the time.
+
+    left (L, E) drive voltage minus reading, in parts of the drive voltage, as `noise` is. Untouched, nothing drives the
+    sheet, and all that is read is offsets.
+    """
+    counts = np.maximum(np.count_nonzero(valid, axis=1), 1)
+    mean = np.where(valid, np.abs(1 - left), 0.0).sum(axis=1) / counts
+    touched = mean > _ALIVE * noise
+    changes = np.flatnonzero(touched[1:] != touched[:-1])
+    return int(changes[-1]) + 1 if len(changes) else 0

@@ -31,7 +31,7 @@ _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
-BUDGET = 320  # Gauss-Newton steps times discs for one frame: what no few discs explain is given up
+BUDGET = 200  # Gauss-Newton steps times discs for one frame: what no few discs explain is given up
 
 
 class Search:

@@ -19,7 +19,7 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, SHEAR, STRETCH
 _CONVERGED = 0.05  # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
 STEPS = 12  # at most, from one start
 _TRIES = 6  # of damping in one step
-_FEW_TRIES, _LITTLE = 2, 0.02  # after so many tries a step that promises less of the cost is not insisted on
+_FEW_TRIES, _LITTLE = 2, 0.2  # after so many tries a step that promises less of the cost is not insisted on
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
 

@@ -120,10 +120,14 @@ def message_to_image(message: Image) -> np.ndarray:
     raise InputError(f"encoding {message.encoding!r} is none of 32FC1, rgb8")
 
 
-def contacts_to_message(contacts: Sequence[ContactEstimate], header: Header) -> ContactArray:
-    """Contact estimates, sorted strongest first."""
+def contacts_to_message(
+    contacts: Sequence[ContactEstimate], header: Header, reason: str = ""
+) -> ContactArray:
+    """Contact estimates, sorted strongest first; with a `reason`, they are withheld."""
     return ContactArray(
         header=header,
+        state=ContactArray.WITHHELD if reason else ContactArray.VALID,
+        reason=reason,
         contacts=[
             Contact(
                 position=Point(x=float(c.x), y=float(c.y)),
@@ -131,6 +135,9 @@ def contacts_to_message(contacts: Sequence[ContactEstimate], header: Header) -> 
                 pressure=float(c.pressure),
                 area=float(c.area),
                 radius=float(c.radius),
+                position_covariance=[float(each) for each in c.position_covariance],
+                force_std=float(c.force_std),
+                probability=float(c.probability),
             )
             for c in sorted(contacts, key=lambda c: c.force, reverse=True)
         ],
@@ -140,7 +147,17 @@ def contacts_to_message(contacts: Sequence[ContactEstimate], header: Header) -> 
 def message_to_contacts(message: ContactArray) -> list[ContactEstimate]:
     """Contact estimates of a message, in its order."""
     return [
-        ContactEstimate(c.position.x, c.position.y, c.force, c.pressure, c.area, c.radius)
+        ContactEstimate(
+            c.position.x,
+            c.position.y,
+            c.force,
+            c.pressure,
+            c.area,
+            c.radius,
+            tuple(float(each) for each in c.position_covariance),
+            c.force_std,
+            c.probability,
+        )
         for c in message.contacts
     ]
 

@@ -69,6 +69,10 @@ class Outputs:
             values = self._grid.gather(pressure)
             self._surface.publish(cloud_to_message(self._points, values, header))
 
+    def withhold(self, reason: str, header: Header) -> None:
+        """Say that the contacts of a frame are not known; no image is published."""
+        self._contacts.publish(contacts_to_message([], header, reason))
+
     def _show_layout(self, frame_id: str) -> None:
         self._frame_id = frame_id
         header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=frame_id)

@@ -50,6 +50,7 @@ class Reconstruction:
         self._active = False
         self._said: set[tuple[str, bool]] = set()
         self._excluded: tuple[int, ...] = ()
+        self._withheld = ""
         self._outputs = Outputs(node)
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
@@ -113,6 +114,8 @@ class Reconstruction:
             electrodes = ", ".join(map(str, self._excluded))
             text = f"electrodes left out: {electrodes}"
             troubles.append(Trouble(f"excluded {electrodes}", False, text))
+        if self._withheld:
+            troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
         begun = {(trouble.name, trouble.serious) for trouble in troubles}
         for trouble in troubles:
             if (trouble.name, trouble.serious) not in self._said:
@@ -128,10 +131,14 @@ class Reconstruction:
             raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
         check_frame(frame, self._layout)
         result = self._pipeline.process(frame.voltages, frame.grounded, frame.drive_voltage)
-        if not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
-            raise InputError("the voltages are too extreme for an image")
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
+        self._withheld = result.reason
+        if result.reason:
+            self._outputs.withhold(result.reason, header)
+            return
+        if not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
+            raise InputError("the voltages are too extreme for an image")
         self._outputs.publish(result.pressure, result.contacts, header)
         self._recent.append(frame)
         self._excluded = result.excluded

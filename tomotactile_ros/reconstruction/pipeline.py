@@ -30,7 +30,7 @@ from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_tim
 from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
-ESTIMATED = ("accurate",)  # profiles whose contacts are estimated, not read from an image
+JOINT = "joint"  # the profile whose contacts are fitted to the readings, not read from an image
 _EXPLAINED = 5e-3  # of the readings' sum of squares that an image of wide contacts may leave: 7 % of each
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
@@ -70,9 +70,10 @@ class Pipeline:
         self.report = f"profile {self.profile}"
         if settings.profile == "auto":
             self.profile, self.report = self._measure_profiles()
-        self._make_image = ImageMaker(self.profile, self._model, settings.contact_radius)
+        kind = "accurate" if self.profile == JOINT else self.profile
+        self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
-        if self.profile in ESTIMATED and settings.regularization is None:
+        if self.profile == JOINT and settings.regularization is None:
             self._estimator = estimator or self._make_estimator()
 
     def _make_estimator(self) -> Estimator:
