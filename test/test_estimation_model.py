@@ -316,9 +316,6 @@ def simulated(truth, noise, seed):
     )
 
 
-@pytest.mark.xfail(
-    reason="Linear.step: promised leaves out what the channels' own step takes off", strict=True
-)
 def test_solver_returns_to_the_truth_from_afar():
     """Misfit that resistances to ground explain in part, too, must not end the iteration."""
     truth = pressed(contact(-0.0145, 0.0476, 0.002), free=DISC)

@@ -50,7 +50,11 @@ class ChannelFit:
         normal[own, own] = (weighted * gain).sum(axis=0) + deviations[0] ** -2.0
         normal[own, count + own] = normal[count + own, own] = weighted.sum(axis=0)
         normal[count + own, count + own] = weights.sum(axis=0) + deviations[1] ** -2.0
-        np.add.at(normal, (2 * count + rows, 2 * count + rows), (by_row * resistance * deviations[2]).sum(1))
+        np.add.at(
+            normal,
+            (2 * count + rows, 2 * count + rows),
+            (by_row * resistance * deviations[2]).sum(1),
+        )
         normal[2 * count + own, 2 * count + own] += 1.0
         to_rows = np.zeros((count, len(rows)))
         to_rows[rows, np.arange(len(rows))] = 1.0

@@ -7,7 +7,7 @@ its row is taken as measured, the readings change by
 
 All rows share the one c: its best value, and the misfit that it removes, follow for every pixel from three products of
 matrices. The place of the largest gain starts the fit of one more (the conditional-gradient step of Denoyelle et al. 2019, "The sliding
-Frank-Wolfe algorithm", whose sliding is the Gauss-Newton fit). 
+Frank-Wolfe algorithm", whose sliding is the Gauss-Newton fit).
 The first look at a frame has no fit to start from. By Kirchhoff's law a floating electrode draws no current: with rho as
 measured, (Y0 rho_l)_n is what contacts feed into it, - sum_k c_k H_nk (h_k . rho_l), linear in all c at once and local,
 as electrodes held at potentials screen contacts from each other. Pixels are picked in turn and all conductances, not negative,
@@ -28,12 +28,16 @@ from tomotactile_ros.grid import Grid
 _PER_PITCH = 6  # pixels to one spacing of the electrodes
 _PIXELS = 24, 60  # along the longer side, at least and at most
 _PICKS = 24  # pixels that a first look takes at the most
-_EXPLAINED = 1e-3  # of the sum of squares that a pick removes at least: what a place between pixels leaves
+_EXPLAINED = (
+    1e-3  # of the sum of squares that a pick removes at least: what a place between pixels leaves
+)
 _ADJACENT = 3.2  # pixels: those nearer are taken for one contact at first
 _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fitted
 _INEXACT = 0.02  # of a current: pixels stand for contacts that lie between them
 _FILLING = 20  # steps that fill in missing readings from their neighbours
-_PATCH = 0.447  # radius of the disc that acts like a square, in sides: its mean log distance to itself
+_PATCH = (
+    0.447  # radius of the disc that acts like a square, in sides: its mean log distance to itself
+)
 
 
 class Detector:
@@ -77,7 +81,9 @@ class Detector:
         seen = ratio @ self.share
         local = self.share[rows.grounded]
         weighted_share = metric @ self.share
-        power = (self.share * weighted_share).sum(axis=0) - 2 * local * weighted_share[rows.grounded]
+        power = (self.share * weighted_share).sum(axis=0) - 2 * local * weighted_share[
+            rows.grounded
+        ]
         power += local**2 * metric.diagonal()[rows.grounded][:, None]
         power = np.maximum((seen**2 * power).sum(axis=0), 1e-300)
         root = np.linalg.cholesky(metric).T

@@ -27,9 +27,13 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y, touches
 from tomotactile_ros.layout import Layout
 
 _KEPT = 4  # operators for sets of electrodes in use
-_UNEXPLAINED = 2e-3  # of the readings' sum of squares: with more, the frame is not what the model knows
+_UNEXPLAINED = (
+    2e-3  # of the readings' sum of squares: with more, the frame is not what the model knows
+)
 _SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
-_REFUSED = 60.0  # the same from which on nothing is said; errors of 8 standard deviations everywhere
+_REFUSED = (
+    60.0  # the same from which on nothing is said; errors of 8 standard deviations everywhere
+)
 _FEWEST = 4  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
 _LATEST = 12  # rows of a frame that are looked at first where it changes
@@ -37,7 +41,9 @@ _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 50  # budget of a search in other rows or without a channel
 _TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
-_PLACE_FLOOR = 1.5e-3  # spacings: what the model of electrodes and contacts errs in places, standard deviation
+_PLACE_FLOOR = (
+    1.5e-3  # spacings: what the model of electrodes and contacts errs in places, standard deviation
+)
 _FORCE_FLOOR = 0.02  # the same of forces, relative
 
 
@@ -159,6 +165,9 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
         parts = self._contacts(fit)
+        if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
+            reason = "something touches, too weakly or too widely to say where"
+            return Estimate([], [], "withheld", reason, left_out, misfit, first)
         return Estimate(joined(parts), parts, "valid", "", left_out, misfit, first)
 
     def _search(self, used) -> Search:
@@ -193,9 +202,7 @@ class Estimator:
         """The fit of the last rows, of as many as one state explains; `whole` where that is no better."""
         count = len(rows.grounded)
         latest = min(_LATEST, count // 2)
-        late = search.contacts(
-            rows.part(slice(count - latest, count)), prior, budget=_SECOND_LOOK
-        )
+        late = search.contacts(rows.part(slice(count - latest, count)), prior, budget=_SECOND_LOOK)
         if _share_left(late) > _share_left(whole) / 4:
             return whole, 0
         first = count - latest
@@ -206,7 +213,9 @@ class Estimator:
         while first > 0 and fits[first - 1]:
             first -= 1
         if first < count - latest:
-            late = _better_share(late, search.contacts(rows.part(slice(first, count)), prior, late.unknowns))
+            late = _better_share(
+                late, search.contacts(rows.part(slice(first, count)), prior, late.unknowns)
+            )
         return late, count - len(late.rows.grounded)
 
     def _without_bad_channels(self, search, fit: Fit, left_out) -> Fit:
@@ -335,5 +344,6 @@ def _better(first: Fit, second: Fit) -> Fit:
 
 def _better_share(first: Fit, second: Fit) -> Fit:
     """The second unless it explains much less."""
-    return second if not _is_suspect(second) or _share_left(second) < 2 * _share_left(first) else first
-
+    return (
+        second if not _is_suspect(second) or _share_left(second) < 2 * _share_left(first) else first
+    )

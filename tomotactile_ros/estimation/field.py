@@ -11,12 +11,15 @@ import numpy as np
 
 from tomotactile_ros.layout import Layout
 
-UNEVEN = 0.15  # standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
+UNEVEN = (
+    0.15  # standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
+)
 ANISOTROPIC = 0.15  # of half the logarithm of the ratio: 1.5 : 1 is 0.2
 _SHORT = 0.6  # part of the variance that is alike over _NEAR only
 _NEAR = 0.25  # longer sides
 _FAR = 0.5  # longer sides
 _MODES = 40  # keep 99.9 % of the variance at 8 x 8
+_PAIR = 0.99  # ratio of variances above which two modes are a pair
 _CELLS = 12, 16  # along the longer side, at least and at most
 
 
@@ -49,7 +52,11 @@ class SheetField:
         covariance = centring @ covariance @ centring.T
         root = np.sqrt(weight)
         variance, vectors = np.linalg.eigh(root[:, None] * covariance * root)
-        kept = np.argsort(-variance)[: min(_MODES, cells - 1)]
+        order = np.argsort(-variance)
+        count = min(_MODES, cells - 1)
+        while count < cells - 1 and variance[order[count]] > _PAIR * variance[order[count - 1]]:
+            count += 1  # modes that a symmetry of the outline makes equal are kept together
+        kept = order[:count]
         scale = np.sqrt(np.maximum(variance[kept], 0.0))
         self.modes = vectors[:, kept] / root[:, None] * scale
         self.deviation = np.full(len(kept) + 2, UNEVEN)

@@ -26,7 +26,9 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
 
-_SEEN = 2e-3  # couplings above this part of the largest admittance change by a factor, others by a sum
+_SEEN = (
+    2e-3  # couplings above this part of the largest admittance change by a factor, others by a sum
+)
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 
 
@@ -141,7 +143,7 @@ class SheetOperator:
         shares = (inverse @ fed)[:-1].T[fem.unknown]
         corners, area, slope = _gradients(mesh.points, mesh.triangles)
         self.field = SheetField(self.layout, corners.mean(axis=1), area, self.pitch)
-        owner, order, ends = self.field.owner, self.field.order, self.field.ends
+        order, ends = self.field.order, self.field.ends
         root = np.sqrt(area / self.resistance)[:, None, None]
         gradient = (root * np.einsum("tcd,tcn->tdn", slope, shares[mesh.triangles]))[order]
         cells = len(ends) - 1
@@ -184,9 +186,7 @@ class SheetOperator:
         at_places = np.vstack([at_places, np.ones(len(places))])
         potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
         field = self.field.cell_values(places)
-        flat = root * np.einsum(
-            "tcd,tcp->tdp", slope, potential[fem.unknown][mesh.triangles]
-        )
+        flat = root * np.einsum("tcd,tcp->tdp", slope, potential[fem.unknown][mesh.triangles])
         flat = flat[order]
         cells = len(ends) - 1
         by_cell = np.empty((cells, len(places), self.count))

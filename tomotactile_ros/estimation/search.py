@@ -83,7 +83,7 @@ class Search:
     def sees_more(self, fit: Fit) -> bool:
         """Whether one more contact somewhere would explain more than noise does."""
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
-        return bool(gains.max() > self._threshold * fit.doubt)
+        return bool(gains.max() > self._threshold)
 
     def _first(self, fit: Fit) -> Fit:
         """The fit of what a first look at the frame shows."""
@@ -148,7 +148,11 @@ class Search:
         across = patches_for(radius, self.operator.pitch)
         contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
         (touch,), _ = touches(
-            self.operator, contact[None], [across], np.zeros((1, 6), bool), np.zeros(self.operator.modes)
+            self.operator,
+            contact[None],
+            [across],
+            np.zeros((1, 6), bool),
+            np.zeros(self.operator.modes),
         )
         contact[2] = np.log(min(strength, _FILLED / max(touch.mean, 1e-9)))
         free = np.array([True] * _FORM + [False] * 2)

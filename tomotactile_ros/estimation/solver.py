@@ -14,12 +14,15 @@ from scipy.linalg import cho_factor, cho_solve
 from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, SHEAR, STRETCH, X, Y
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
 _CONVERGED = 0.05  # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
 STEPS = 12  # at most, from one start
 _TRIES = 6  # of damping in one step
-_FEW_TRIES, _LITTLE = 2, 0.2  # after so many tries a step that promises less of the cost is not insisted on
+_FEW_TRIES, _LITTLE = (
+    2,
+    0.2,
+)  # after so many tries a step that promises less of the cost is not insisted on
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
 
@@ -67,7 +70,9 @@ class Prior:
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     @classmethod
-    def unknown(cls, operator: SheetOperator, channels: ChannelPrior, radius: float, drive: float) -> Prior:
+    def unknown(
+        cls, operator: SheetOperator, channels: ChannelPrior, radius: float, drive: float
+    ) -> Prior:
         """Nothing has been learned of this sensor."""
         count = operator.count
         return cls(
@@ -217,7 +222,9 @@ class Linear:
         )
 
 
-def solve(operator: SheetOperator, start: Unknowns, rows: Rows, prior: Prior, steps: int = STEPS) -> Fit:
+def solve(
+    operator: SheetOperator, start: Unknowns, rows: Rows, prior: Prior, steps: int = STEPS
+) -> Fit:
     """The best fit that at most `steps` steps from `start` lead to, with its covariance."""
     fit, damping = Fit(operator, start, rows, prior), _FIRST_DAMPING
     for step in range(steps):

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +30,9 @@ _STEPS = np.array([1e-4, 1e-4, 0.02, 0.02, 0.02])  # for differences: m, m, 1, 1
 _MOVING = (X, Y, RADIUS, STRETCH, SHEAR)
 _BOUND = 0.05  # 1/g is bounded smoothly at this part of 1/c
 _BARE = 0.005  # 1/g of a bare conductor in parts of 1/c
-_RIM = 1.001  # radii from the centre of an electrode: patches on it are moved here and have no weight
+_RIM = (
+    1.001  # radii from the centre of an electrode: patches on it are moved here and have no weight
+)
 _PER_PITCH = 4.5  # patches along one spacing of the electrodes
 _ACROSS = 4, 14  # patches to a contact's width
 
@@ -97,7 +100,9 @@ class Touch:
         return (self.weight @ self.places + self.direct @ on_electrodes) / self.covered
 
 
-def touches(operator: SheetOperator, contacts: np.ndarray, across, free: np.ndarray, sheet: np.ndarray):
+def touches(
+    operator: SheetOperator, contacts: np.ndarray, across, free: np.ndarray, sheet: np.ndarray
+):
     """`Touch` of each of `contacts` (k, 6) on a sheet with coefficients `sheet` (J,), and D of all patches.
 
     Derivatives are those by the parameters that `free` (k, 6) names, others 0. D (Q, Q), ohm, is for the patches of all
@@ -107,14 +112,13 @@ def touches(operator: SheetOperator, contacts: np.ndarray, across, free: np.ndar
     places, radii, areas = (np.concatenate([piece[i] for _, piece in cut]) for i in range(3))
     places, on_sheet, on_electrode, electrode = _placed(operator, places, radii, areas)
     ends = np.cumsum([0] + [len(piece[1]) for _, piece in cut])
-    parts = [slice(a, b) for a, b in zip(ends, ends[1:])]
+    parts = [slice(a, b) for a, b in pairwise(ends)]
     base = np.concatenate([np.arange(p.start, p.stop) for (w, _), p in zip(cut, parts) if w < 0])
     share, impedance = operator.on_demand(places, radii)
     mutual = impedance(base)
     factor = np.ones(len(contacts))
-    added = np.zeros((operator.count, len(base)))
     if sheet.any():
-        added = operator.share_added(sheet, places[base])
+        share = share + operator.share_added(sheet, places)
         factor = np.exp(-operator.field_at(contacts[:, :2]) @ sheet)
     found, first = [], 0
     for (which, _), part in zip(cut, parts):
@@ -124,7 +128,7 @@ def touches(operator: SheetOperator, contacts: np.ndarray, across, free: np.ndar
             first, own, scale = block.stop, part, factor[len(found)]
             now = Touch(
                 places[part],
-                share[:, part] + added[:, block],
+                share[:, part],
                 mutual[block, block] * scale,
                 on_sheet[part],
                 direct,
@@ -191,4 +195,3 @@ def conductance(touch: Touch, contact: np.ndarray) -> tuple[float, float, float]
     slope = 1 / (1 + np.exp(-np.clip(rest, -500, 500)))
     left = way * (_BOUND * np.logaddexp(0.0, rest) + _BARE)
     return 1 / left, 1 + slope * touch.mean / left, slope / left
-

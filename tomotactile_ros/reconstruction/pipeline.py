@@ -31,7 +31,9 @@ from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
 JOINT = "joint"  # the profile whose contacts are fitted to the readings, not read from an image
-_EXPLAINED = 5e-3  # of the readings' sum of squares that an image of wide contacts may leave: 7 % of each
+_EXPLAINED = (
+    5e-3  # of the readings' sum of squares that an image of wide contacts may leave: 7 % of each
+)
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -45,7 +47,9 @@ class Pipeline:
     report : one line for the log
     """
 
-    def __init__(self, layout: Layout, settings: Settings, *, model: Model | None = None, estimator=None):
+    def __init__(
+        self, layout: Layout, settings: Settings, *, model: Model | None = None, estimator=None
+    ):
         self.layout, self.settings = layout, settings
         if max(settings.excluded, default=0) >= layout.electrodes:
             raise InputError(
