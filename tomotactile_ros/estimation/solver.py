@@ -53,10 +53,10 @@ class Rows:
 class Prior:
     """What is expected before the readings.
 
-    mean, deviation : of contacts' logarithm of the radius (median m, factor as a logarithm)
+    radius, spread : median of contacts' radii, m, and standard deviation of their logarithm
     stretch : standard deviation of p and q of a contact that is no disc
-    channels : `ChannelPrior`, and V0 that its offsets are compared with
-    sheet, sheet_deviation (J,) ; gain, offset, resistance (n,): means; learned means have deviations of their own
+    sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
+    gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation of each of them
     """
 
     radius: float

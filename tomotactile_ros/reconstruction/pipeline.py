@@ -47,9 +47,7 @@ class Pipeline:
     report : one line for the log
     """
 
-    def __init__(
-        self, layout: Layout, settings: Settings, *, model: Model | None = None, estimator=None
-    ):
+    def __init__(self, layout: Layout, settings: Settings, *, model: Model | None = None):
         self.layout, self.settings = layout, settings
         if max(settings.excluded, default=0) >= layout.electrodes:
             raise InputError(
@@ -78,7 +76,7 @@ class Pipeline:
         self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
         if self.profile == JOINT and settings.regularization is None:
-            self._estimator = estimator or self._make_estimator()
+            self._estimator = self._make_estimator()
 
     def _make_estimator(self) -> Estimator:
         settings = self.settings
