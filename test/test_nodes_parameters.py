@@ -222,7 +222,7 @@ sys.exit(main())
 
 def test_images_go_on_while_parameters_are_put_into_effect(domain, probe, start, tmp_path):
     """The change ends only after images and diagnostics that were made meanwhile."""
-    start("driver", {"scene": "idle", "rate": "50.0"})
+    start("driver", {"scene": "idle", "rate": "10.0"})
     words = ["-c", SLOW_SETTINGS, str(tmp_path), *ros_arguments({})]
     reconstruction = Process([sys.executable, *words], domain)
     try:
