@@ -29,16 +29,26 @@ UNDER_TEST = [f"tomotactile_ros.devices.{name}" for name in ("assembly", "cobs",
 
 with atheris.instrument_imports(UNDER_TEST) if GUIDED else contextlib.nullcontext():
     from tomotactile_ros.devices import cobs, protocol
-    from tomotactile_ros.devices.assembly import FrameAssembler
+    from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 
 ELECTRODES = 12
+SCAN, ZERO = 0x0707, 100
+ORDER = (3, 0, 3, 11, 1, 1, 5, 7, 2, 9, 4, 6)
+
+
+def order_of(version: int) -> tuple[int, ...]:
+    """The electrodes that are grounded."""
+    return ORDER if version == 2 else tuple(range(ELECTRODES))
 
 
 class Sender:
-    """Sends frames with random readings, and remembers what it has sent lately."""
+    """Sends frames with random readings, and remembers what it has sent lately.
 
-    def __init__(self, random: np.random.Generator) -> None:
-        self._random = random
+    Version 1 in the device's own order, version 2 in `ORDER`, with readings around `ZERO`.
+    """
+
+    def __init__(self, random: np.random.Generator, version: int) -> None:
+        self._random, self._version = random, version
         self._sequence = int(random.integers(1 << 32))
         self._time = int(random.integers(1 << 40))
         self.frames: dict[tuple[int, int], np.ndarray] = {}
@@ -51,9 +61,14 @@ class Sender:
         self._time += 4000
         self.frames[self._sequence, self._time] = counts
         constant = (300, self._time, 0.5, 3.25)
+        newer = {"scan": SCAN, "zero": ZERO, "version": 2} if self._version == 2 else {}
         return [
-            protocol.Row(ELECTRODES, row, ELECTRODES, self._sequence, *constant, row, readings)
-            for row, readings in enumerate(map(protocol.pack_counts, counts))
+            protocol.Row(
+                ELECTRODES, row, ELECTRODES, self._sequence, *constant, electrode, readings, **newer
+            )
+            for row, (electrode, readings) in enumerate(
+                zip(order_of(self._version), map(protocol.pack_counts, counts))
+            )
         ]
 
 
@@ -109,10 +124,12 @@ DAMAGES = (flip, cut, double, reorder, swap, noise, zeros)
 class Receiver:
     """Parser and assembler under test, with what they let through checked at once."""
 
-    def __init__(self, random: np.random.Generator) -> None:
-        self._random = random
+    def __init__(self, random: np.random.Generator, version: int) -> None:
+        self._random, self._version = random, version
         self.parser = protocol.Parser()
         self.assembler = FrameAssembler(ELECTRODES, ELECTRODES)
+        self.assembler.expect_order(SCAN, ORDER)
+        self.runs = RunAssembler(5)
         self.frames = 0
 
     def take(self, data: bytes, sent: set[protocol.Row], frames: dict) -> list[protocol.Packet]:
@@ -125,23 +142,28 @@ class Receiver:
             at += piece
         for packet in accepted:
             assert packet in sent, f"accepted what was never sent: {packet}"
-            for frame in self.assembler.feed(packet):
+            done = self.assembler.feed(packet)
+            for frame in done:
                 counts = frames[frame.sequence, frame.frame_time]
-                assert _same(frame.voltages, counts), f"wrong frame {frame.sequence}"
+                assert self._same(frame.voltages, counts), f"wrong frame {frame.sequence}"
                 self.frames += 1
+            for run in self.runs.feed(packet) if self.assembler.accepted else ():
+                assert len(run.grounded) <= 5, "a run that is too long"
         return accepted
 
+    def _same(self, voltages: np.ndarray, counts: np.ndarray) -> bool:
+        zero = ZERO if self._version == 2 else 0
+        volts = (counts.astype(np.float32) - np.float32(zero)) * np.float32(0.5)
+        expected = np.where(counts == protocol.NO_READING, np.float32(np.nan), volts)
+        if self._version == 1:
+            np.fill_diagonal(expected, np.nan)
+        return np.array_equal(voltages, expected, equal_nan=True)
 
-def _same(voltages: np.ndarray, counts: np.ndarray) -> bool:
-    expected = np.where(counts == protocol.NO_READING, np.nan, counts * np.float32(0.5))
-    np.fill_diagonal(expected, np.nan)
-    return np.array_equal(voltages, expected, equal_nan=True)
 
-
-def damage_run(total: int, seed: int) -> dict[str, float]:
+def damage_run(total: int, seed: int, version: int = 1) -> dict[str, float]:
     """Feed at least `total` bytes of damaged streams; return what was seen, or fail."""
     random = np.random.default_rng(seed)
-    sender, receiver = Sender(random), Receiver(random)
+    sender, receiver = Sender(random, version), Receiver(random, version)
     sent: set[protocol.Row] = set()
     begin = time.perf_counter()
     while receiver.parser.counters.bytes < total:
@@ -189,6 +211,15 @@ SEEDS = (
     protocol.Identity(1, 3, 3, 12, 3.3, 10.0, 0, 100.0, "skin", "1.0", "A"),
     protocol.Ack(2, protocol.SET_RATE, True, 10.0),
     protocol.Error(3, protocol.START, 4, "broken"),
+    protocol.Start(4, 5000),
+    protocol.SetScan(5, (2, 0, 2)),
+    protocol.Row(3, 0, 3, 1, 10, 5000, 0.5, 3.25, 2, b"\0\0\1\2\3\4", 5, 7, 2, 9),
+    protocol.Identity(
+        1, 3, 3, 12, 3.3, 10.0, 0, 0.0, "skin", "1", "A", "", 2, 9, 64, 77, -3.3, 99.0
+    ),
+    protocol.Ack(2, protocol.SET_SCAN, True, 10.0, 2, 9, 5, 3),
+    protocol.Error(3, protocol.START, 4, "broken", 2, 9),
+    protocol.Status(6, True, 77, 21.5, 5000, 1, 5),
 )
 
 
@@ -225,7 +256,9 @@ def main() -> int:
     arguments = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    arguments.add_argument("--bytes", type=float, default=1e8, help="of damaged streams")
+    arguments.add_argument(
+        "--bytes", type=float, default=1e8, help="of damaged streams, of both versions together"
+    )
     arguments.add_argument("--seconds", type=int, default=60, help="of the guided run")
     arguments.add_argument("--seed", type=int, default=1)
     arguments.add_argument("--corpus", help=argparse.SUPPRESS)
@@ -237,10 +270,11 @@ def main() -> int:
     damage_run(1_000_000, options.seed)
     peak = tracemalloc.get_traced_memory()[1] / 1e6
     tracemalloc.stop()
-    figures = damage_run(int(options.bytes), options.seed)
-    print("damaged streams, seed", options.seed)
-    for name, value in figures.items():
-        print(f"  {name:<20}{value:>14,}")
+    for version in protocol.VERSIONS:
+        figures = damage_run(int(options.bytes / len(protocol.VERSIONS)), options.seed, version)
+        print(f"damaged streams, version {version}, seed {options.seed}")
+        for name, value in figures.items():
+            print(f"  {name:<20}{value:>14,}")
     print(
         f"  {'peak memory, MB':<20}{peak:>14.2f}   (parser, assembler and what was sent, 1e6 bytes)"
     )

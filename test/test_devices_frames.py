@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tomotactile_ros.devices import base, protocol
+from tomotactile_ros.devices import base, health, protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, row_period
 from tomotactile_ros.devices.clock import DeviceClock
-from tomotactile_ros.devices.health import DeadChannels
+from tomotactile_ros.devices.health import DeadChannels, Health
 
 E = 4
 
@@ -311,3 +311,25 @@ def test_dead_channels_are_told_from_idle_ones():
     for _ in range(10):
         channels.update(random.normal(0, 1e-3, (8, 8)), 3.3)
     assert channels.dead == (3, 5)
+
+
+def test_a_rate_that_is_not_reached_and_frames_that_are_lost_are_told(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr(health.time, "monotonic", lambda: now[0])
+    watched = Health()
+
+    def deliver(seconds, rate, lost=0):
+        for _ in range(round(seconds * rate)):
+            now[0] += 1 / rate
+            watched.frame_delivered(np.zeros((E, E)), 3.3, now[0])
+            watched.frames_lost(lost)
+        return [(trouble.name, trouble.serious) for trouble in watched.troubles(10.0)]
+
+    assert deliver(1.0, 5.0) == []  # too early to say
+    assert deliver(3.0, 5.0) == [("rate", False)]
+    assert watched.troubles(10.0)[0].text == "5 frames/s arrive, 10 are wanted"
+    assert watched.troubles(5.0) == watched.troubles() == []
+    watched.forget_rate()  # another one is wanted from now on
+    assert deliver(20.0, 10.0) == []
+    assert deliver(10.0, 10.0, lost=1) == [("loss", True)]
+    assert watched.troubles(10.0)[0].text == "50 % of the frames are lost or incomplete"

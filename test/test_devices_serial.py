@@ -8,9 +8,7 @@ import errno
 import itertools
 import math
 import os
-import re
 import select
-import shutil
 import signal
 import socket
 import subprocess
@@ -23,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from devices_support import PATIENCE, E, Watch, connected, counted, plugged, sensor, watched
 from serial import rfc2217
 
 from tomotactile_ros.devices import (
@@ -43,97 +42,6 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import load_layout
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PATIENCE = 30.0
-E = 6
-
-
-def readings(sequence: int) -> np.ndarray:
-    """Counts (E, E) of frame `sequence`: no two frames within 500 agree anywhere."""
-    return (sequence % 500) * 8 + (np.arange(E)[:, None] + np.arange(E)) % 8
-
-
-def counted(time: float, sequence: int) -> np.ndarray:
-    """Source of frames whose readings tell their sequence."""
-    return readings(sequence) * 3.3 / 4096
-
-
-def sensor(**settings) -> emulator.EmulatedDevice:
-    """Small fast emulated device."""
-    return emulator.EmulatedDevice(counted, E, **{"rate": 100.0, "name": "skin", **settings})
-
-
-class Watch:
-    """Collects frames, checks each of them, and waits for what the test wants."""
-
-    def __init__(self, device: SerialDevice) -> None:
-        self.device = device
-        self.frames = []
-        self._news = threading.Condition()
-
-    def __call__(self, frame) -> None:
-        with self._news:
-            self.frames.append(frame)
-            self._news.notify_all()
-
-    def wait_for_frames(self, number: int) -> None:
-        """Wait until `number` more frames are there."""
-        with self._news:
-            wanted = len(self.frames) + number
-            assert self._news.wait_for(lambda: len(self.frames) >= wanted, PATIENCE), (
-                self.device.status()
-            )
-
-    def wait_for(self, condition) -> None:
-        """Wait until `condition(status)`, asked at each frame and every 10 ms."""
-        deadline = time.monotonic() + PATIENCE
-        with self._news:
-            while not condition(self.device.status()):
-                assert time.monotonic() < deadline, self.device.status()
-                self._news.wait(0.01)
-
-    def check(self) -> None:
-        """Every whole frame is one that was sent, and stamps increase up to now."""
-        for frame in self.frames:
-            expected = np.where(np.eye(E), np.nan, readings(frame.sequence) * (3.3 / 4096))
-            valid = ~np.isnan(frame.voltages)
-            assert np.allclose(frame.voltages[valid], expected[valid], atol=1e-6)
-        stamps = [frame.stamp for frame in self.frames]
-        assert all(a < b for a, b in itertools.pairwise(stamps))
-        assert not stamps or stamps[-1] <= time.time() + 1e-3
-
-
-@contextlib.contextmanager
-def watched(device: SerialDevice):
-    """The opened device, closed at the end and its frames checked."""
-    watch = Watch(device)
-    device.open(watch)
-    try:
-        yield watch
-    finally:
-        device.close()
-    assert device.status().state == "closed"
-    watch.check()
-
-
-@contextlib.contextmanager
-def plugged(simulated, make_port=emulator.PtyPort, **options):
-    """The emulator plugged in."""
-    running = emulator.Emulator(simulated, make_port, **options)
-    running.plug()
-    try:
-        yield running
-    finally:
-        running.unplug()
-
-
-@contextlib.contextmanager
-def connected(simulated=None, make_port=emulator.PtyPort, mangle=bytes, **settings):
-    """Emulator and serial device at both ends of one line: the running emulator and the watch."""
-    with (
-        plugged(simulated or sensor(), make_port, mangle=mangle) as port,
-        watched(SerialDevice(port.path, E, **settings)) as watch,
-    ):
-        yield port, watch
 
 
 @pytest.mark.parametrize("make_port", [emulator.PtyPort, emulator.TcpPort], ids=["pty", "tcp"])
@@ -264,54 +172,6 @@ def test_a_port_is_found_by_its_usb_id_and_again_under_another_name(monkeypatch)
             first.unplug()
 
 
-@pytest.fixture
-def firmware(tmp_path):
-    """The device of docs/firmware.c as a program on a pseudo-terminal; gives the port."""
-    document = (DOCS / "protocol.md").read_text(encoding="utf-8")
-    (tmp_path / "wire.c").write_text(re.findall(r"```c\n(.*?)```", document, re.DOTALL)[0])
-    command = ["cc", "-std=gnu99", "-Wall", "-Wextra", "-Werror", "-DON_A_COMPUTER"]
-    command += ["-I", str(tmp_path), "-o", str(tmp_path / "device"), str(DOCS / "firmware.c")]
-    subprocess.run(command, check=True)
-    port = emulator.PtyPort()
-    os.set_blocking(port._master, True)
-    device = subprocess.Popen([tmp_path / "device"], stdin=port._master, stdout=port._master)
-    yield port.path
-    device.kill()
-    device.wait()
-    port.close()
-
-
-@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
-def test_the_firmware_written_from_the_document_speaks_with_the_driver(firmware):
-    device = SerialDevice(firmware, E, rate=150.0)
-    watch = Watch(device)
-    device.open(watch)
-    watch.wait_for_frames(20)
-    watch.wait_for(lambda s: s.counters["rate_device"] == 150.0)
-    device.set_rate(1000.0)
-    watch.wait_for(lambda s: "device: error 2" in s.message)
-    device.set_rate(50.0)
-    watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
-    device.set_streaming(False)
-    watch.wait_for(lambda s: s.state == "stopped")
-    device.set_rate(1e-6)
-    watch.wait_for(lambda s: s.counters["rate_device"] == pytest.approx(1e-3))
-    device.set_rate(50.0)
-    watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
-    device.set_streaming(True)
-    watch.wait_for_frames(5)
-    counters = device.status().counters
-    device.close()
-    for fault in ("crc_errors", "framing_errors", "malformed", "packets_lost", "rows_ignored"):
-        assert counters[fault] == 0
-    assert device.identity.name == "example"
-    expected = (100 * np.arange(E)[:, None] + np.arange(E)) * (3.3 / 4096)
-    np.fill_diagonal(expected, np.nan)
-    for frame in watch.frames:
-        assert np.allclose(frame.voltages, expected, atol=1e-6, equal_nan=True)
-    assert [f.sequence for f in watch.frames[:20]] == list(range(20))
-
-
 def test_rate_stop_and_start_at_run_time():
     with connected(rate=50.0) as (port, watch):
         watch.wait_for(lambda s: s.counters["rate_device"] == 50.0)
@@ -371,7 +231,7 @@ def test_frames_of_a_device_that_does_not_stop_are_kept_back():
 def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
     class Broken(emulator.EmulatedDevice):
         def _answer(self, packet, now):
-            if getattr(packet, "type", None) != command:
+            if packet.type != command:
                 return super()._answer(packet, now)
             fault = protocol.Error(packet.tag, command, protocol.HARDWARE_FAULT, "no ADC")
             return protocol.encode(fault)
@@ -383,7 +243,7 @@ def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
 
 def test_a_long_pause_is_no_silence(monkeypatch):
     monkeypatch.setattr("tomotactile_ros.devices.serial.SILENCE", PATIENCE)
-    with connected() as (_, watch):
+    with connected(sensor(versions=[1])) as (_, watch):
         watch.wait_for_frames(1)
         watch.device.set_streaming(False)
         watch.wait_for(lambda s: s.state == "stopped")
@@ -615,9 +475,9 @@ def test_a_line_slower_than_the_sensor_never_makes_old_data_fresh(monkeypatch):
     """600 rows/s of 52 bytes are twice what the line carries: the device's buffer fills."""
     started = {}
 
-    def source(elapsed, sequence):
+    def source(elapsed, sequence, order):
         started[sequence] = time.time()
-        return counted(elapsed, sequence)
+        return counted(elapsed, sequence, order)
 
     monkeypatch.setattr(SlowPort, "speed", 15_000.0)
     slow = emulator.EmulatedDevice(source, E, rate=100.0)
@@ -842,11 +702,11 @@ def test_the_wrong_number_of_electrodes_and_then_the_right_device(tmp_path):
 
 
 def test_a_device_of_another_protocol_version_is_refused():
-    def version_2(data: bytes) -> bytes:
-        return b"".join(protocol.frame(bytes([0x11, 2, 0, 0])) for _ in range(bool(data)))
+    def version_3(data: bytes) -> bytes:
+        return b"".join(protocol.frame(bytes([0x11, 3, 0, 0])) for _ in range(bool(data)))
 
-    with connected(mangle=version_2) as (_, watch):
-        watch.wait_for(lambda s: s.state == "refused" and "version 2" in s.message)
+    with connected(mangle=version_3) as (_, watch):
+        watch.wait_for(lambda s: s.state == "refused" and "version 3" in s.message)
 
 
 @pytest.mark.parametrize("jump", [3600.0, -3600.0])

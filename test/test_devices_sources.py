@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device, protocol
+from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.devices.recording import MESSAGE, load_recording, read_frames
+from tomotactile_ros.devices.recording import load_recording, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.errors import InputError
@@ -78,6 +79,30 @@ def test_the_fake_device_delivers_the_simulators_frames_in_step_with_time():
     stamps = np.array([frame.stamp for frame in frames])
     assert (np.diff(sequences) >= 1).all()
     assert np.allclose(np.diff(stamps), 0.01 * np.diff(sequences), atol=1e-3)
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_the_fake_device_hands_on_rows_of_any_order_while_they_are_taken(live):
+    scene = replace(SCENE, contacts=(), live=True) if live else SCENE
+    device, frames, runs = FakeDevice(Simulator(LAYOUT, scene), rate=20.0), Collector(), []
+    device.run_length = 2
+    device.set_scan((3, 0, 3, 1, 2))
+    device.open(frames, runs.append)
+    whole = frames.wait_for(4)
+    device.close()
+    for frame in whole[1:]:
+        mine = [run for run in runs if run.sequence == frame.sequence]
+        assert [run.grounded.tolist() for run in mine] == [[3, 0], [3, 1], [2]]
+        assert np.array_equal(
+            np.concatenate([r.voltages for r in mine]), frame.voltages, equal_nan=True
+        )
+        assert [run.stamp - frame.stamp for run in mine] == pytest.approx([0, 0.02, 0.04], abs=1e-3)
+        assert {run.row_period for run in mine} == {frame.row_period} == {0.01}
+    if not live:
+        expected = Simulator(LAYOUT, SCENE).frame(0.0)[[3, 0, 3, 1, 2]]
+        assert np.allclose(whole[2].voltages, expected, rtol=1e-6, equal_nan=True)
+    with pytest.raises(InputError, match="scan: electrode 4 does not exist"):
+        device.set_scan((4,))
 
 
 def test_a_simulation_slower_than_the_rate_leaves_frames_out():
@@ -166,6 +191,19 @@ def test_a_bag_from_before_there_were_row_periods_is_read(tmp_path, storage):
     assert [f.row_period for f in frames] == [0.0] * 5
 
 
+def test_a_recording_is_played_in_rows(npz):
+    device, frames, runs = ReplayDevice(npz, E), Collector(), []
+    device.run_length = 3
+    device.open(frames, runs.append)
+    whole = frames.wait_for(5)
+    device.close()
+    assert [len(run.grounded) for run in runs] == 5 * [3, 1]
+    together = np.concatenate([run.voltages for run in runs]).reshape(5, E, E)
+    assert np.array_equal(together, [frame.voltages for frame in whole], equal_nan=True)
+    period = whole[0].row_period
+    assert runs[1].stamp - runs[0].stamp == pytest.approx(3 * period, abs=1e-3)
+
+
 def test_the_commands_take_a_bag_of_their_layout(tmp_path):
     path, recording = write_bag(tmp_path / "bag", "mcap"), a_recording()
     loaded = load_recording(path, LAYOUT)
@@ -177,11 +215,11 @@ def test_the_commands_take_a_bag_of_their_layout(tmp_path):
     assert load_recording(path, LAYOUT, drive_voltage=2.0).drive_voltage == 2.0
     assert load_recording(path, LAYOUT).truth is None
     with pytest.raises(
-        InputError, match=f"bag: frame 10 is of layout '{LAYOUT.id}', not of 'other'"
+        InputError, match=f"bag: frame 10 is of layout '{LAYOUT.id}', not of 'other#"
     ):
         load_recording(path, replace(LAYOUT, name="other"))
     larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.02, name=LAYOUT.name)
-    with pytest.raises(InputError, match="bag: frame 10 has 4 electrodes, the layout 9"):
+    with pytest.raises(InputError, match=f"is of layout '{LAYOUT.id}', not of '{larger.id}'"):
         load_recording(path, larger)
 
 
@@ -366,7 +404,7 @@ def changed(tmp_path: Path, **changes) -> Path:
         ({"grounded": np.array([0, 1, 2, 4])}, "grounded: one of the electrodes 0 ... 3"),
         ({"grounded": np.array([0, 1, 2, 2.5])}, "grounded: one of the electrodes 0 ... 3"),
         ({"voltages": np.full((5, E, E), -np.inf)}, "voltages: one is infinite"),
-        ({"layout_id": "other"}, f"the frames are of 'other', not of '{LAYOUT.id}'"),
+        ({"layout_id": "other"}, f"frames of 'other', not of '{LAYOUT.id}'"),
         ({"stamps": np.array([0, 1, np.nan, 3, 4])}, "stamps: a finite time is needed"),
         ({"voltages": np.zeros((0, E, E)), "stamps": np.zeros(0)}, "no frame"),
         ({"voltages": np.zeros((5, E, 9))}, "9 electrodes, the layout 4"),
@@ -415,16 +453,32 @@ def test_files_that_are_no_recordings_are_refused(tmp_path):
             ReplayDevice(tmp_path / name, E)
 
 
-def test_a_bag_with_no_or_two_sensors_is_refused(tmp_path):
+def test_rows_in_a_bag_are_left_out_where_their_frames_are_there(tmp_path):
+    both = write_bag(
+        tmp_path / "both", "mcap", topics=("/skin/voltage_rows", "/skin/voltage_frame")
+    )
+    assert len(list(read_frames(both))) == 5
+    rows = write_bag(tmp_path / "rows", "mcap", topics=("/skin/voltage_rows",))
+    assert len(list(read_frames(rows))) == 5
+
+
+def test_a_bag_of_two_sensors_needs_a_topic_and_one_of_none_is_refused(tmp_path):
+    two = write_bag(tmp_path / "two", "mcap", topics=("/left", "/right"))
     with pytest.raises(InputError, match="several topics.*/left.*/right"):
-        ReplayDevice(write_bag(tmp_path / "two", "mcap", topics=("/left", "/right")), E)
+        ReplayDevice(two, E)
+    for name in ("/left", "right"):
+        assert len(collect(ReplayDevice(two, E, topic=name), 5)) == 5
+    with pytest.raises(InputError, match="no frames on middle, but on /left, /right"):
+        ReplayDevice(two, E, topic="middle")
+    with pytest.raises(InputError, match="only bags have topics"):
+        list(read_frames(changed(tmp_path), topic="/left"))
     with pytest.raises(InputError, match="holds no"):
         ReplayDevice(write_bag(tmp_path / "empty", "mcap", topics=()), E)
 
 
 def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
     simulator = Simulator(LAYOUT, SCENE)
-    device = emulator.EmulatedDevice(simulator.frame, E, rate=100.0)
+    device = emulator.EmulatedDevice(lambda t, n, order: simulator.frame(t, n), E, rate=100.0)
     running = emulator.Emulator(device, emulator.PtyPort)
     frames = collect(SerialDevice(running.plug(), E), 3)
     running.unplug()
@@ -451,7 +505,7 @@ def test_the_emulator_leaves_frames_out_after_a_standstill_and_never_drifts():
 def test_scene_time_begins_with_start_and_a_new_rate_with_the_next_frame():
     asked = []
 
-    def source(time, sequence):
+    def source(time, sequence, order):
         asked.append((round(time, 3), sequence))
         return np.zeros((E, E))
 

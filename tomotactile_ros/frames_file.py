@@ -9,7 +9,10 @@ import os
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import IO
 
 import numpy as np
@@ -19,12 +22,15 @@ from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.errors import InputError, complaints_at
 from tomotactile_ros.files import open_regular, write_atomic
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.layout_ids import matches, note_bare
 from tomotactile_ros.scene import Scene
 
 DEFAULT_DRIVE = 3.3  # V
 MAX_BYTES = 4_000_000_000  # of all arrays together
+MAX_STREAMED = 1_000_000_000_000  # the same where frames are read one after the other
 MAX_GROWTH = 100  # times the size of the file; measured readings hardly compress at all
 HARMLESS_BYTES = 256_000_000  # however much they were compressed
+_INFINITE = "infinite; NaN is what marks an invalid reading"
 _LONGEST_HEADER = 10_000  # bytes, of numpy's arrays
 
 
@@ -34,7 +40,7 @@ class FramesFile:
 
     Attributes
     ----------
-    voltages, grounded : (N, L, E) V; (L,).
+    voltages, grounded : (N, L, E) V, an array or `StoredFrames`; (L,).
     drive_voltage : V.
     stamps : (N,) s.
     truth : for each frame a list of contacts, see `contacts_of`.
@@ -43,7 +49,7 @@ class FramesFile:
         where the file says nothing.
     """
 
-    voltages: np.ndarray
+    voltages: np.ndarray | StoredFrames
     grounded: np.ndarray
     drive_voltage: float | None = None
     stamps: np.ndarray | None = None
@@ -52,29 +58,85 @@ class FramesFile:
     row_period: float = 0.0
 
 
+class StoredFrames:
+    """Frames (N, L, E), V, that are read from their file each time one goes through them.
+
+    Parameters
+    ----------
+    read : begins anew and gives arrays (L, E), V; shape : (N, L, E)
+    """
+
+    def __init__(self, read: Callable[[], Iterator[np.ndarray]], shape: tuple[int, int, int]):
+        self._read, self.shape = read, shape
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return self._read()
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
 def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> FramesFile:
     """Read frames of a layout, of any if None; InputError for anything else."""
     arrays = load_arrays(path)
+    if "voltages" in arrays:
+        voltages = arrays["voltages"]
+        _check_frames(path, voltages.shape, voltages.dtype)
+        if np.isinf(voltages).any():
+            raise InputError(f"{path}: voltages: one is {_INFINITE}")
+    return _file_of(path, arrays, arrays.get("voltages"), layout_id)
+
+
+def open_frames(path: str | os.PathLike, layout_id: str | None = None) -> FramesFile:
+    """As `load_frames`, of any length in little memory: `StoredFrames`, and no truth.
+
+    Frames that are stored column by column (Fortran order) do not stand one behind the other in
+    their file: these are read whole.
+    """
+    arrays = load_arrays(path, without=("voltages", "truth", "truth_last"), most=MAX_STREAMED)
+    with _complaining(path), _opened(path, "voltages", MAX_STREAMED) as (_, header):
+        stored = None
+        if header is not None:
+            shape, in_columns, dtype = header
+            if in_columns:
+                return load_frames(path, layout_id)
+            _check_frames(path, shape, dtype)
+            stored = StoredFrames(partial(_stream, path), shape)
+    return _file_of(path, arrays, stored, layout_id)
+
+
+def _stream(path) -> Iterator[np.ndarray]:
+    """(L, E) frame after frame of a file."""
+    with _complaining(path), _opened(path, "voltages", MAX_STREAMED) as (member, header):
+        (count, *shape), _, dtype = header
+        size = math.prod(shape) * dtype.itemsize
+        for number in range(count):
+            data = member.read(size)
+            if len(data) < size:
+                raise InputError(f"{path}: voltages: ends in frame {number} of {count}")
+            frame = np.frombuffer(data, dtype).reshape(shape)
+            if np.isinf(frame).any():
+                raise InputError(f"{path}: voltages: one of frame {number} is {_INFINITE}")
+            yield frame
+
+
+def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
+    """What a file says with these arrays and `voltages` (N, L, E), V."""
     found = str(arrays.get("layout_id", layout_id))
-    if layout_id not in (None, found):
-        raise InputError(f"{path}: layout_id: the frames are of '{found}', not of '{layout_id}'")
-    for name in ("voltages", "grounded"):
-        if name not in arrays:
+    if layout_id is not None:
+        if not matches(found, layout_id):
+            raise InputError(f"{path}: layout_id: frames of '{found}', not of '{layout_id}'")
+        note_bare(found, layout_id, path)
+    for name, array in (("voltages", voltages), ("grounded", arrays.get("grounded"))):
+        if array is None:
             raise InputError(f"{path}: {name}: is missing, a file of frames has it")
-    voltages, grounded = arrays["voltages"], arrays["grounded"]
-    if voltages.ndim != 3 or voltages.dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: voltages: shape {voltages.shape}, frames x rows x electrodes are needed"
-        )
-    if not len(voltages):
-        raise InputError(f"{path}: voltages: holds no frame")
-    if np.isinf(voltages).any():
-        raise InputError(f"{path}: voltages: one is infinite; NaN is what marks an invalid reading")
+    grounded = arrays["grounded"]
     _, rows, electrodes = voltages.shape
     if grounded.shape != (rows,) or not np.isin(grounded, np.arange(electrodes)).all():
         raise InputError(
             f"{path}: grounded: one of the electrodes 0 ... {electrodes - 1} is needed for each of "
-            f"{rows} rows"
+            f"{rows} rows; voltages of shape {voltages.shape} are (frames, rows, electrodes), are the "
+            "axes exchanged?"
         )
     return FramesFile(
         voltages,
@@ -87,13 +149,33 @@ def load_frames(path: str | os.PathLike, layout_id: str | None = None) -> Frames
     )
 
 
-def load_arrays(path: str | os.PathLike) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz` file; InputError for anything else, also for one too large."""
+def _check_frames(path: str | os.PathLike, shape: tuple[int, ...], dtype: np.dtype) -> None:
+    """Refuse what is no array of frames."""
+    if len(shape) != 3 or dtype.kind not in "fiu":
+        raise InputError(f"{path}: voltages: shape {shape}, frames x rows x electrodes are needed")
+    if not shape[0]:
+        raise InputError(f"{path}: voltages: holds no frame")
+
+
+def load_arrays(
+    path: str | os.PathLike, *, without: Sequence[str] = (), most: int = MAX_BYTES
+) -> dict[str, np.ndarray]:
+    """All arrays of an `.npz` file but some; InputError for anything else, also for one too large."""
+    with _complaining(path), os.fdopen(open_regular(path, most), "rb") as file:
+        _check_sizes(path, file, most)
+        with np.lib.npyio.NpzFile(file, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files if name not in without}
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):
+            raise InputError(f"{path}: {checks.show(name)}: is not an array, the file is no .npz")
+    return arrays
+
+
+@contextmanager
+def _complaining(path: str | os.PathLike) -> Iterator[None]:
+    """One line for whatever a damaged file ends in."""
     try:
-        with os.fdopen(open_regular(path, MAX_BYTES), "rb") as file:
-            _check_sizes(path, file)
-            with np.lib.npyio.NpzFile(file, allow_pickle=False) as content:
-                arrays = {name: content[name] for name in content.files}
+        yield
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except InputError:
@@ -103,21 +185,32 @@ def load_arrays(path: str | os.PathLike) -> dict[str, np.ndarray]:
         zipfile.BadZipFile, zlib.error, struct.error,
     ):  # fmt: skip
         raise InputError(f"{path}: is not a file of plain arrays (.npz)") from None
-    for name, array in arrays.items():
-        if not isinstance(array, np.ndarray):
-            raise InputError(f"{path}: {checks.show(name)}: is not an array, the file is no .npz")
-    return arrays
 
 
-def _check_sizes(path: str | os.PathLike, file: IO[bytes]) -> None:
-    """Refuse what grows beyond `MAX_BYTES`, and an array that says it is larger than it is."""
+@contextmanager
+def _opened(path, name: str, most: int) -> Iterator[tuple[IO[bytes], tuple | None]]:
+    """The bytes of one array, and its shape, order and type; None where there is no such array."""
+    with (
+        os.fdopen(open_regular(path, most), "rb") as file,
+        zipfile.ZipFile(file) as archive,
+    ):
+        if f"{name}.npy" not in archive.namelist():
+            yield io.BytesIO(), None
+            return
+        with archive.open(f"{name}.npy") as member:
+            version = np.lib.format.read_magic(member)
+            yield member, _header_reader(version)(member)
+
+
+def _check_sizes(path: str | os.PathLike, file: IO[bytes], most: int) -> None:
+    """Refuse what grows beyond `most` bytes, and an array that says it is larger than it is."""
     with zipfile.ZipFile(file) as archive:
         total = sum(member.file_size for member in archive.infolist())
         packed = os.fstat(file.fileno()).st_size
-        if total > MAX_BYTES or total > max(MAX_GROWTH * packed, HARMLESS_BYTES):
+        if total > most or total > max(MAX_GROWTH * packed, HARMLESS_BYTES):
             raise InputError(
                 f"{path}: {packed / 1e6:.3g} MB would grow to {total / 1e6:.4g} MB, "
-                f"at most {MAX_BYTES / 1e6:.4g} MB and {MAX_GROWTH} times are read"
+                f"at most {most / 1e6:.4g} MB and {MAX_GROWTH} times are read"
             )
         for member in archive.infolist():
             with archive.open(member) as stream:
@@ -136,14 +229,15 @@ def _declared_bytes(header: bytes) -> int | None:
     stream = io.BytesIO(header)
     if header[:6] != b"\x93NUMPY":
         return None
-    version = np.lib.format.read_magic(stream)
-    read = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, _, dtype = read(stream)
+    shape, _, dtype = _header_reader(np.lib.format.read_magic(stream))(stream)
     return math.prod(shape) * dtype.itemsize
+
+
+def _header_reader(version: tuple[int, int]) -> Callable[[IO[bytes]], tuple]:
+    """What reads shape, order and type of an array of this version of the format."""
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0
+    return np.lib.format.read_array_header_2_0
 
 
 def contacts_of(path: str | os.PathLike, key: str, text: object) -> list[list[dict]]:

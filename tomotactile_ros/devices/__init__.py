@@ -33,12 +33,21 @@ class DeviceSettings:
         For ``serial``; see `tomotactile_ros.devices.line.find_port`.
     partial_frames : bool
         For ``serial``: deliver incomplete frames, with NaN in the missing rows.
-    recording, loop : str, bool
-        For ``replay``: file or bag, and whether to start over at its end.
+    recording, topic, loop : str, str, bool
+        For ``replay``: file or bag, which topic of a bag with several, and whether to start over at
+        its end.
     drive_voltage : float, V
         For ``replay`` of recordings that do not hold it.
     max_age : float, s
         For ``serial``: frames whose last sample is longer ago are dropped and counted; 0 for any.
+    rows_per_message : int
+        Rows of a frame that are handed over together, to whoever wants rows.
+    scan : tuple of int
+        Electrodes to ground, row after row; none: the layout's order, or the device's own.
+    address : int
+        For ``serial``: of the device on a bus; 0: it has none.
+    capture : str
+        For ``serial``: a file for all that comes from the line; none if empty.
     """
 
     layout: Layout
@@ -50,9 +59,14 @@ class DeviceSettings:
     baud: int = 2_000_000
     partial_frames: bool = False
     recording: str = ""
+    topic: str = ""
     loop: bool = False
     drive_voltage: float = 3.3
     max_age: float = 0.0
+    rows_per_message: int = 8
+    scan: tuple[int, ...] = ()
+    address: int = 0
+    capture: str = ""
 
 
 def make_device(settings: DeviceSettings) -> Device:
@@ -68,7 +82,10 @@ def make_device(settings: DeviceSettings) -> Device:
     if settings.device not in KINDS:
         raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
     make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
-    return make[settings.device](settings)
+    device = make[settings.device](settings)
+    device.run_length = settings.rows_per_message
+    device.set_scan(settings.scan)
+    return device
 
 
 def _make_fake(settings: DeviceSettings) -> Device:
@@ -98,6 +115,8 @@ def _make_serial(settings: DeviceSettings) -> Device:
         baud=settings.baud,
         rate=settings.rate,
         partial_frames=settings.partial_frames,
+        address=settings.address,
+        capture=settings.capture,
     )
     device.max_age = settings.max_age or math.inf
     return device
@@ -115,4 +134,5 @@ def _make_replay(settings: DeviceSettings) -> Device:
         loop=settings.loop,
         drive_voltage=settings.drive_voltage,
         layout_id=settings.layout.id,
+        topic=settings.topic,
     )

@@ -1,27 +1,29 @@
 """Joins the rows of the wire protocol to frames; decides what is whole, lost, repeated or late.
 
-Rows belong together when count, rows, sequence and frame_time agree (docs/protocol.md, section
-3).  Nothing else is ever joined, so that lost packets, restarts and repetitions can cost frames but
-never make a wrong one.
+Rows belong together when count, rows, sequence, frame_time and scan agree (docs/protocol.md,
+sections 3 and 4).  Nothing else is ever joined, so that lost packets, restarts and repetitions can
+cost frames but never make a wrong one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.devices.protocol import NO_READING, Row, unpack_counts
+from tomotactile_ros.devices.protocol import NO_READING, OWN_ORDER, Row, unpack_counts
 
 _RECENT = 16
+_ORDERS = 64  # commanded orders that are remembered
 _BLOCK = 16  # rows converted at a time: one by one costs more, all at the end takes longer then
 
 
 @dataclass(frozen=True, eq=False)
 class RowsOfFrame:
-    """A frame in device time; `frame_time` and `last_sample` in µs, voltages (L, E) in V.
+    """A frame, or rows of one, in device time; begin and last sample in µs, voltages (L, E) in V.
 
-    `row_period` (µs) is the median time from the end of one row to the end of the next, so that a
+    `frame_time` is when the first of the rows began. `row_period` (µs) is the median time from the end of one row to the end of the next, so that a
     row that was late or a counter that slipped does not move it; 0 where no row tells.
     """
 
@@ -51,11 +53,18 @@ class FrameAssembler:
     Parameters
     ----------
     electrodes, rows : int
-        Shape of the frames; rows of another shape are ignored.
+        Shape of the frames in the device's own order; rows of another shape are ignored.
     partial : bool
         Whether incomplete frames are returned too, with NaN in the missing rows.
     counters : AssemblyCounters
         Where to count on, for a device that was connected before.
+
+    Attributes
+    ----------
+    own_rows : int
+        As `rows`; may change when the device says so.
+    accepted : bool
+        Whether the row that was fed last is one of a frame, and not ignored.
     """
 
     def __init__(
@@ -66,22 +75,41 @@ class FrameAssembler:
         counters: AssemblyCounters | None = None,
     ) -> None:
         self.counters = counters or AssemblyCounters()
-        self._shape = (rows, electrodes)
+        self.own_rows = rows
+        self.accepted = False
+        self._electrodes = electrodes
         self._partial = partial
-        self._grounded = np.full(rows, -1)
-        self._key: tuple[int, int] | None = None
-        self._finished: tuple[int, int] | None = None
+        self._orders: dict[int, np.ndarray] = {}
+        self._learned: np.ndarray | None = (
+            None  # electrodes that the own order grounds, -1: unknown
+        )
+        self._key: tuple[int, int, int] | None = None
+        self._finished: tuple[int, int, int] | None = None
+        self._first: int | None = None
+
+    def expect_order(self, scan: int, order: Sequence[int]) -> None:
+        """Rows of this scan ground these electrodes."""
+        self._orders[scan] = np.array(order)
+        if len(self._orders) > _ORDERS:
+            del self._orders[next(iter(self._orders))]
+
+    def expect_first(self, sequence: int) -> None:
+        """The stream begins with this frame; those before the first that comes are lost."""
+        if self._key is None:
+            self._first = sequence
 
     def feed(self, row: Row) -> list[RowsOfFrame]:
         """Take in one row; return the frames that it finishes: none, one or (partial) two."""
-        key = (row.sequence, row.frame_time)
-        if (row.rows, row.count) != self._shape or self._is_old(key):
+        key = (row.sequence, row.frame_time, row.scan)
+        self.accepted = False
+        if not self._fits(row) or self._is_old(key):
             self.counters.rows_ignored += 1
             return []
         done = [] if key == self._key else self._next(key)
         if self._received[row.row] or self._contradicts(row):
             self.counters.rows_ignored += 1
             return done
+        self.accepted = True
         self._received[row.row] = True
         self._grounded[row.row] = row.grounded
         self._block.append(row)
@@ -93,9 +121,24 @@ class FrameAssembler:
             self._convert()
         return done
 
+    def _fits(self, row: Row) -> bool:
+        """Whether count and rows are those of the scan that the row names."""
+        if row.scan == OWN_ORDER:
+            rows = self.own_rows
+        elif row.scan in self._orders:
+            rows = len(self._orders[row.scan])
+        else:
+            return False
+        return (row.rows, row.count) == (rows, self._electrodes)
+
     def _contradicts(self, row: Row) -> bool:
-        """Whether another row grounds this electrode, or this row another one in other frames."""
+        """Whether the row grounds another electrode than commanded, or than in other frames.
+
+        In a device's own order, no electrode is grounded by two rows, either.
+        """
         known = self._grounded[row.row]
+        if row.scan != OWN_ORDER:
+            return known != row.grounded
         return known != row.grounded and (known >= 0 or row.grounded in self._grounded)
 
     def abandon(self) -> None:
@@ -103,14 +146,14 @@ class FrameAssembler:
         if self._key is not None:
             self._finish()
 
-    def _is_old(self, key: tuple[int, int]) -> bool:
+    def _is_old(self, key: tuple[int, int, int]) -> bool:
         last = self._key or self._finished
         if last is None or key == self._key:
             return False
         behind = (last[0] - key[0]) & 0xFFFFFFFF
         return key == self._finished or (behind <= _RECENT and key[1] <= last[1])
 
-    def _next(self, key: tuple[int, int]) -> list[RowsOfFrame]:
+    def _next(self, key: tuple[int, int, int]) -> list[RowsOfFrame]:
         done = []
         if self._key is not None:
             self.counters.frames_incomplete += 1
@@ -118,32 +161,39 @@ class FrameAssembler:
             if self._partial and (self._grounded >= 0).all():
                 done.append(self._frame())
             self._finish()
+        self._begin(key)
+        expected = self._first
         if self._finished is not None:
-            gap = (key[0] - self._finished[0] - 1) & 0xFFFFFFFF
+            expected = (self._finished[0] + 1) & 0xFFFFFFFF
+        if expected is not None:
+            gap = (key[0] - expected) & 0xFFFFFFFF
             if gap < 1 << 16:
                 self.counters.frames_lost += gap
-                self.counters.packets_lost += gap * self._shape[0]
-        self._begin(key)
+                self.counters.packets_lost += gap * len(self._received)
         return done
 
-    def _begin(self, key: tuple[int, int]) -> None:
+    def _begin(self, key: tuple[int, int, int]) -> None:
         self._key = key
-        self._voltages = np.full(self._shape, np.nan, dtype=np.float32)
-        self._received = [False] * self._shape[0]
-        self._missing = self._shape[0]
+        if key[2] == OWN_ORDER:
+            if self._learned is None or len(self._learned) != self.own_rows:
+                self._learned = np.full(self.own_rows, -1)
+            self._grounded = self._learned
+        else:
+            self._grounded = self._orders[key[2]]
+        rows = len(self._grounded)
+        self._voltages = np.full((rows, self._electrodes), np.nan, dtype=np.float32)
+        self._received = [False] * rows
+        self._missing = rows
         self._block: list[Row] = []
-        self._ends = np.full(self._shape[0], -1)
+        self._ends = np.full(rows, -1)
         self._drive_voltage = 0.0
 
     def _convert(self) -> None:
         """Make voltages of the rows that wait; few are left to do when the last one comes."""
         rows, self._block = self._block, []
-        counts = unpack_counts(b"".join(row.readings for row in rows)).reshape(len(rows), -1)
-        voltages = counts * np.array([row.scale for row in rows], dtype=np.float32)[:, None]
-        voltages[counts == NO_READING] = np.nan
-        voltages[np.arange(len(rows)), [row.grounded for row in rows]] = np.nan
-        self._voltages[[row.row for row in rows]] = voltages
-        self._ends[[row.row for row in rows]] = [row.row_end for row in rows]
+        places = [row.row for row in rows]
+        self._voltages[places] = voltages_of(rows)
+        self._ends[places] = [row.row_end for row in rows]
         self._drive_voltage = rows[-1].drive_voltage
 
     def _finish(self) -> None:
@@ -152,7 +202,7 @@ class FrameAssembler:
     def _frame(self) -> RowsOfFrame:
         if self._block:
             self._convert()
-        sequence, frame_time = self._key
+        sequence, frame_time, _ = self._key
         return RowsOfFrame(
             self._voltages,
             self._grounded.astype(np.uint16),
@@ -163,6 +213,80 @@ class FrameAssembler:
             self._missing,
             row_period(self._ends),
         )
+
+
+class RunAssembler:
+    """Collects runs of at most `length` rows that follow one another within a frame.
+
+    A run ends early with its frame, and before a row that does not follow: each of its rows was
+    taken one row period behind the one before.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._run: list[Row] = []
+        self._begin = 0  # of the run, µs after frame_time
+        self._last: Row | None = None
+        self._period = 0  # of the last row, µs
+
+    def feed(self, row: Row) -> list[RowsOfFrame]:
+        """Take in a row that the frame's assembler accepted; return runs that are finished."""
+        done = []
+        follows = self._follows(row)
+        if self._run and not follows:
+            done.append(self._finish())
+        if not self._run:
+            begin = self._last.row_end if follows else row.row_end - self._period
+            self._begin = max(0, begin) if row.row else 0
+        before = self._run[-1].row_end if self._run else self._begin
+        self._period = max(0, row.row_end - before)
+        self._run.append(row)
+        self._last = row
+        if len(self._run) == self._length or row.row == row.rows - 1:
+            done.append(self._finish())
+        return done
+
+    def _follows(self, row: Row) -> bool:
+        last = self._last
+        return last is not None and (last.sequence, last.frame_time, last.scan, last.row + 1) == (
+            row.sequence,
+            row.frame_time,
+            row.scan,
+            row.row,
+        )
+
+    def _finish(self) -> RowsOfFrame:
+        rows, self._run = self._run, []
+        ends = np.array([row.row_end for row in rows])
+        last = rows[-1]
+        return RowsOfFrame(
+            voltages_of(rows),
+            np.array([row.grounded for row in rows], np.uint16),
+            last.sequence,
+            last.frame_time + self._begin,
+            last.frame_time + int(ends.max()),
+            last.drive_voltage,
+            0,
+            row_period(np.maximum(ends - self._begin, 0)),
+        )
+
+
+def voltages_of(rows: Sequence[Row]) -> np.ndarray:
+    """(L, E) float32 voltages of rows of one scan, V; NaN: no valid reading.
+
+    Version 1 has no reading of the grounded electrode itself, whatever stands in its place.
+    """
+    counts = unpack_counts(b"".join(row.readings for row in rows)).reshape(len(rows), -1)
+    scales = np.array([row.scale for row in rows], dtype=np.float32)[:, None]
+    if any(row.zero for row in rows):
+        zeros = np.array([row.zero for row in rows], dtype=np.float32)[:, None]
+        voltages = (counts - zeros) * scales
+    else:
+        voltages = counts * scales
+    voltages[counts == NO_READING] = np.nan
+    if rows[0].version == 1:
+        voltages[np.arange(len(rows)), [row.grounded for row in rows]] = np.nan
+    return voltages
 
 
 def row_period(ends: np.ndarray) -> float:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
+from tomotactile_ros import checks
 from tomotactile_ros.devices.health import Health, Trouble
 from tomotactile_ros.errors import InputError
 
@@ -45,6 +46,24 @@ class Frame:
     stamp: float
     drive_voltage: float
     row_period: float = 0.0
+
+
+def rows_time(rows: Frame) -> float:
+    """How long these rows took, s."""
+    return len(rows.grounded) * rows.row_period
+
+
+def rows_of(frame: Frame, length: int) -> Iterator[tuple[Frame, float]]:
+    """The rows of a frame in runs of `length`, and when each had ended, s after the frame began."""
+    for first in range(0, len(frame.grounded), length):
+        run = slice(first, first + length)
+        rows = replace(
+            frame,
+            voltages=frame.voltages[run],
+            grounded=frame.grounded[run],
+            stamp=frame.stamp + first * frame.row_period,
+        )
+        yield rows, first * frame.row_period + rows_time(rows)
 
 
 def unix_time(monotonic: float) -> float:
@@ -92,8 +111,15 @@ class Status:
 class Device(Protocol):
     """A source of frames."""
 
-    def open(self, on_frame: Callable[[Frame], None]) -> None:
-        """Start; `on_frame` is called from the device's thread, once per frame."""
+    def open(
+        self,
+        on_frame: Callable[[Frame], None],
+        on_rows: Callable[[Frame], None] | None = None,
+    ) -> None:
+        """Start; `on_frame` is called from the device's thread, once per frame.
+
+        So is `on_rows`, where it is given, with rows of frames that are still under way.
+        """
 
     def close(self) -> None:
         """Stop and wait for the thread; no call of `on_frame` begins afterwards."""
@@ -107,12 +133,17 @@ class Device(Protocol):
     def set_streaming(self, streaming: bool) -> None:
         """Pause (False) or resume (True) the frames."""
 
+    def set_scan(self, order: Sequence[int]) -> None:
+        """Ask for frames that ground these electrodes, row after row; none: the device's order."""
+
 
 class ThreadedDevice:
     """A device whose `_run` lives in one thread; delivery, health and status are done here.
 
     Parameters
     ----------
+    electrodes : int
+        Of the layout.
     rate : float
         Wanted frames per second; 0 leaves it to the source.
 
@@ -120,26 +151,37 @@ class ThreadedDevice:
     ----------
     max_age : float, s
         Frames whose last sample is longer ago are dropped, counted and told; inf for any age.
+    run_length : int
+        Rows of a frame that are handed over together, where `open` is given `on_rows`.
     """
 
     LATE_FOR = 10.0  # s that too old frames are told of
 
-    def __init__(self, rate: float = 0.0) -> None:
+    def __init__(self, electrodes: int, rate: float = 0.0) -> None:
         self.health = Health()
+        self._electrodes = electrodes
         self.max_age = math.inf
+        self.run_length = 1
         self._rate = float(rate)
         self._streaming = True
+        self._scan: tuple[int, ...] = ()
         self._on_frame: Callable[[Frame], None] | None = None
+        self._on_rows: Callable[[Frame], None] | None = None
+        self._stale_at = -math.inf
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._changed = threading.Event()
         self._state = ("closed", "not opened")
 
-    def open(self, on_frame: Callable[[Frame], None]) -> None:
+    def open(
+        self,
+        on_frame: Callable[[Frame], None],
+        on_rows: Callable[[Frame], None] | None = None,
+    ) -> None:
         """Start the thread; a device that was closed can be opened again."""
         if self._thread is not None:
             raise RuntimeError("the device is open already")
-        self._on_frame = on_frame
+        self._on_frame, self._on_rows = on_frame, on_rows
         self._stop.clear()
         self.health.reset()
         self._thread = threading.Thread(
@@ -171,6 +213,7 @@ class ThreadedDevice:
     def set_rate(self, rate: float) -> None:
         """Ask for `rate` frames per second."""
         self._rate = float(rate)
+        self.health.forget_rate()
         self._changed.set()
 
     def set_streaming(self, streaming: bool) -> None:
@@ -178,11 +221,27 @@ class ThreadedDevice:
         self._streaming = bool(streaming)
         self._changed.set()
 
+    def set_scan(self, order: Sequence[int]) -> None:
+        """Ask for an order of the scan, none for the device's own; InputError for an impossible one."""
+        wanted = checks.order(list(order), "scan", self._electrodes).tolist() if order else ()
+        self._scan = tuple(wanted)
+        self._changed.set()
+
     def _run(self) -> None:
         raise NotImplementedError
 
+    def _now(self) -> float:
+        return time.monotonic()
+
+    def _stopped(self) -> bool:
+        return self._stop.is_set()
+
     def _troubles(self) -> list[Trouble]:
-        return self.health.troubles()
+        return self.health.troubles(self._rate_due())
+
+    def _rate_due(self) -> float:
+        """Frames/s that should come; 0 where nobody said."""
+        return self._rate
 
     def _counters(self) -> dict[str, float]:
         return {}
@@ -197,17 +256,33 @@ class ThreadedDevice:
 
     def _deliver(self, frame: Frame, last_sample: float | None = None) -> None:
         """Hand `frame` over; `last_sample` (s, monotonic clock) says how old it is."""
-        if self._stop.is_set():
-            return
-        age = 0.0 if last_sample is None else time.monotonic() - last_sample
-        if age > self.max_age:
+        if self._is_wanted(last_sample):
+            self._call(self._on_frame, frame)
+            self.health.frame_delivered(frame.voltages, frame.drive_voltage, last_sample)
+
+    def _deliver_rows(self, rows: Frame, last_sample: float | None = None) -> None:
+        """Hand rows of a frame over, likewise."""
+        if self._is_wanted(last_sample, whole=False):
+            self._call(self._on_rows, rows)
+
+    def _is_wanted(self, last_sample: float | None, whole: bool = True) -> bool:
+        """False where the device is closed, or for what is too old, which is counted and told."""
+        if self._stopped():
+            return False
+        now = self._now()
+        age = 0.0 if last_sample is None else now - last_sample
+        if age <= self.max_age:
+            return True
+        self._stale_at = now
+        if whole:
             self.health.frame_too_old(age)
-            return
+        return False
+
+    def _call(self, receive: Callable[[Frame], None], frame: Frame) -> None:
         try:
-            self._on_frame(frame)
+            receive(frame)
         except Exception as error:  # noqa: BLE001 - the receiver's mistake must not end the source
             self.health.callback_failed(f"{type(error).__name__}: {error}")
-        self.health.frame_delivered(frame.voltages, frame.drive_voltage, last_sample)
 
     def _guarded_run(self) -> None:
         try:

@@ -7,6 +7,7 @@ sleeps longer than to the end of the frame.
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import threading
@@ -19,8 +20,9 @@ import numpy as np
 from tomotactile_ros.command_line import Parser
 from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
+from tomotactile_ros.devices.protocol import ALL_ADDRESSES, VERSIONS
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
@@ -84,6 +86,8 @@ class Emulator:
                 rows = self.device.rows_due(time.monotonic())
                 if len(pending) < self.BUFFER:
                     pending += self._mangle(rows)
+                else:
+                    self.device.dropped += rows.count(0)
                 if pending:
                     del pending[: port.send(bytes(pending[: self.PIECE]))]
         finally:
@@ -96,16 +100,31 @@ class Emulator:
         return max(0.0, min(self.TICK, due - time.monotonic()))
 
 
-def _parse(argv: list[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="emulator", description="A sensor without hardware, behind the real wire protocol."
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the emulator, for both programs that run it."""
     parser.add_argument("--layout", default="equal-8x8", help="path or name of a layout")
     parser.add_argument("--scene", help="path or name of a scene; without it nothing touches")
     parser.add_argument("--rate", type=float, default=15.625, help="frames/s at power-up")
     parser.add_argument(
+        "--protocol",
+        type=int,
+        nargs="+",
+        choices=VERSIONS,
+        default=list(VERSIONS),
+        help="versions of the protocol that it speaks (default: all)",
+    )
+    parser.add_argument("--address", type=int, default=0, help="on a bus, 1 to 254 (default: none)")
+    parser.add_argument("--temperature", type=float, default=math.nan, help="that it reports, °C")
+    parser.add_argument(
         "--port", default="pty", help="pty, pty:LINK, tcp:PORT or tcp:HOST:PORT (default: pty)"
     )
+
+
+def _parse(argv: list[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog="emulator", description="A sensor without hardware, behind the real wire protocol."
+    )
+    add_arguments(parser)
     # a launch file's Node action puts --ros-args behind, though this is no node
     words = sys.argv[1:] if argv is None else argv
     return parser.parse_args(list(takewhile(lambda word: word != "--ros-args", words)))
@@ -117,21 +136,34 @@ def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
         raise InputError(
             f"rate: {arguments.rate:g}, expected {MIN_RATE:g} to {MAX_RATE:g} frames/s"
         )
-    if arguments.scene is None:
-        return EmulatedDevice(
-            idle_source(layout.electrodes), layout.electrodes, rate=arguments.rate
-        )
-    scene = load_scene(arguments.scene)
+    if not 0 <= arguments.address < ALL_ADDRESSES:
+        raise InputError(f"address: {arguments.address}, expected 0 (none) to 254")
+    settings = {
+        "rate": arguments.rate,
+        "versions": arguments.protocol,
+        "address": arguments.address,
+    }
+    device = _simulated(layout, arguments.scene, settings)
+    device.temperature = arguments.temperature
+    return device
+
+
+def _simulated(layout: Layout, scene_name: str | None, settings: dict) -> EmulatedDevice:
+    """The device on a sheet with the scene, without one on a sheet that nothing touches."""
+    if scene_name is None:
+        return EmulatedDevice(idle_source(layout.electrodes), layout.electrodes, **settings)
+    scene = load_scene(scene_name)
     simulator = Simulator(layout, scene)
 
-    def scan(t: float, sequence: int) -> np.ndarray:
-        simulator.row_period = device.row_period
+    def scan(t: float, sequence: int, order: np.ndarray) -> np.ndarray:
+        simulator.row_period, simulator.grounded = device.row_period, order
         return simulator.frame(t, sequence)
 
     device = EmulatedDevice(
         scan,
         layout.electrodes,
-        rate=arguments.rate,
+        own_reading=scene.own_reading,
+        **settings,
         adc_bits=scene.adc.bits if scene.adc else 16,
         range=scene.adc.range if scene.adc else scene.drive_voltage,
         drive_voltage=scene.drive_voltage,
@@ -143,18 +175,23 @@ def _interrupt(signum: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
+def serve(arguments: argparse.Namespace) -> None:
+    """Run the emulator until it is interrupted; it prints what a host opens."""
+    device = _make_device(arguments)
+    try:
+        Emulator(device, port_maker(arguments.port)).run(lambda path: print(path, flush=True))
+    except OSError as error:
+        raise InputError(f"port: {arguments.port}: {error.strerror or error}") from None
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the emulator until it is interrupted; returns the exit status."""
     arguments = _parse(argv)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        emulator = Emulator(_make_device(arguments), port_maker(arguments.port))
-        emulator.run(lambda path: print(path, flush=True))
+        serve(arguments)
     except InputError as error:
         print(f"emulator: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"emulator: port: {arguments.port}: {error.strerror or error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 from tomotactile_ros.touches import Touch, Touches
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """A frame that is to be scanned: its number, begin (s, monotonic), period (s) and order."""
+
+    sequence: int
+    start: float
+    period: float
+    order: tuple[int, ...]
+
+    @property
+    def row_period(self) -> float:
+        return self.period / len(self.order)
 
 
 class FakeDevice(ThreadedDevice):
@@ -19,8 +35,10 @@ class FakeDevice(ThreadedDevice):
     at the end and stamped with its beginning.  A simulation too slow for the rate leaves frames out
     (`frames_skipped`), so that time in the scene stays time in the world.
 
-    In a live scene `press` says from any thread what touches the sheet. A frame is then computed at
-    its end, when all that has touched meanwhile is known.
+    Where rows are wanted while their frame is under way, the frame is computed before it begins.
+
+    In a live scene `press` says from any thread what touches the sheet. A frame, or a run of rows,
+    is then computed at its end, when all that has touched meanwhile is known.
 
     Parameters
     ----------
@@ -31,18 +49,25 @@ class FakeDevice(ThreadedDevice):
     """
 
     def __init__(self, simulator: Simulator, *, rate: float = 0.0) -> None:
-        super().__init__()
+        super().__init__(simulator.layout.electrodes)
         self._simulator = simulator
-        self._grounded = simulator.grounded.astype(np.uint16)
+        self._own_order = tuple(simulator.grounded.tolist())
         self._skipped = 0
         self._begin: float | None = None  # of time in the scene, s, monotonic clock
         self._touches = Touches(simulator.layout) if simulator.scene.live else None
         simulator.live = self._touches
+        self._ahead: tuple[_Scan, Future[np.ndarray]] | None = None
         self.set_rate(rate)
 
     def set_rate(self, rate: float) -> None:
         """Scan `rate` frames per second from the next frame on (0: 1000 ground conditions)."""
-        super().set_rate(rate or 1.0 / (ROW_PERIOD * self._grounded.size))
+        self._wished = rate
+        super().set_rate(rate or 1.0 / (ROW_PERIOD * len(self._scan or self._own_order)))
+
+    def set_scan(self, order: Sequence[int]) -> None:
+        """Ground these electrodes from the next frame on, none: the own order."""
+        super().set_scan(order)
+        self.set_rate(self._wished)
 
     def press(self, touches: Sequence[Touch]) -> list[str]:
         """From now on these touches are on the sheet, and no others, for `touches.HOLD` s.
@@ -62,36 +87,98 @@ class FakeDevice(ThreadedDevice):
     def _run(self) -> None:
         if self._touches is not None:
             self._touches.clear()
-        self._begin = begin = start = time.monotonic()
+        with ThreadPoolExecutor(1, thread_name_prefix="scene") as pool:
+            self._scan_on(pool)
+
+    def _scan_on(self, pool: ThreadPoolExecutor) -> None:
+        """Scan frame after frame until the device is closed."""
+        self._begin = start = time.monotonic()
+        self._ahead, self._took = None, 0.0
         sequence = self._skipped = 0
-        took = 0.0
         while not self._stop.is_set():
             if not self._streaming:
                 self._set_state("stopped", "stopped on request")
                 self._pause(1.0)
                 start = time.monotonic()
                 continue
-            period = 1.0 / self._rate
-            end = start + period
-            # as under real hardware, the computer is free for the last frame's image at first
-            idle_until = start + min(0.5 * period, period - 2.0 * took)
-            if self._touches is not None:
-                idle_until = end
-            if self._stop.wait(max(0.0, idle_until - time.monotonic())):
-                return
-            now = time.monotonic()
-            self._simulator.row_period = period / self._grounded.size
-            voltages = self._simulator.frame(start - begin, sequence).astype(np.float32)
-            took = time.monotonic() - now
+            scan = self._scan_of(sequence, start)
+            end = start + scan.period
+            if self._on_rows is None:
+                voltages = self._whole(scan)
+            else:
+                voltages = self._in_runs(scan, pool)
             if self._stop.wait(max(0.0, end - time.monotonic())):
                 return
-            self._set_state("streaming", f"simulated, {self._rate:g} frames/s")
-            stamp = unix_time(start)
-            drive = self._simulator.scene.drive_voltage
-            row_period = self._simulator.row_period
-            frame = Frame(voltages, self._grounded, sequence, stamp, drive, row_period)
-            self._deliver(frame, end)
-            behind = int((time.monotonic() - end) / period)
+            self._set_state("streaming", f"simulated, {1.0 / scan.period:g} frames/s")
+            self._deliver(self._frame(scan, voltages), end)
+            behind = int((time.monotonic() - end) / scan.period)
             self._skipped += behind
+            self.health.frames_lost(behind)
             sequence += 1 + behind
-            start = end + behind * period
+            start = end + behind * scan.period
+
+    def _scan_of(self, sequence: int, start: float) -> _Scan:
+        return _Scan(sequence, start, 1.0 / self._rate, self._scan or self._own_order)
+
+    def _frame(self, scan: _Scan, voltages: np.ndarray, first: int = 0) -> Frame:
+        """Rows of a frame from the row `first` on, the whole frame without it."""
+        return Frame(
+            voltages,
+            np.array(scan.order[first : first + len(voltages)], np.uint16),
+            scan.sequence,
+            unix_time(scan.start + first * scan.row_period),
+            self._simulator.scene.drive_voltage,
+            scan.row_period,
+        )
+
+    def _whole(self, scan: _Scan) -> np.ndarray:
+        """(L, E) voltages of a frame; returns before it ends, of a live scene behind that."""
+        # as under real hardware, the computer is free for the last frame's image at first
+        idle_until = scan.start + min(0.5 * scan.period, scan.period - 2.0 * self._took)
+        if self._touches is not None:
+            idle_until = scan.start + scan.period
+        self._stop.wait(max(0.0, idle_until - time.monotonic()))
+        now = time.monotonic()
+        voltages = self._compute(scan)
+        self._took = time.monotonic() - now
+        return voltages
+
+    def _compute(self, scan: _Scan, first: int = 0, last: int | None = None) -> np.ndarray:
+        """(L, E) voltages of a frame, or of some of its rows."""
+        simulator = self._simulator
+        simulator.row_period, simulator.grounded = scan.row_period, np.array(scan.order)
+        t = scan.start - self._begin
+        if last is None:
+            return simulator.frame(t, scan.sequence).astype(np.float32)
+        return simulator.rows(t, first, last, scan.sequence).astype(np.float32)
+
+    def _in_runs(self, scan: _Scan, pool: ThreadPoolExecutor) -> np.ndarray:
+        """(L, E) voltages of a frame whose rows were handed over as soon as they were taken."""
+        done = []
+        for first, voltages in self._runs(scan, pool):
+            end = scan.start + (first + len(voltages)) * scan.row_period
+            if self._stop.wait(max(0.0, end - time.monotonic())):
+                break
+            done.append(voltages)
+            self._deliver_rows(self._frame(scan, voltages, first), end)
+        return np.concatenate(done or [np.empty((0, self._electrodes), np.float32)])
+
+    def _runs(self, scan: _Scan, pool: ThreadPoolExecutor) -> Iterator[tuple[int, np.ndarray]]:
+        """First row and voltages of each run of rows of a frame."""
+        rows, step = len(scan.order), self.run_length
+        if self._touches is not None:
+            for first in range(0, rows, step):
+                last = min(first + step, rows)
+                end = scan.start + last * scan.row_period
+                if self._stop.wait(max(0.0, end - time.monotonic())):
+                    return
+                yield first, self._compute(scan, first, last)
+            return
+        ahead, self._ahead = self._ahead, None
+        if ahead is None or ahead[0] != scan:
+            ahead = scan, pool.submit(self._compute, scan)
+        voltages = ahead[1].result()
+        following = self._scan_of(scan.sequence + 1, scan.start + scan.period)
+        self._ahead = following, pool.submit(self._compute, following)
+        for first in range(0, rows, step):
+            yield first, voltages[first : first + step]

@@ -22,6 +22,7 @@ class DeadChannels:
     def __init__(self, window: int = 64) -> None:
         self.dead: tuple[int, ...] = ()
         self.highest = 0.0  # V, largest reading of the last frame, either way
+        self.span = 0.0  # V, from its lowest to its highest reading; NaN where it has none
         self._window = window
         self._constant: set[int] = set()
         self._frames = 0
@@ -31,7 +32,9 @@ class DeadChannels:
     def update(self, voltages: np.ndarray, drive_voltage: float) -> None:
         """Take in the readings (L, E) of one frame, V, NaN where invalid."""
         low, high = np.fmin.reduce(voltages, axis=0), np.fmax.reduce(voltages, axis=0)
-        self.highest = float(max(np.fmax.reduce(high), -np.fmin.reduce(low)))
+        highest, lowest = np.fmax.reduce(high), np.fmin.reduce(low)
+        self.highest = float(max(highest, -lowest))
+        self.span = float(highest - lowest)
         if self._low is None or self._low.shape != low.shape:
             self._low, self._high, self._frames = low, high, 0
         else:
@@ -87,7 +90,9 @@ class Health:
 
     RATE_WINDOW, LEAST_SPAN = 5.0, 0.5
     LOSS, SERIOUS_LOSS = 0.01, 1 / 3  # of the frames
+    REACHED = 0.9  # of the rate that is wanted
     ABOVE, OFTEN = 1.1, 0.1  # times the drive voltage; of the frames
+    PRESSED, FLAT = 0.05, 1e-3  # of the drive voltage: some reading is above, all are within
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -101,7 +106,8 @@ class Health:
             self._frames = 0
             self._callback_errors = 0
             self._age = 0.0
-            self._recent = Recent(3)  # frames delivered, lost, above the drive voltage
+            # frames delivered, lost, above the drive voltage, without a reading, all the same
+            self._recent = Recent(5)
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
@@ -119,23 +125,29 @@ class Health:
             self._latencies[self._frames % self._latencies.size] = late
             self._frames += 1
         self.dead_channels.update(voltages, drive_voltage)
-        highest = self.dead_channels.highest / drive_voltage if drive_voltage > 0 else 0.0
+        highest, span = self.dead_channels.highest, self.dead_channels.span
+        above = highest > self.ABOVE * drive_voltage
+        flat = span < self.FLAT * drive_voltage and highest > self.PRESSED * drive_voltage
         with self._lock:
-            self._recent.add(1, 0, highest > self.ABOVE)
-            if highest > self.ABOVE:
-                self._highest = self.dead_channels.highest
+            self._recent.add(1, 0, above, np.isnan(span), flat)
+            if above or flat:
+                self._highest = highest
 
     def frames_lost(self, number: int) -> None:
         """Note frames that did not arrive, or not whole."""
         if number:
             with self._lock:
-                self._recent.add(0, number, 0)
+                self._recent.add(0, number, 0, 0, 0)
 
-    def troubles(self) -> list[Trouble]:
-        """What is wrong with the frames of the last 10 s."""
+    def troubles(self, wanted: float = 0.0) -> list[Trouble]:
+        """What is wrong with the frames of the last 10 s; `wanted` frames/s, 0 for any."""
         with self._lock:
-            delivered, lost, above = self._recent.sums()
+            delivered, lost, above, empty, flat = self._recent.sums()
         found = []
+        seen, span = self._rate()
+        if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
+            text = f"{seen:.3g} frames/s arrive, {wanted:.4g} are wanted"
+            found.append(Trouble("rate", False, text))
         share = lost / max(delivered + lost, 1.0)
         if share > self.LOSS:
             text = f"{100 * share:.0f} % of the frames are lost or incomplete"
@@ -146,6 +158,14 @@ class Health:
                 "scale, range or drive voltage of the device are wrong"
             )
             found.append(Trouble("above drive", True, text))
+        if empty > self.OFTEN * delivered:
+            found.append(Trouble("no reading", True, "no electrode gives a valid reading"))
+        if flat > self.OFTEN * delivered:
+            text = (
+                f"all readings are the same, {self._highest:.3g} V: the converter stands still, "
+                "or no electrode is grounded"
+            )
+            found.append(Trouble("all the same", True, text))
         return found
 
     def frame_too_old(self, age: float) -> None:
@@ -178,9 +198,7 @@ class Health:
 
     def counters(self) -> dict[str, float]:
         """Figures so far; latencies over the last 4096 frames, the rate over the last 5 s."""
-        now = time.monotonic()
         with self._lock:
-            recent = self._times[self._times > now - self.RATE_WINDOW]
             latencies = self._latencies[~np.isnan(self._latencies)]
             counters = {
                 "frames": float(self._frames),
@@ -188,10 +206,17 @@ class Health:
                 "age": float(self._stale_age if self._stale_at > self._times.max() else self._age),
                 "callback_errors": float(self._callback_errors),
             }
-        span = float(np.ptp(recent)) if recent.size else 0.0
-        counters["rate_seen"] = (recent.size - 1) / span if span >= self.LEAST_SPAN else 0.0
+        seen, span = self._rate()
+        counters["rate_seen"] = seen if span >= self.LEAST_SPAN else 0.0
         counters["latency_mean"] = float(latencies.mean()) if latencies.size else 0.0
         counters["latency_p99"] = float(np.quantile(latencies, 0.99)) if latencies.size else 0.0
         counters["latency_max"] = float(latencies.max()) if latencies.size else 0.0
         counters["dead_channels"] = float(len(self.dead_channels.dead))
         return counters
+
+    def _rate(self) -> tuple[float, float]:
+        """Frames/s of the last seconds, and the time, s, over which they were counted."""
+        with self._lock:
+            recent = self._times[self._times > time.monotonic() - self.RATE_WINDOW]
+        span = float(np.ptp(recent)) if recent.size else 0.0
+        return (recent.size - 1) / span if span > 0 else 0.0, span

@@ -2,6 +2,7 @@
 
 A packet is `type, version, fields, CRC-32`, COBS-encoded and ended by a zero byte.  `encode` makes
 the bytes of a packet, `Parser` finds the packets in a stream of bytes, whatever else is in there.
+Fields that a version does not have keep the default of their class.
 """
 
 from __future__ import annotations
@@ -9,31 +10,71 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from tomotactile_ros.devices import cobs
+from tomotactile_ros.devices.messages import (
+    ACK,
+    ALL_ADDRESSES,
+    BAD_VALUE,
+    ERROR,
+    FIELDS,
+    HARDWARE_FAULT,
+    HEADS,
+    HIGHEST_READING,
+    IDENTIFY,
+    IDENTITY,
+    KEEP_ALIVE,
+    MAX_PACKET,
+    NO_ADDRESS,
+    NO_READING,
+    OWN_ORDER,
+    ROW,
+    SET_RATE,
+    SET_SCAN,
+    START,
+    STATUS,
+    STOP,
+    UNKNOWN_COMMAND,
+    UNSUPPORTED_VERSION,
+    VERSIONS,
+)
 
-VERSION = 1
-MAX_PACKET = 4096
+__all__ = [
+    "ACK",
+    "ALL_ADDRESSES",
+    "BAD_VALUE",
+    "ERROR",
+    "HARDWARE_FAULT",
+    "HIGHEST_READING",
+    "IDENTIFY",
+    "IDENTITY",
+    "KEEP_ALIVE",
+    "MAX_PACKET",
+    "NO_ADDRESS",
+    "NO_READING",
+    "OWN_ORDER",
+    "ROW",
+    "SET_RATE",
+    "SET_SCAN",
+    "START",
+    "STATUS",
+    "STOP",
+    "UNKNOWN_COMMAND",
+    "UNSUPPORTED_VERSION",
+    "VERSIONS",
+]
+
 MAX_WIRE = MAX_PACKET + MAX_PACKET // 254 + 1
-NO_READING = 0xFFFF
-
-IDENTIFY, START, STOP, SET_RATE = 0x01, 0x02, 0x03, 0x04
-ROW, IDENTITY, ACK, ERROR = 0x10, 0x11, 0x12, 0x13
-
-UNKNOWN_COMMAND, BAD_VALUE, UNSUPPORTED_VERSION, HARDWARE_FAULT = 1, 2, 3, 4
+ALSO_VERSION_2 = "v2"  # behind the strings of an IDENTITY of version 1
 
 _CRC_RESIDUE = 0x2144DF1C  # CRC-32 of any message followed by its own CRC-32
 _MAX_SCALE = 1e6  # V per count; far above it, readings would not be finite
-_COMMAND = struct.Struct("<BBH")
-_SET_RATE = struct.Struct("<BBHf")
-_ROW = struct.Struct("<BBHHHIIQffH")
-_IDENTITY = struct.Struct("<BBHHHBxffIf")
-_ACK = struct.Struct("<BBHBBf")
-_ERROR = struct.Struct("<BBHBB")
+_ROW_1, _ROW_2 = HEADS[ROW, 1], HEADS[ROW, 2]
 
 
 class Malformed(ValueError):
@@ -41,25 +82,66 @@ class Malformed(ValueError):
 
 
 class Command(NamedTuple):
-    """IDENTIFY, START or STOP, host to device; the answer repeats `tag`."""
+    """IDENTIFY, START of version 1, STOP or KEEP_ALIVE, host to device; the answer repeats `tag`."""
 
     type: int
     tag: int
+    version: int = 1
+    address: int = NO_ADDRESS
+
+
+class Start(NamedTuple):
+    """START of version 2, host to device.
+
+    The device stops by itself behind `frames` frames, and when it has heard nothing for `timeout`
+    ms; 0 of either: it does not.
+    """
+
+    type = START
+
+    tag: int
+    timeout: int = 0
+    frames: int = 0
+    version: int = 2
+    address: int = NO_ADDRESS
 
 
 class SetRate(NamedTuple):
     """SET_RATE, host to device: `rate` in frames/s."""
 
+    type = SET_RATE
+
     tag: int
     rate: float
+    version: int = 1
+    address: int = NO_ADDRESS
+
+
+class SetScan(NamedTuple):
+    """SET_SCAN, host to device: electrodes to ground, row after row; none: the device's own order."""
+
+    type = SET_SCAN
+
+    tag: int
+    order: tuple[int, ...]
+    version: int = 2
+    address: int = NO_ADDRESS
+
+    @property
+    def count(self) -> int:
+        """Rows of a frame, 0 for as many as the device likes."""
+        return len(self.order)
 
 
 class Row(NamedTuple):
     """ROW, device to host: the readings of one ground condition.
 
-    `readings` are the bytes on the wire, see `unpack_counts`.  Times in µs: `frame_time` is the
-    device time of the frame's start, `row_end` the row's last sample after that.
+    `readings` are the bytes on the wire, see `unpack_counts`; a reading r means (r - `zero`) *
+    `scale` volts.  Times in µs: `frame_time` is the device time of the frame's start, `row_end` the
+    row's last sample after that.  `scan` is the tag of the SET_SCAN whose order it follows.
     """
+
+    type = ROW
 
     count: int
     row: int
@@ -71,14 +153,21 @@ class Row(NamedTuple):
     drive_voltage: float
     grounded: int
     readings: bytes
+    scan: int = OWN_ORDER
+    zero: int = 0
+    version: int = 1
+    address: int = NO_ADDRESS
 
 
 class Identity(NamedTuple):
     """IDENTITY, device to host: the answer to IDENTIFY.
 
-    `range` is the voltage of a full-scale reading (V), rates in frames/s, `line_rate` in bit/s (0
-    if the line has none, as with native USB).
+    `range` is the voltage of a full-scale reading and `lowest` that of the reading 0 (V), rates are
+    in frames/s (`max_rate` of version 1) and rows/s (`max_row_rate` of version 2), `line_rate` in
+    bit/s (0 if the line has none, as with native USB).
     """
+
+    type = IDENTITY
 
     tag: int
     electrodes: int
@@ -91,30 +180,70 @@ class Identity(NamedTuple):
     name: str
     firmware: str
     serial: str
+    also: str = ""
+    version: int = 1
+    address: int = NO_ADDRESS
+    max_scan: int = 0
+    boot: int = 0
+    lowest: float = 0.0
+    max_row_rate: float = 0.0
 
 
 class Ack(NamedTuple):
-    """ACK, device to host: `command` was carried out; streaming or not and the rate in effect."""
+    """ACK, device to host: `command` was carried out; streaming or not and the rate in effect.
+
+    In version 2 also the number of the next frame that begins, and its rows.
+    """
+
+    type = ACK
 
     tag: int
     command: int
     streaming: bool
     rate: float
+    version: int = 1
+    address: int = NO_ADDRESS
+    sequence: int = 0
+    rows: int = 0
 
 
 class Error(NamedTuple):
     """ERROR, device to host: `command` was refused, or a fault without a command (tag 0)."""
 
+    type = ERROR
+
     tag: int
     command: int
     code: int
     message: str
+    version: int = 1
+    address: int = NO_ADDRESS
 
     def __str__(self) -> str:
         return self.message or f"error {self.code}"
 
 
-Packet = Command | SetRate | Row | Identity | Ack | Error
+class Status(NamedTuple):
+    """STATUS, device to host: the answer to KEEP_ALIVE.
+
+    `temperature` in °C or NaN, `time` in µs since power-up; `dropped` counts ROW packets, `sequence`
+    is that of the next frame that begins.
+    """
+
+    type = STATUS
+
+    tag: int
+    streaming: bool
+    boot: int
+    temperature: float
+    time: int
+    dropped: int
+    sequence: int
+    version: int = 2
+    address: int = NO_ADDRESS
+
+
+Packet = Command | Start | SetRate | SetScan | Row | Identity | Ack | Error | Status
 
 
 def pack_counts(counts: np.ndarray) -> bytes:
@@ -129,7 +258,9 @@ def unpack_counts(readings: bytes) -> np.ndarray:
 
 def encode(packet: Packet) -> bytes:
     """Bytes of `packet` on the wire, with checksum, framing and the closing zero."""
-    return frame(_BODY[type(packet)](packet))
+    key = packet.type, packet.version
+    fields = [getattr(packet, name) if name else 0 for name in FIELDS[key]]
+    return frame(HEADS[key].pack(*key, *fields) + _TAILS.get(packet.type, _nothing)(packet))
 
 
 def frame(body: bytes) -> bytes:
@@ -142,14 +273,19 @@ def decode(packet: bytes) -> Packet:
     if len(packet) < 2:
         raise Malformed("shorter than type and version")
     kind, version = packet[0], packet[1]
-    if version != VERSION:
-        raise Malformed(f"protocol version {version}, expected {VERSION}")
+    if version not in VERSIONS:
+        expected = " or ".join(map(str, VERSIONS))
+        raise Malformed(f"protocol version {version}, expected {expected}")
     try:
-        return _DECODE[kind](packet)
+        return _DECODE[kind, version](packet)
     except KeyError:
         raise Malformed(f"unknown packet type 0x{kind:02x}") from None
     except (struct.error, UnicodeDecodeError, IndexError) as error:
         raise Malformed(f"packet of type 0x{kind:02x}: {error}") from None
+
+
+def _nothing(packet: Packet) -> bytes:
+    return b""
 
 
 def _string(text: str) -> bytes:
@@ -157,71 +293,116 @@ def _string(text: str) -> bytes:
     return bytes([len(data)]) + data
 
 
-def _identity_body(p: Identity) -> bytes:
-    head = _IDENTITY.pack(
-        IDENTITY, VERSION, p.tag, p.electrodes, p.rows, p.adc_bits, p.range, p.rate, p.line_rate,
-        p.max_rate,
-    )  # fmt: skip
-    return head + _string(p.name) + _string(p.firmware) + _string(p.serial)
+def _strings(p: Identity) -> bytes:
+    also = [p.also] if p.also and p.version == 1 else []
+    return b"".join(map(_string, [p.name, p.firmware, p.serial, *also]))
 
 
-_BODY = {
-    Command: lambda p: _COMMAND.pack(p.type, VERSION, p.tag),
-    SetRate: lambda p: _SET_RATE.pack(SET_RATE, VERSION, p.tag, p.rate),
-    Row: lambda p: _ROW.pack(ROW, VERSION, *p[:-1]) + p.readings,
-    Identity: _identity_body,
-    Ack: lambda p: _ACK.pack(ACK, VERSION, p.tag, p.command, p.streaming, p.rate),
-    Error: lambda p: _ERROR.pack(ERROR, VERSION, p.tag, p.command, p.code) + p.message.encode(),
+_TAILS = {
+    SET_SCAN: lambda p: np.asarray(p.order, "<u2").tobytes(),
+    ROW: lambda p: p.readings,
+    IDENTITY: _strings,
+    ERROR: lambda p: p.message.encode(),
 }
 
 
+def _fields(data: bytes, whole: bool = True) -> dict:
+    """Fields of fixed size by their names; `whole` where the packet has no others."""
+    key = data[0], data[1]
+    head = HEADS[key]
+    values = head.unpack(data) if whole else head.unpack_from(data)
+    return {name: value for name, value in zip(FIELDS[key], values[2:]) if name}
+
+
 def _decode_command(data: bytes) -> Command:
-    kind, _, tag = _COMMAND.unpack(data)
-    return Command(kind, tag)
+    return Command(data[0], version=data[1], **_fields(data))
+
+
+def _decode_start(data: bytes) -> Start:
+    return Start(**_fields(data))
 
 
 def _decode_set_rate(data: bytes) -> SetRate:
-    _, _, tag, rate = _SET_RATE.unpack(data)
-    return SetRate(tag, rate)
+    return SetRate(version=data[1], **_fields(data))
 
 
-def _decode_row(data: bytes) -> Row:
-    fields = _ROW.unpack_from(data)
-    row = Row(*fields[2:], data[_ROW.size :])
+def _decode_set_scan(data: bytes) -> SetScan:
+    fields = _fields(data, whole=False)
+    count, order = fields.pop("count"), data[HEADS[SET_SCAN, 2].size :]
+    if len(order) != 2 * count:
+        raise Malformed(f"an order with {len(order)} bytes for {count} rows")
+    return SetScan(order=tuple(np.frombuffer(order, "<u2").tolist()), **fields)
+
+
+def _decode_row_1(data: bytes) -> Row:
+    row = Row(*_ROW_1.unpack_from(data)[2:], data[_ROW_1.size :])
+    _check_row(row)
+    return row
+
+
+def _decode_row_2(data: bytes) -> Row:
+    (
+        _, version, scan, index, address, _, sequence, row_end, frame_time, scale, drive, count,
+        rows, grounded, zero,
+    ) = _ROW_2.unpack_from(data)  # fmt: skip
+    row = Row(
+        count, index, rows, sequence, row_end, frame_time, scale, drive, grounded,
+        data[_ROW_2.size :], scan, zero, version, address,
+    )  # fmt: skip
+    _check_row(row)
+    return row
+
+
+def _check_row(row: Row) -> None:
     if len(row.readings) != 2 * row.count:
         raise Malformed(f"row with {len(row.readings)} bytes for {row.count} readings")
     if row.row >= row.rows or row.grounded >= row.count:
         raise Malformed("row or grounded electrode out of range")
     if not (0.0 < row.scale <= _MAX_SCALE and 0.0 <= row.drive_voltage < math.inf):
         raise Malformed("scale or drive voltage out of range")
-    return row
 
 
 def _decode_identity(data: bytes) -> Identity:
-    fields = _IDENTITY.unpack_from(data)
-    strings, position = [], _IDENTITY.size
+    fields = _fields(data, whole=False)
+    strings, position = [], HEADS[data[0], data[1]].size
     for _ in range(3):
         end = position + 1 + data[position]
         if end > len(data):
             raise Malformed("identity ends within a string")
         strings.append(_text(data[position + 1 : end]))
         position = end
-    identity = Identity(*fields[2:], *strings)
+    names = dict(zip(("name", "firmware", "serial"), strings))
+    if data[1] == 1:
+        fields["also"] = ALSO_VERSION_2 if data[position:] == _string(ALSO_VERSION_2) else ""
+    identity = Identity(version=data[1], **{"max_rate": 0.0, **names, **fields})
     if not (identity.electrodes > 0 and identity.rows > 0 and 0.0 < identity.range < math.inf):
         raise Malformed("identity without electrodes, rows or range")
+    if not -math.inf < identity.lowest <= 0.0:
+        raise Malformed(f"identity whose lowest voltage is {identity.lowest:g} V")
     _check_rate(identity.rate)
+    if identity.version > 1:
+        _check_rate(identity.max_row_rate)
     return identity
 
 
 def _decode_ack(data: bytes) -> Ack:
-    _, _, tag, command, streaming, rate = _ACK.unpack(data)
-    _check_rate(rate)
-    return Ack(tag, command, bool(streaming), rate)
+    fields = _fields(data)
+    _check_rate(fields["rate"])
+    fields["streaming"] = bool(fields["streaming"])
+    return Ack(version=data[1], **fields)
 
 
 def _decode_error(data: bytes) -> Error:
-    _, _, tag, command, code = _ERROR.unpack_from(data)
-    return Error(tag, command, code, _text(data[_ERROR.size :]))
+    message = _text(data[HEADS[ERROR, data[1]].size :])
+    return Error(version=data[1], message=message, **_fields(data, whole=False))
+
+
+def _decode_status(data: bytes) -> Status:
+    fields = _fields(data)
+    fields["streaming"] = bool(fields["streaming"])
+    if math.isinf(fields["temperature"]):
+        raise Malformed(f"a temperature of {fields['temperature']:g} °C")
+    return Status(**fields)
 
 
 def _text(data: bytes) -> str:
@@ -235,14 +416,25 @@ def _check_rate(rate: float) -> None:
 
 
 _DECODE = {
-    IDENTIFY: _decode_command,
-    START: _decode_command,
-    STOP: _decode_command,
-    SET_RATE: _decode_set_rate,
-    ROW: _decode_row,
-    IDENTITY: _decode_identity,
-    ACK: _decode_ack,
-    ERROR: _decode_error,
+    (IDENTIFY, 1): _decode_command,
+    (IDENTIFY, 2): _decode_command,
+    (START, 1): _decode_command,
+    (START, 2): _decode_start,
+    (STOP, 1): _decode_command,
+    (STOP, 2): _decode_command,
+    (SET_RATE, 1): _decode_set_rate,
+    (SET_RATE, 2): _decode_set_rate,
+    (SET_SCAN, 2): _decode_set_scan,
+    (KEEP_ALIVE, 2): _decode_command,
+    (ROW, 1): _decode_row_1,
+    (ROW, 2): _decode_row_2,
+    (IDENTITY, 1): _decode_identity,
+    (IDENTITY, 2): _decode_identity,
+    (ACK, 1): _decode_ack,
+    (ACK, 2): _decode_ack,
+    (ERROR, 1): _decode_error,
+    (ERROR, 2): _decode_error,
+    (STATUS, 2): _decode_status,
 }
 
 
@@ -264,10 +456,17 @@ class Parser:
     Keeps at most `MAX_WIRE` bytes between calls, raises for no input, and returns nothing whose
     checksum, version or content is wrong.  After damage, the packet behind the next delimiter is
     found again.
+
+    Parameters
+    ----------
+    on_malformed : callable
+        Gets the bytes, from the type on, of a packet whose checksum is right but whose content is
+        not: a device answers it with ERROR.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_malformed: Callable[[bytes], None] | None = None) -> None:
         self.counters = LineCounters()
+        self._on_malformed = on_malformed
         self.last_complaint = ""
         self._rest = b""
         self._overlong = False
@@ -312,6 +511,8 @@ class Parser:
         try:
             packet = decode(data[:-4])
         except Malformed as error:
+            if self._on_malformed is not None:
+                self._on_malformed(data[:-4])
             return self._out_of_step("malformed", str(error))
         self.counters.packets += 1
         if not self._in_step:

@@ -1,26 +1,36 @@
-"""Reads recorded frames: `frames.npz` of `tomotactile simulate`, or a rosbag2 (mcap, sqlite3).
+"""Recorded frames: `frames.npz` in and out, a rosbag2 (mcap, sqlite3) in.
 
-Bags are read with `rosbags`, which needs no ROS; the message is described by msg/VoltageFrame.msg.
+Bags are read by `tomotactile_ros.devices.bag`.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tomotactile_ros import checks
+from tomotactile_ros.devices.bag import read_bag
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import shared_folders
-from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, load_frames
+from tomotactile_ros.frames_file import (
+    DEFAULT_DRIVE,
+    FramesFile,
+    StoredFrames,
+    load_frames,
+    open_frames,
+)
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.layout_ids import matches, note_bare
+from tomotactile_ros.npz_writer import npz_writer
 
-MESSAGE = "tomotactile_ros/msg/VoltageFrame"
+_ABOVE, _OFTEN = 1.1, 0.1  # times the drive voltage; of the readings
+_WRONG_DRIVE = 10.0  # times the drive voltage, up to which that is what is wrong
 
 
 def read_frames(
@@ -28,6 +38,7 @@ def read_frames(
     drive_voltage: float = DEFAULT_DRIVE,
     electrodes: int | None = None,
     layout_id: str | None = None,
+    topic: str | None = None,
 ) -> Iterator[Frame]:
     """Frames of a recording in its order, with their recorded stamps.
 
@@ -41,6 +52,8 @@ def read_frames(
         That every frame must have; any number if None.
     layout_id : str
         Of the layout that the frames must be of, where they name one; any if None.
+    topic : str
+        Of a bag with frames on several.
 
     Raises
     ------
@@ -51,40 +64,73 @@ def read_frames(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
-    is_npz = path.suffix == ".npz"
-    if not is_npz:
-        _check_plain(path)
-    frames = _npz_frames(path, drive_voltage, layout_id) if is_npz else _bag_frames(path, layout_id)
-    return _checked(path, frames, electrodes)
+    if path.suffix != ".npz":
+        return _checked(path, _bag_frames(path, layout_id, topic), electrodes)
+    if topic:
+        raise InputError(f"{path}: topic: only bags have topics")
+    return _checked(path, _npz_frames(path, drive_voltage, layout_id), electrodes)
 
 
 def load_recording(
-    path: str | os.PathLike[str], layout: Layout, drive_voltage: float | None = None
+    path: str | os.PathLike[str],
+    layout: Layout,
+    drive_voltage: float | None = None,
+    topic: str | None = None,
 ) -> FramesFile:
     """All frames of a recording of a layout, for the commands; InputError for anything else.
 
-    `drive_voltage` (V) stands for the recording's own. The frames of a bag must agree in their
-    ground conditions and drive voltage.
+    `drive_voltage` (V) stands for the recording's own, `topic` names one of a bag with several. The
+    frames of a bag must agree in their ground conditions and drive voltage.
     """
-    if Path(path).suffix == ".npz":
-        loaded = load_frames(path, layout.id)
-        if drive_voltage is None:
-            drive_voltage = loaded.drive_voltage or DEFAULT_DRIVE
-        checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V")
-        return replace(loaded, drive_voltage=drive_voltage)
-    frames = list(read_frames(path, electrodes=layout.electrodes, layout_id=layout.id))
-    if drive_voltage is not None:
-        frames = [replace(frame, drive_voltage=drive_voltage) for frame in frames]
-    first = frames[0]
-    for frame in frames:
-        _check_alike(path, frame, first)
-    return FramesFile(
-        np.array([frame.voltages for frame in frames]),
-        first.grounded,
-        first.drive_voltage,
-        np.array([frame.stamp for frame in frames]),
-        row_period=float(np.median([frame.row_period for frame in frames])),
+    if Path(path).suffix == ".npz" and not topic:
+        return _driven(path, load_frames(path, layout.id), drive_voltage)
+    opened = open_recording(path, layout, drive_voltage, topic)
+    return replace(opened, voltages=np.array(list(opened.voltages)))
+
+
+def open_recording(
+    path: str | os.PathLike[str],
+    layout: Layout,
+    drive_voltage: float | None = None,
+    topic: str | None = None,
+) -> FramesFile:
+    """As `load_recording`, of any length in little memory: `StoredFrames`, and no truth."""
+    if Path(path).suffix == ".npz" and not topic:
+        return _driven(path, open_frames(path, layout.id), drive_voltage)
+    read = partial(
+        read_frames, path, electrodes=layout.electrodes, layout_id=layout.id, topic=topic
     )
+    first, stamps, row_periods = None, [], []
+    for frame in read():
+        first = first or frame
+        _check_alike(path, frame, first, drive_voltage is None)
+        stamps.append(frame.stamp)
+        row_periods.append(frame.row_period)
+    return FramesFile(
+        StoredFrames(
+            lambda: (frame.voltages for frame in read()), (len(stamps), *first.voltages.shape)
+        ),
+        first.grounded,
+        first.drive_voltage if drive_voltage is None else drive_voltage,
+        np.array(stamps),
+        row_period=float(np.median(row_periods)),
+    )
+
+
+def _driven(path, found: FramesFile, drive_voltage: float | None) -> FramesFile:
+    """The file with its drive voltage, or another, V; InputError where readings cannot be in V."""
+    if drive_voltage is None:
+        drive_voltage = found.drive_voltage or DEFAULT_DRIVE
+    checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V")
+    _check_unit(path, found.voltages, drive_voltage)
+    return replace(found, drive_voltage=drive_voltage)
+
+
+def save_recording(path: str | os.PathLike[str], layout: Layout, frames: Sequence[Frame]) -> None:
+    """Write frames as `frames.npz`; InputError where more than readings and times differ."""
+    with frames_writer(path, layout.id) as take:
+        for frame in frames:
+            take(frame)
 
 
 def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Iterator[Frame]:
@@ -104,11 +150,38 @@ def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Ite
         raise InputError(f"{path}: holds no frame")
 
 
-def _check_alike(path: Path, frame: Frame, first: Frame) -> None:
+def _check_unit(
+    path: str | os.PathLike[str], frames: Iterable[np.ndarray], drive_voltage: float
+) -> None:
+    """Refuse readings that are not in V: many are above what drives them."""
+    count, above, highest, whole = 0, 0, 0.0, True
+    for frame in frames:
+        valid = np.abs(frame[np.isfinite(frame)])
+        count += valid.size
+        above += np.count_nonzero(valid > _ABOVE * drive_voltage)
+        highest = max(highest, float(valid.max(initial=0.0)))
+        whole = whole and bool((valid == np.round(valid)).all())
+    if above <= _OFTEN * count:
+        return
+    if highest < _WRONG_DRIVE * drive_voltage:
+        meant = "is the drive voltage right (--drive-voltage)?"
+    elif highest <= 65535 and whole:
+        meant = "are they counts of a converter? Multiply by its volts per count"
+    elif highest <= 1e3 * _ABOVE * drive_voltage:
+        meant = "are they in mV? Divide by 1000"
+    else:
+        meant = "are they in V?"
+    raise InputError(
+        f"{path}: voltages: readings up to {highest:.4g} V at a drive voltage of {drive_voltage:g} V: "
+        f"{meant}"
+    )
+
+
+def _check_alike(path, frame: Frame, first: Frame, driven_alike: bool = True) -> None:
     where = f"{path}: frame {frame.sequence}"
     if not np.array_equal(frame.grounded, first.grounded):
         raise InputError(f"{where} has other ground conditions than the first one")
-    if frame.drive_voltage != first.drive_voltage:
+    if driven_alike and frame.drive_voltage != first.drive_voltage:
         raise InputError(
             f"{where} was driven with {frame.drive_voltage:g} V, the first one with "
             f"{first.drive_voltage:g} V"
@@ -131,51 +204,22 @@ def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iter
         )
 
 
-def _check_plain(path: Path) -> None:
-    """A bag's files must be plain ones: a named pipe would keep the reader waiting."""
-    for file in path.iterdir() if path.is_dir() else [path]:
-        if not file.is_file() and not file.is_dir():
-            raise InputError(f"{file}: cannot be read: is no plain file")
+def _bag_frames(path: Path, layout_id: str | None, topic: str | None) -> Iterator[Frame]:
+    for number, message in enumerate(read_bag(path, topic)):
+        _check_layout(path, message, layout_id, first=number == 0)
+        yield _frame_of_message(path, message)
 
 
-def _bag_frames(path: Path, layout_id: str | None) -> Iterator[Frame]:
-    try:
-        from rosbags.highlevel import AnyReader
-    except ImportError:
-        raise InputError(f"{path}: reading bags needs the Python package rosbags") from None
-    try:
-        with AnyReader([path], default_typestore=_typestore()) as reader:
-            connections = [c for c in reader.connections if c.msgtype == MESSAGE]
-            _check_topics(path, connections)
-            for connection, _, data in reader.messages(connections):
-                message = _deserialize(reader, data)
-                if layout_id not in (None, message.layout_id):
-                    raise InputError(
-                        f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
-                        f"not of '{layout_id}'"
-                    )
-                yield _frame_of_message(path, message)
-    except InputError:
-        raise
-    except Exception as error:  # noqa: BLE001 - a damaged bag ends in errors of many kinds
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: not a readable rosbag2 ({reason})") from None
-
-
-def _deserialize(reader, data: bytes):
-    """A message of the bag; one of before there was a row period where the bag does not say."""
-    try:
-        return reader.deserialize(data, MESSAGE)
-    except Exception:  # noqa: BLE001 - too short, in whatever words
-        return _typestore(without="float32 row_period").deserialize_cdr(data, MESSAGE)
-
-
-def _check_topics(path: Path, connections: list) -> None:
-    topics = sorted({c.topic for c in connections})
-    if not topics:
-        raise InputError(f"{path}: holds no {MESSAGE}")
-    if len(topics) > 1:
-        raise InputError(f"{path}: frames on several topics ({', '.join(topics)}), expected one")
+def _check_layout(path: Path, message: object, layout_id: str | None, first: bool) -> None:
+    if layout_id is None:
+        return
+    if not matches(message.layout_id, layout_id):
+        raise InputError(
+            f"{path}: frame {message.sequence} is of layout '{message.layout_id}', "
+            f"not of '{layout_id}'"
+        )
+    if first:
+        note_bare(message.layout_id, layout_id, path)
 
 
 def _frame_of_message(path: Path, message: object) -> Frame:
@@ -198,21 +242,32 @@ def _frame_of_message(path: Path, message: object) -> Frame:
     )
 
 
-@cache
-def _typestore(without: str = ""):
-    """Types of ROS 2 and this package's frame, or an older one `without` a line."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+@contextmanager
+def frames_writer(
+    path: str | os.PathLike[str], layout_id: str | None = None
+) -> Iterator[Callable[[Frame], None]]:
+    """A function that takes frames into a `frames.npz`, in little memory however many there are.
 
-    typestore = get_typestore(Stores.ROS2_HUMBLE)
-    lines = [line for line in _definition().splitlines() if line != without]
-    typestore.register(get_types_from_msg("\n".join(lines), MESSAGE))
-    return typestore
+    The file is there at the end, whole or not at all. Frames whose ground conditions or drive
+    voltage differ from those of the first one are refused with InputError, and so is none.
+    """
+    first: list[Frame] = []
+    row_periods: list[float] = []
 
+    def take(frame: Frame) -> None:
+        first.extend([frame][len(first) :])
+        _check_alike(Path(path), frame, first[0])
+        row_periods.append(frame.row_period)
+        writer.append(voltages=np.asarray(frame.voltages, np.float32), stamps=float(frame.stamp))
 
-def _definition() -> str:
-    """Text of msg/VoltageFrame.msg."""
-    for folder in shared_folders():
-        file = folder / "msg" / "VoltageFrame.msg"
-        if file.is_file():
-            return file.read_text(encoding="utf-8")
-    raise InputError("VoltageFrame.msg: not found; source the workspace or run from its sources")
+    with npz_writer(path) as writer:
+        yield take
+        if not first:
+            raise InputError(f"{path}: no frame came, nothing is written")
+        writer.put(
+            grounded=np.asarray(first[0].grounded, np.uint16),
+            drive_voltage=float(first[0].drive_voltage),
+            row_period=float(np.median(row_periods)),
+        )
+        if layout_id is not None:
+            writer.put(layout_id=layout_id)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
+from tomotactile_ros.devices.base import Frame, ThreadedDevice, rows_of, rows_time, unix_time
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.simulation import ROW_PERIOD
 
@@ -30,6 +30,8 @@ class ReplayDevice(ThreadedDevice):
         For recordings that do not hold it.
     layout_id : str
         Of the layout that the recording must be of, where it names one; any if None.
+    topic : str
+        Of a bag with frames on several.
 
     A frame is due the recorded distance after the one before.  Where there is no such distance,
     because the recording starts over, its clock was set back or it has one frame only, it is that
@@ -52,9 +54,10 @@ class ReplayDevice(ThreadedDevice):
         loop: bool = False,
         drive_voltage: float = 3.3,
         layout_id: str | None = None,
+        topic: str | None = None,
     ) -> None:
-        super().__init__(rate)
-        self._path, self._electrodes = path, electrodes
+        super().__init__(electrodes, rate)
+        self._path, self._topic = path, topic
         self._loop, self._drive_voltage, self._layout_id = loop, drive_voltage, layout_id
         self._rounds = 0
         next(self._frames())
@@ -63,7 +66,9 @@ class ReplayDevice(ThreadedDevice):
         return {"rounds": float(self._rounds)}
 
     def _frames(self) -> Iterator[Frame]:
-        return read_frames(self._path, self._drive_voltage, self._electrodes, self._layout_id)
+        return read_frames(
+            self._path, self._drive_voltage, self._electrodes, self._layout_id, self._topic
+        )
 
     def _run(self) -> None:
         due = time.monotonic()
@@ -72,8 +77,25 @@ class ReplayDevice(ThreadedDevice):
             if self._stop.is_set():
                 return
             self._set_state("streaming", f"playing {self._path}")
-            self._deliver(replace(frame, sequence=sequence, stamp=unix_time(due)), due)
+            frame = replace(frame, sequence=sequence, stamp=unix_time(due))
+            self._deliver(frame, self._play_rows(frame, due, distance))
         self._set_state("finished", f"{self._path}: played to the end")
+
+    def _play_rows(self, frame: Frame, begin: float, distance: float) -> float:
+        """Hand rows over when each of them is due, if they are wanted; return when the last was.
+
+        They are as much closer together as the frames are, where these are played faster.
+        """
+        if self._on_rows is None:
+            return begin
+        end = begin
+        faster = min(1.0, self._step(distance) / distance)
+        for rows, after in rows_of(frame, self.run_length):
+            end = begin + faster * after
+            if self._stop.wait(max(0.0, end - time.monotonic())):
+                break
+            self._deliver_rows(replace(rows, stamp=unix_time(end - faster * rows_time(rows))), end)
+        return end
 
     def _timed_frames(self) -> Iterator[tuple[float, Frame]]:
         """The frames of all rounds, each with its distance from the one before, s."""

@@ -1,0 +1,203 @@
+"""Kills of faults.py: every program ended at random moments, and what it leaves behind.
+
+A program runs in an empty folder, with a mark in its environment by which all its descendants are
+found. After its end there must be none of them, every file must be whole, and no half-written one be
+left over - but for SIGKILL, which leaves nobody to tidy up: then whole files are all that is asked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+MARK = "TOMOTACTILE_FAULTS"
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL)
+PATIENCE = 20.0  # s from the signal to the end
+GRACE = 10.0  # s more for descendants: a worker that still starts notices when it has started
+PNG_HEAD, PNG_TAIL = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+
+
+@dataclass
+class Program:
+    """A program to be ended: its words, and how long it would take, s."""
+
+    words: list[str]
+    span: float
+    prepare: list[list[str]] = field(default_factory=list)
+
+
+def programs() -> dict[str, Program]:
+    """All programs, with arguments that make them write files where they do."""
+    from ament_index_python.packages import get_package_prefix
+
+    lib = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
+    command = [str(lib / "tomotactile")]
+    small = ["--layout", "equal-4x4"]
+    recorded = [*command, "simulate", *small, "--scene", "default", "--frames", "60"]
+    recorded += ["--out", "in.npz"]
+
+    def node(name: str, **parameters) -> Program:
+        words = [str(lib / name), "--ros-args"]
+        for item in parameters.items():
+            words += ["-p", "{}:={}".format(*item)]
+        return Program(words, 6.0)
+
+    return {
+        "driver": node("driver", layout="equal-4x4"),
+        "reconstruction": node("reconstruction", layout="equal-4x4"),
+        "tactile": node("tactile", layout="equal-4x4"),
+        "driver_lifecycle": node("driver_lifecycle", layout="equal-4x4"),
+        "optimizer": node("optimizer", rows=3, cols=3, workers=2, out="out.yaml", steps=2),
+        "live": Program([str(lib / "live"), "--duration", "8", *small], 8.0),
+        "emulator": Program([str(lib / "emulator"), *small, "--port", "pty:port"], 3.0),
+        "simulate": Program([*recorded[:-1], "out.npz"], 3.0),
+        "reconstruct": Program(
+            [*command, "reconstruct", "in.npz", *small, "--profile", "balanced", "--out", "out.npz"],
+            3.0,
+            [recorded],
+        ),
+        "optimize": Program(
+            [*command, "optimize", "--rows", "3", "--cols", "3", "--method", "free", "--workers",
+             "2", "--out", "out.yaml"], 6.0,
+        ),
+        "evaluate": Program([*command, "evaluate", *small], 3.0),
+    }  # fmt: skip
+
+
+def marked(mark: str) -> list[int]:
+    """Processes that carry the mark, zombies left out."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):
+                if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes():
+                    found.append(int(folder.name))
+    return found
+
+
+def complaint_about(path: Path) -> str:
+    """What is wrong with a file that was left behind; empty where it is whole."""
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as archive:
+            sizes = {name: archive[name].shape for name in archive.files}
+        return "" if sizes else f"{path.name} is empty"
+    if path.suffix in (".yaml", ".yml"):
+        content = yaml.safe_load(path.read_text())
+        return "" if isinstance(content, dict) and content.get("format") else f"{path.name} is cut"
+    if path.suffix == ".png":
+        data = path.read_bytes()
+        whole = data.startswith(PNG_HEAD) and data.endswith(PNG_TAIL)
+        return "" if whole else f"{path.name} is cut"
+    if path.suffix == ".json":
+        json.loads(path.read_text())
+        return ""
+    return "" if path.is_symlink() else f"{path.name} is left over"
+
+
+def broken_files(folder: Path, known: set[str]) -> list[str]:
+    """Complaints about all new files of a folder."""
+    found = []
+    for path in folder.rglob("*"):
+        if path.name in known or path.is_dir():
+            continue
+        try:
+            complaint = complaint_about(path)
+        except Exception as error:  # noqa: BLE001 - whatever a reader thinks of a broken file
+            complaint = f"{path.name}: {type(error).__name__}"
+        if complaint:
+            found.append(complaint)
+    return found
+
+
+def kill_once(program: Program, moment: float, how: signal.Signals) -> Counter:
+    """End the program at that moment (s) in that way; count what is wrong behind it."""
+    seen, mark = Counter(), uuid.uuid4().hex
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        home, work = folder / "home", folder / "work"
+        home.mkdir()
+        work.mkdir()
+        environment = {**os.environ, MARK: mark, "TMPDIR": str(home), "ROS_LOG_DIR": str(home)}
+        for words in program.prepare:
+            subprocess.run(words, cwd=work, check=True, stdout=subprocess.DEVNULL)
+        known = {path.name for path in work.iterdir()}
+        errors = folder / "errors"
+        with errors.open("wb") as file:
+            process = subprocess.Popen(
+                program.words, cwd=work, env=environment, stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL, stderr=file, start_new_session=True,
+            )  # fmt: skip
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(moment)
+            seen["over before"] += 1
+        process.send_signal(how)
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            seen["did not end"] += 1
+            print(f"    {how.name} after {moment:.2f} s: still there", file=sys.stderr)
+            process.kill()
+            process.wait()
+        seen.update(look_for_strays(mark))
+        if how != signal.SIGKILL:
+            seen["tracebacks"] += b"Traceback" in errors.read_bytes()
+        complaints = broken_files(work, known)
+        if how == signal.SIGKILL:
+            complaints = [c for c in complaints if not c.endswith("is left over")]
+        for complaint in complaints:
+            print(f"    {how.name} after {moment:.2f} s: {complaint}", file=sys.stderr)
+        seen["broken files"] += bool(complaints)
+        if seen["tracebacks"]:
+            last = errors.read_text(errors="replace").strip().splitlines()[-1]
+            print(f"    {how.name} after {moment:.2f} s: {last}", file=sys.stderr)
+    return seen
+
+
+def look_for_strays(mark: str) -> Counter:
+    """Give descendants some seconds to end, then count and end them."""
+    deadline = time.monotonic() + GRACE
+    while (left := marked(mark)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for pid in left:
+        words = Path(f"/proc/{pid}/cmdline")
+        with contextlib.suppress(OSError):
+            print(f"    stray: {words.read_bytes()[:120]!r}", file=sys.stderr)
+            os.kill(pid, signal.SIGKILL)
+    return Counter({"strays": len(left)})
+
+
+def kills(options: argparse.Namespace) -> None:
+    """Every program so many times; prints a table."""
+    # what a shell has set for a program in the background would be inherited
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    chance = random.Random(1)
+    columns = ("over before", "did not end", "strays", "broken files", "tracebacks")
+    print("| program | kills | " + " | ".join(columns) + " |")
+    print("|---|---|" + "---|" * len(columns))
+    chosen = programs()
+    for name in options.program or chosen:
+        program, seen = chosen[name], Counter()
+        for k in range(options.times):
+            moment = chance.uniform(0.0, program.span)
+            seen.update(kill_once(program, moment, SIGNALS[k % len(SIGNALS)]))
+            if k % 10 == 9:
+                print(f"{name}: {k + 1} of {options.times}", file=sys.stderr, flush=True)
+        counts = " | ".join(str(seen[column]) for column in columns)
+        print(f"| `{name}` | {options.times} | {counts} |", flush=True)
+    print()

@@ -1,0 +1,107 @@
+"""An emulated sensor, a line to it, and a watch over what arrives: for tests of devices.
+
+Every wait is for an event; PATIENCE is only how long a broken program may take to fail.
+"""
+
+import contextlib
+import itertools
+import threading
+import time
+
+import numpy as np
+
+from tomotactile_ros.devices import emulator
+from tomotactile_ros.devices.serial import SerialDevice
+
+PATIENCE = 30.0
+E = 6
+
+
+def readings(sequence: int) -> np.ndarray:
+    """Counts (E, E) of frame `sequence`: no two frames within 500 agree anywhere."""
+    return (sequence % 500) * 8 + (np.arange(E)[:, None] + np.arange(E)) % 8
+
+
+def counted(time: float, sequence: int, order: np.ndarray) -> np.ndarray:
+    """Source of frames whose readings tell their sequence."""
+    return readings(sequence)[order] * 3.3 / 4096
+
+
+def sensor(**settings) -> emulator.EmulatedDevice:
+    """Small fast emulated device."""
+    return emulator.EmulatedDevice(counted, E, **{"rate": 100.0, "name": "skin", **settings})
+
+
+class Watch:
+    """Collects frames, checks each of them, and waits for what the test wants."""
+
+    def __init__(self, device: SerialDevice) -> None:
+        self.device = device
+        self.frames = []
+        self._news = threading.Condition()
+
+    def __call__(self, frame) -> None:
+        with self._news:
+            self.frames.append(frame)
+            self._news.notify_all()
+
+    def wait_for_frames(self, number: int) -> None:
+        """Wait until `number` more frames are there."""
+        with self._news:
+            wanted = len(self.frames) + number
+            assert self._news.wait_for(lambda: len(self.frames) >= wanted, PATIENCE), (
+                self.device.status()
+            )
+
+    def wait_for(self, condition) -> None:
+        """Wait until `condition(status)`, asked at each frame and every 10 ms."""
+        deadline = time.monotonic() + PATIENCE
+        with self._news:
+            while not condition(self.device.status()):
+                assert time.monotonic() < deadline, self.device.status()
+                self._news.wait(0.01)
+
+    def check(self) -> None:
+        """Every whole frame is one that was sent, and stamps increase up to now."""
+        for frame in self.frames:
+            expected = readings(frame.sequence)[frame.grounded] * (3.3 / 4096)
+            expected[np.arange(len(expected)), frame.grounded] = np.nan
+            valid = ~np.isnan(frame.voltages)
+            assert np.allclose(frame.voltages[valid], expected[valid], atol=1e-6)
+        stamps = [frame.stamp for frame in self.frames]
+        assert all(a < b for a, b in itertools.pairwise(stamps))
+        assert not stamps or stamps[-1] <= time.time() + 1e-3
+
+
+@contextlib.contextmanager
+def watched(device: SerialDevice):
+    """The opened device, closed at the end and its frames checked."""
+    watch = Watch(device)
+    device.open(watch)
+    try:
+        yield watch
+    finally:
+        device.close()
+    assert device.status().state == "closed"
+    watch.check()
+
+
+@contextlib.contextmanager
+def plugged(simulated, make_port=emulator.PtyPort, **options):
+    """The emulator plugged in."""
+    running = emulator.Emulator(simulated, make_port, **options)
+    running.plug()
+    try:
+        yield running
+    finally:
+        running.unplug()
+
+
+@contextlib.contextmanager
+def connected(simulated=None, make_port=emulator.PtyPort, mangle=bytes, **settings):
+    """Emulator and serial device at both ends of one line: the running emulator and the watch."""
+    with (
+        plugged(simulated or sensor(), make_port, mangle=mangle) as port,
+        watched(SerialDevice(port.path, E, **settings)) as watch,
+    ):
+        yield port, watch

@@ -1,0 +1,183 @@
+"""Raw captures: what the device saw is written down, and lived again to the bit."""
+
+import errno
+import itertools
+import json
+
+import numpy as np
+import pytest
+from devices_support import E, Watch, connected, plugged, sensor
+
+from tomotactile_ros.cli import main
+from tomotactile_ros.devices import capture as capture_module
+from tomotactile_ros.devices.capture import FORMAT, relive
+from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
+from tomotactile_ros.devices.serial import SerialDevice
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames
+
+
+def same(one, other) -> bool:
+    """Whether frames agree to the last bit."""
+    return (
+        one.voltages.tobytes() == other.voltages.tobytes()
+        and one.voltages.shape == other.voltages.shape
+        and np.array_equal(one.grounded, other.grounded)
+        and (one.sequence, one.stamp, one.drive_voltage, one.row_period)
+        == (other.sequence, other.stamp, other.drive_voltage, other.row_period)
+    )
+
+
+def a_capture(path, simulated=None, act=None, rows=False, **settings):
+    """Capture a while of a device; return the frames and the rows that it delivered."""
+    with plugged(simulated or sensor()) as port:
+        device = SerialDevice(port.path, E, capture=str(path), **settings)
+        device.run_length = 4
+        watch, runs = Watch(device), []
+        device.open(watch, runs.append if rows else None)
+        watch.wait_for_frames(10)
+        if act is not None:
+            act(port, watch)
+        device.close()
+    return watch.frames, runs
+
+
+def losing_some(port, watch) -> None:
+    """Lose packets, change settings, unplug and plug in again."""
+    count = itertools.count()
+    port._mangle = lambda data: data if next(count) % 7 else data[:-20]
+    watch.wait_for_frames(20)
+    watch.device.set_scan((3, 1, 3))
+    watch.wait_for(lambda s: len(watch.frames[-1].grounded) == 3)
+    watch.device.set_rate(50.0)
+    watch.wait_for_frames(5)
+    port.unplug()
+    watch.wait_for(lambda s: s.state == "disconnected")
+    watch.device.set_scan(())
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_a_capture_lived_again_gives_the_same_frames_to_the_bit(tmp_path, rows):
+    frames, runs = a_capture(tmp_path / "a.raw", act=losing_some, rows=rows)
+    again, runs_again = [], []
+    device = relive(tmp_path / "a.raw", again.append, runs_again.append)
+    assert len(again) == len(frames) and all(map(same, again, frames))
+    assert len(runs_again) == len(runs) and all(map(same, runs_again, runs))
+    assert bool(runs) == rows
+    assert device.status().counters["frames_incomplete"] > 0
+
+
+def test_a_capture_that_is_cut_anywhere_is_good_up_to_there(tmp_path):
+    frames, _ = a_capture(tmp_path / "a.raw")
+    data = (tmp_path / "a.raw").read_bytes()
+    for length in (len(data) - 1, len(data) // 2, len(data) // 7):
+        (tmp_path / "cut.raw").write_bytes(data[:length])
+        again = []
+        relive(tmp_path / "cut.raw", again.append)
+        assert len(again) <= len(frames) and all(map(same, again, frames))
+
+
+def test_a_capture_never_touches_a_file_that_is_there(tmp_path):
+    (tmp_path / "a.raw").write_text("precious")
+    a_capture(tmp_path / "a.raw")
+    assert (tmp_path / "a.raw").read_text() == "precious"
+    assert (tmp_path / "a-2.raw").read_bytes().startswith(FORMAT)
+    (tmp_path / "link.raw").symlink_to(tmp_path / "victim")
+    a_capture(tmp_path / "link.raw")
+    assert not (tmp_path / "victim").exists()
+    with pytest.raises(InputError, match="capture: .*cannot be made"):
+        SerialDevice("/dev/null", E, capture=str(tmp_path / "no" / "a.raw")).open(print)
+
+
+def test_a_full_disk_ends_the_capture_and_not_the_frames(tmp_path, monkeypatch):
+    class Full:
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def flush(self):
+            pass
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(capture_module, "_create", lambda path: (Full(), path))
+    with connected(capture="a.raw") as (_, watch):
+        watch.wait_for_frames(3)
+        (trouble,) = watch.device.status().troubles
+    assert trouble.name == "capture" and "No space left" in trouble.text
+
+
+def test_a_capture_goes_no_further_than_its_largest_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(capture_module, "MAX_BYTES", 4000)
+    with connected(capture=str(tmp_path / "a.raw")) as (_, watch):
+        watch.wait_for(lambda s: any(trouble.name == "capture" for trouble in s.troubles))
+        watch.wait_for_frames(3)
+    assert (tmp_path / "a.raw").stat().st_size <= 4000
+    relive(tmp_path / "a.raw", lambda frame: None)  # good up to there
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda data: b"#!/bin/sh\n", "is no raw capture"),
+        (lambda data: FORMAT + b"{\n", "line 2: is no JSON"),
+        (lambda data: FORMAT + b"[]\n", "line 2: is no mapping"),
+        (lambda data: FORMAT + json.dumps({"port": 3}).encode() + b"\n", "line 2: "),
+        (lambda data: data.replace(b"O", b"?", 1), "the device"),
+        (lambda data: data + 13 * b"\xff", "bytes are too many"),
+    ],
+)
+def test_a_file_that_is_no_capture_or_another_one_is_refused_in_one_line(
+    tmp_path, capsys, damage, words
+):
+    a_capture(tmp_path / "a.raw")
+    (tmp_path / "b.raw").write_bytes(damage((tmp_path / "a.raw").read_bytes()))
+    assert main(["replay", "--raw", str(tmp_path / "b.raw")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line and "b.raw" in line
+
+
+def test_the_command_writes_the_frames_of_a_capture(tmp_path, capsys):
+    frames, _ = a_capture(tmp_path / "a.raw", sensor(rate=50.0))
+    raw, out = str(tmp_path / "a.raw"), str(tmp_path / "frames.npz")
+    assert main(["replay", "--raw", raw, "--out", out]) == 0
+    assert "skin 0, protocol 2" in capsys.readouterr().out
+    loaded = load_frames(out)
+    assert loaded.stamps.tolist() == [frame.stamp for frame in frames]
+    assert loaded.voltages.tobytes() == b"".join(frame.voltages.tobytes() for frame in frames)
+    assert loaded.row_period == pytest.approx(1 / (50.0 * E), rel=1e-2)
+
+
+def test_frames_of_two_orders_are_no_file_of_frames(tmp_path, capsys):
+    def another_order(port, watch) -> None:
+        watch.device.set_scan((1,))
+        watch.wait_for(lambda s: len(watch.frames[-1].grounded) == 1)
+
+    a_capture(tmp_path / "mixed.raw", act=another_order)
+    out = tmp_path / "frames.npz"
+    assert main(["replay", "--raw", str(tmp_path / "mixed.raw"), "--out", str(out)]) == 2
+    assert "other ground conditions" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mixed.raw"]
+
+
+def test_record_writes_the_frames_and_the_capture_that_gives_them_again(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("tomotactile_ros.devices.stream.PATIENCE", 30.0)
+    raw, out, again = (str(tmp_path / name) for name in ("line.raw", "live.npz", "again.npz"))
+    device = EmulatedDevice(idle_source(16), 16, rate=100.0)
+    with plugged(device) as port:
+        words = ["record", "--port", port.path, "--layout", "equal-4x4", "--frames", "12"]
+        assert main([*words, "--raw", raw, "--out", out]) == 0
+        assert "live.npz and" in capsys.readouterr().out
+        assert main(words) == 2
+        assert "--out: is missing" in capsys.readouterr().err
+        assert main(["record", "--layout", "equal-4x4", "--raw", raw]) == 2
+        assert "--raw: needs --port" in capsys.readouterr().err
+        port.device.streaming = False
+    assert main(["replay", "--raw", raw, "--layout", "equal-4x4", "--out", again]) == 0
+    live, relived = load_frames(out), load_frames(again)
+    assert len(live.stamps) == 12
+    assert np.array_equal(relived.stamps[:12], live.stamps)
+    assert relived.voltages[:12].tobytes() == live.voltages.tobytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.npz", "line.raw", "live.npz"]

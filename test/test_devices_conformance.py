@@ -1,0 +1,315 @@
+"""`tomotactile conform`: devices that keep the protocol, and one that breaks each rule."""
+
+import numpy as np
+import pytest
+from devices_support import E, counted, plugged, sensor
+
+from tomotactile_ros.cli import main
+from tomotactile_ros.devices import conformance, protocol
+from tomotactile_ros.devices.conformance import BROKEN, KEPT, UNTRIED, Broken, check
+from tomotactile_ros.devices.emulator import EmulatedDevice, TcpPort
+
+
+class Instant:
+    """A line to a device on which time passes only while somebody reads."""
+
+    def __init__(self, device: EmulatedDevice, mangle=bytes) -> None:
+        self.time = 50.0
+        self._device, self._mangle = device, mangle
+        self._waiting = b""
+
+    def now(self) -> float:
+        return self.time
+
+    def read(self, timeout: float) -> bytes:
+        data, self._waiting = self._waiting, b""
+        if not data:
+            self.time += min(timeout, 0.001)
+            data = self._mangle(self._device.rows_due(self.time))
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._waiting += self._mangle(self._device.rows_due(self.time))
+        self._waiting += self._mangle(self._device.receive(data, self.time))
+
+
+def verdicts(device: EmulatedDevice, address: int = 0, mangle=bytes) -> list:
+    line = Instant(device, mangle)
+    return list(check(line, address, line.now))
+
+
+def broken(device: EmulatedDevice, mangle=bytes) -> list[str]:
+    """The rules that a device breaks, with the remarks."""
+    return [f"{v.rule}: {v.remark}" for v in verdicts(device, mangle=mangle) if v.result == BROKEN]
+
+
+@pytest.mark.parametrize(
+    ("settings", "address", "versions"),
+    [
+        ({}, 0, {1, 2}),
+        ({"versions": [1]}, 0, {1}),
+        ({"versions": [2], "own_reading": True, "lowest": -3.3}, 0, {2}),
+        ({"address": 7}, 7, {2}),
+        ({"rows": 3, "max_scan": 2}, 0, {1, 2}),
+    ],
+)
+def test_the_emulator_keeps_every_rule(settings, address, versions):
+    found = verdicts(sensor(**settings), address)
+    assert {v.version for v in found} == versions
+    assert [v for v in found if v.result != KEPT] == []
+    assert len(found) >= (18 if versions == {1} else 27)
+
+
+def test_what_cannot_be_tried_is_not_called_kept():
+    untried = [v.rule for v in verdicts(sensor(max_scan=0)) if v.result == UNTRIED]
+    assert len(untried) == 2 and all("SET_SCAN" in rule for rule in untried)
+
+
+def test_nobody_and_noise_are_told_apart():
+    for mangle, words in (
+        (lambda data: b"", "nothing answers"),
+        (lambda data: b"noise" if data else b"", "no valid packet"),
+        (lambda data: protocol.encode(protocol.Ack(0, 1, False, 1.0)), "no answer to IDENTIFY"),
+    ):
+        with pytest.raises(Broken, match=words):
+            verdicts(sensor(), mangle=mangle)
+
+
+def changed(kind: int, change):
+    """A line that changes packets of a type: `change` returns what takes a packet's place."""
+
+    def mangle(data: bytes) -> bytes:
+        zeros = b"\0" if data.startswith(b"\0") else b""
+        packets = [
+            change(packet) if packet.type == kind else packet
+            for packet in protocol.Parser().feed(data)
+        ]
+        return zeros + b"".join(protocol.encode(p) for p in packets if p is not None)
+
+    return mangle
+
+
+def every(count: int):
+    """True every so many times."""
+    calls = [0]
+
+    def due() -> bool:
+        calls[0] += 1
+        return calls[0] % count == 0
+
+    return due
+
+
+def too_high(row):
+    """The row with a reading that its converter does not have."""
+    counts = protocol.unpack_counts(row.readings).copy()
+    counts[row.grounded - 1] = 5000
+    return row._replace(readings=protocol.pack_counts(counts))
+
+
+def losing(count: int):
+    """A change that loses every so manyth packet."""
+    due = every(count)
+    return lambda packet: None if due() else packet
+
+
+def damaging(count: int):
+    """A line that damages some packets."""
+    due = every(count)
+    return lambda data: data[:-9] + b"\0" if data and due() else data
+
+
+LINES = {
+    "A delimiter is sent": lambda data: data.lstrip(b"\0"),
+    "Frames begin with row 0": changed(protocol.ROW, losing(5)),
+    "The sequence number rises": changed(
+        protocol.ROW, lambda row: row._replace(sequence=2 * row.sequence)
+    ),
+    "A row grounds the same": changed(
+        protocol.ROW, lambda row: row._replace(grounded=(row.row + row.sequence) % E)
+    ),
+    "Device time never jumps": changed(
+        protocol.ROW, lambda row: row._replace(row_end=row.row_end - row.row_end % 7000)
+    ),
+    "1000 ppm": changed(
+        protocol.ROW, lambda row: row._replace(frame_time=round(1.02 * row.frame_time))
+    ),
+    "Frames come at the rate": changed(protocol.ACK, lambda ack: ack._replace(rate=2 * ack.rate)),
+    "Readings are counts": changed(protocol.ROW, too_high),
+    "the scale fits its range": changed(protocol.ROW, lambda row: row._replace(scale=0.1)),
+    "ACK to START comes before": changed(
+        protocol.ACK, lambda ack: ack._replace(sequence=ack.sequence + 1)
+    ),
+    "agrees with IDENTITY": changed(
+        protocol.STATUS, lambda status: status._replace(boot=status.boot ^ 1)
+    ),
+    "have the right checksum": damaging(40),
+    "says so in its IDENTITY": changed(protocol.IDENTITY, lambda i: i._replace(also="")),
+    "that makes sense": changed(
+        protocol.IDENTITY, lambda i: i._replace(rate=1e6, max_rate=10.0, max_row_rate=60.0)
+    ),
+}
+
+
+def try_only(monkeypatch, rules: list[str]) -> None:
+    """Try the checks of these rules, or a few where none is meant."""
+    for name in ("BOTH", "NEWER"):
+        checks = getattr(conformance, name)
+        wanted = [c for c in checks if any(r in " ".join(c.__doc__.split()) for r in rules)]
+        monkeypatch.setattr(conformance, name, tuple(wanted) or checks[3:5])
+
+
+@pytest.mark.parametrize("rule", LINES)
+def test_a_device_that_says_something_wrong_is_found(rule, monkeypatch):
+    try_only(monkeypatch, [rule])
+    assert any(rule in told for told in broken(sensor(), LINES[rule]))
+
+
+class Unstoppable(EmulatedDevice):
+    def _answer(self, packet, now):
+        if packet.type == protocol.STOP and self.streaming:
+            answer = super()._answer(packet, now)
+            self._last = 3 * E
+            self.streaming = True
+            return answer
+        return super()._answer(packet, now)
+
+    _last = 0
+
+    def rows_due(self, now):
+        rows = super().rows_due(now)
+        if self._last:
+            self._last -= rows.count(0)
+            if self._last <= 0:
+                self._last, self.streaming = 0, False
+        return rows
+
+
+class Restarting(EmulatedDevice):
+    def _start_stream(self, packet, now):
+        self.streaming = False
+        return super()._start_stream(packet, now)
+
+
+class Slow(EmulatedDevice):
+    """Answers with its next rows, a fifth of a second late."""
+
+    _late = b""
+
+    def receive(self, data, now):
+        self._late += super().receive(data, now)
+        self._due = now + 0.2
+        return b""
+
+    def rows_due(self, now):
+        late = b""
+        if self._late and now > self._due:
+            late, self._late = self._late, b""
+        return late + super().rows_due(now)
+
+
+class Hasty(EmulatedDevice):
+    """A new rate holds at once."""
+
+    def _set_rate(self, packet):
+        answer = super()._set_rate(packet)
+        self._period = 1.3 / self.rate
+        return answer
+
+
+class Generous(EmulatedDevice):
+    def _set_rate(self, packet):
+        return self._ack(packet, protocol.SET_RATE)
+
+
+class Deaf(EmulatedDevice):
+    """Knows no ERROR."""
+
+    def _error(self, *args, **settings):
+        return b""
+
+
+class Credulous(EmulatedDevice):
+    """Does not look at checksums."""
+
+    def receive(self, data, now):
+        from tomotactile_ros.devices import cobs
+
+        for chunk in data.split(b"\0"):
+            body = cobs.decode(chunk) if chunk else None
+            if body and len(body) >= 8 and body[0] == protocol.START:
+                data = protocol.frame(body[:-4])
+        return super().receive(data, now)
+
+
+class Anywhere(EmulatedDevice):
+    """Answers all addresses."""
+
+    def _is_for_me(self, version, address):
+        return True
+
+
+class Sticky(EmulatedDevice):
+    """Forgets nothing: orders, timeouts, numbers of frames."""
+
+    def _set_scan(self, packet):
+        if packet.order:
+            self._take_order(np.array(packet.order) % self.electrodes, packet.tag)
+        return self._ack(packet, protocol.SET_SCAN)
+
+    def _start_stream(self, packet, now):
+        return (
+            super()._start_stream(packet._replace(timeout=0, frames=0), now)
+            if (packet.version > 1)
+            else super()._start_stream(packet, now)
+        )
+
+
+class Elsewhere(EmulatedDevice):
+    """Grounds electrodes in rising order, whatever it is told."""
+
+    def _set_scan(self, packet):
+        return super()._set_scan(packet._replace(order=tuple(sorted(packet.order))))
+
+
+MANNERS = {
+    Unstoppable: ["STOP is answered with ACK"],
+    Restarting: ["begins no new frame"],
+    Slow: ["within 0.1 s"],
+    Hasty: ["SET_RATE holds from the next frame on"],
+    Generous: ["SET_RATE above the fastest"],
+    Deaf: ["unknown command", "unsupported version", "of the wrong length is refused"],
+    Credulous: ["What is damaged"],
+    Anywhere: ["Commands to another address"],
+    Sticky: [
+        "without rows gives",
+        "SET_SCAN of a missing electrode",
+        "when it has heard nothing",
+        "behind the number of frames",
+    ],
+    Elsewhere: ["SET_SCAN holds from"],
+}
+
+
+@pytest.mark.parametrize("kind", MANNERS)
+def test_a_device_with_bad_manners_is_found(kind, monkeypatch):
+    try_only(monkeypatch, MANNERS[kind])
+    told = broken(kind(counted, E, rate=100.0))
+    for rule in MANNERS[kind]:
+        assert any(rule in each for each in told), told
+
+
+def test_the_command_says_what_is_kept_and_broken(capsys, monkeypatch):
+    try_only(monkeypatch, ["that makes sense", "A delimiter"])
+    with plugged(sensor(versions=[1]), TcpPort) as port:
+        assert main(["conform", port.path]) == 0
+        said = capsys.readouterr().out
+        assert said.startswith("version 1\n  kept       IDENTIFY")
+        assert said.splitlines()[-1] == "3 kept"
+        port._mangle = lambda data: data.lstrip(b"\0")
+        assert main(["conform", port.path]) == 1
+        assert "  BROKEN     A delimiter is sent before" in capsys.readouterr().out
+    assert main(["conform", port.path]) == 2
+    assert "cannot be opened" in capsys.readouterr().err
+    assert main(["conform", "spy:///dev/null?file=/x"]) == 2
+    assert main(["conform", port.path, "--address", "255"]) == 2

@@ -1,0 +1,48 @@
+"""`tomotactile replay`: lets the driver live a raw capture again."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+
+from tomotactile_ros.devices.base import Frame
+from tomotactile_ros.devices.capture import relive
+from tomotactile_ros.devices.recording import frames_writer
+from tomotactile_ros.files import check_out
+from tomotactile_ros.layout import load_layout
+
+HELP = "run parser and driver on the bytes of a raw capture again, to the bit"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--raw", required=True, metavar="FILE", help="raw capture of a line")
+    parser.add_argument("--layout", help="layout of the sensor, to be named in the frames")
+    parser.add_argument("--out", help="frames to write (.npz)")
+
+
+def run(args: Namespace) -> None:
+    if args.out:
+        check_out(args.out, ".npz")
+    layout = load_layout(args.layout) if args.layout else None
+    counted = _Counted()
+    if args.out is None:
+        device = relive(args.raw, counted)
+    else:
+        with frames_writer(args.out, layout.id if layout else None) as take:
+            device = relive(args.raw, lambda frame: (counted(frame), take(frame)))
+    status = device.status()
+    identity = device.identity
+    who = (
+        f"{identity.name} {identity.serial}, protocol {identity.version}" if identity else "nobody"
+    )
+    print(f"{args.raw}: {who}, {counted.frames} frames" + (f" in {args.out}" if args.out else ""))
+    for name in ("packets", "packets_lost", "frames_incomplete", "frames_lost", "crc_errors"):
+        print(f"  {name:<20}{status.counters[name]:>12.0f}")
+
+
+class _Counted:
+    """Counts frames."""
+
+    frames = 0
+
+    def __call__(self, frame: Frame) -> None:
+        self.frames += 1

@@ -1,0 +1,83 @@
+"""What a device says of its frames and cannot be so, though every packet is whole.
+
+Times and numbers are checked against one another and against the agreed rate. A row whose time is
+impossible is refused: it would move the stamps. For the rest there is a trouble, with its level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.devices.assembly import RowsOfFrame
+from tomotactile_ros.devices.health import Recent, Trouble
+
+FRAMES, MORE = 3.0, 1.0  # a row ends within so many frames and so many s behind its frame's begin
+OFTEN = 0.1  # of the frames
+TOO_OFTEN = 5  # beginnings anew within 10 s
+
+
+class Doubts:
+    """Looks at rows and frames of one device; its troubles are those of the last 10 s."""
+
+    def __init__(self) -> None:
+        # frames, whose numbers do not rise, whose rows have no times, are mistaken; beginnings anew
+        self._recent = Recent(5)
+        self._rates = (1.0, 1.0)
+        self._last: RowsOfFrame | None = None
+
+    def begin(self, again: bool) -> None:
+        """The device has told who it is, for the first time or `again`."""
+        self._last = None
+        self._recent.add(0, 0, 0, 0, again)
+
+    def rate_is(self, rate: float) -> None:
+        """The device has told its rate, frames/s; a frame of the one before may be under way."""
+        if rate != self._rates[1]:
+            self._rates = self._rates[1], rate
+
+    def may_end(self, row_end: int) -> bool:
+        """Whether a row can end so many µs behind its frame's begin."""
+        return 1e-6 * row_end <= FRAMES / min(self._rates) + MORE
+
+    def frame(self, rows: RowsOfFrame, jumped: bool) -> None:
+        """Take in a frame; `jumped`: the device's clock has."""
+        last, self._last = self._last, rows
+        timeless = rows.row_period == 0 and len(rows.grounded) > 1
+        stands = last is not None and rows.frame_time > last.frame_time and not jumped
+        if stands:
+            stands = not 0 < (rows.sequence - last.sequence) & 0xFFFFFFFF < 1 << 31
+        self._recent.add(1, stands, timeless, rows_are_mistaken(rows), jumped)
+
+    def troubles(self) -> list[Trouble]:
+        """What is to be said."""
+        frames, stands, timeless, mistaken, anew = self._recent.sums()
+        found = []
+        if stands:
+            text = f"the numbers of {stands:.0f} frames do not rise, though their times do"
+            found.append(Trouble("sequence", stands > OFTEN * frames, text))
+        if timeless > OFTEN * frames:
+            text = "the device tells no times of rows: stamps are late by up to a frame"
+            found.append(Trouble("times", False, text))
+        if mistaken > OFTEN * frames:
+            text = (
+                "each row lacks the reading of another electrode than the grounded one: "
+                "the device tells wrong rows or grounded electrodes"
+            )
+            found.append(Trouble("rows", True, text))
+        if anew:
+            text = f"device or line have begun anew {anew:.0f} times within 10 s"
+            found.append(Trouble("anew", anew >= TOO_OFTEN, text))
+        return found
+
+
+def rows_are_mistaken(rows: RowsOfFrame) -> bool:
+    """Whether each row lacks one reading beside the grounded electrode's, each another one.
+
+    A device that does not read the grounded electrode (version 1) shows thereby which one it is.
+    """
+    number = len(rows.grounded)
+    lacking = np.isnan(rows.voltages)
+    if number < 3 or np.count_nonzero(lacking) != 2 * number:
+        return False
+    lacking[np.arange(number), rows.grounded] = False
+    return bool((lacking.sum(axis=1) == 1).all() and (lacking.sum(axis=0) <= 1).all())
