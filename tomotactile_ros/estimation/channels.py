@@ -31,7 +31,7 @@ class ChannelFit:
 
     Parameters
     ----------
-    columns (P, L, n) derivatives of the readings by all other parameters; weights (L, n); misfit (L, n)
+    columns (P, L, n) derivatives of the readings by all other parameters, times the weights; weights (L, n); misfit (L, n)
     slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and by the resistance of its
         row; offsets have 1
     rows (L,) grounded electrode of each row
@@ -71,9 +71,9 @@ class ChannelFit:
         )
         self._mixed = np.concatenate(
             [
-                np.einsum("pln,ln->pn", columns, weighted),
-                np.einsum("pln,ln->pn", columns, weights),
-                np.einsum("pln,ln->pl", columns, by_row) @ to_rows.T,
+                (columns * gain).sum(axis=1),
+                columns.sum(axis=1),
+                (columns * (resistance * deviations[2])).sum(axis=2) @ to_rows.T,
             ],
             axis=1,
         )

@@ -25,13 +25,13 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Rows
 from tomotactile_ros.grid import Grid
 
-_PER_PITCH = 6  # pixels to one spacing of the electrodes
+_PER_PITCH = 4  # pixels to one spacing of the electrodes
 _PIXELS = 24, 60  # along the longer side, at least and at most
 _PICKS = 24  # pixels that a first look takes at the most
 _EXPLAINED = (
     1e-3  # of the sum of squares that a pick removes at least: what a place between pixels leaves
 )
-_ADJACENT = 3.2  # pixels: those nearer are taken for one contact at first
+_ADJACENT = 2.2  # pixels: those nearer are taken for one contact at first
 _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fitted
 _INEXACT = 0.02  # of a current: pixels stand for contacts that lie between them
 _FILLING = 20  # steps that fill in missing readings from their neighbours
@@ -60,7 +60,8 @@ class Detector:
         """(K,) what the sum of squares falls by, 0 where c would be negative, and (K,) c, S."""
         ratio, ground = prediction.ratio, rows.grounded
         weights = rows.weights
-        measured = np.where(weights > 0, 1 - rows.readings, ratio)
+        read = rows.corrected(prediction.unknowns).readings
+        measured = np.where(weights > 0, 1 - read, ratio)
         seen = measured @ self.share
         spread = prediction.impedance @ self.share
         at_ground = spread[ground]
@@ -74,7 +75,10 @@ class Detector:
         return np.where(best > 0, along * best, 0.0), best
 
     def first_look(self, rows: Rows) -> list[tuple[np.ndarray, float]]:
-        """Place (2,), m, and conductance, S, of contacts that together explain most, strongest first."""
+        """Place (2,), m, and conductance, S, of contacts that together explain most, strongest first.
+
+        `rows` without what is known of gains and offsets (`Rows.corrected`).
+        """
         currents, ratio = self._currents(rows)
         metric = self._metric(currents, rows)
         ground = np.arange(len(rows.grounded)), rows.grounded

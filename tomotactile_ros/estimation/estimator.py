@@ -13,32 +13,35 @@ from scipy.sparse.csgraph import connected_components
 
 from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.screening import (
+    clipped,
     dead_channels,
     latest_state,
     open_grounds,
     stuck_channels,
 )
-from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y, touches
+from tomotactile_ros.estimation.search import BUDGET, Search
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y
 from tomotactile_ros.layout import Layout
 
 _KEPT = 4  # operators for sets of electrodes in use
-_UNEXPLAINED = (
-    2e-3  # of the readings' sum of squares: with more, the frame is not what the model knows
-)
 _SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
 _REFUSED = (
     60.0  # the same from which on nothing is said; errors of 8 standard deviations everywhere
 )
-_FEWEST = 4  # rows that contacts are found from
+_FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
-_LATEST = 12  # rows of a frame that are looked at first where it changes
+_LATEST = (24, 12, 6, 3, 2)  # last rows of a frame that are looked at alone where it changes
+_CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
+_FIRST_ORDER = 0.2  # spacings that a contact moves while rows are read that are estimated together
+_RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
+_LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
-_SECOND_LOOK = 50  # budget of a search in other rows or without a channel
+_FIRST_LOOK = 1000  # budget of a search that begins with what was there before
+_SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
 _TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
 _PLACE_FLOOR = (
@@ -53,7 +56,7 @@ class Contact:
 
     conductance : g as a whole, S
     covariance : (4,) of x and y, row by row, m²; force_std : N; radius_std : m
-    probability : that it is there
+    probability : that it is there; velocity : (2,) of x and y, m/s, 0 where it rests
     """
 
     x: float
@@ -67,6 +70,7 @@ class Contact:
     force_std: float
     radius_std: float
     probability: float
+    velocity: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,13 +95,17 @@ class Estimate:
 
 @dataclass
 class State:
-    """What lasts from frame to frame: where the last fit ended, and of which electrodes."""
+    """What lasts from frame to frame: where the last fit ended, its derivatives by the sheet, and of which electrodes."""
 
     unknowns: Unknowns | None = None
+    sheet: SheetColumns | None = None
     used: tuple[int, ...] = ()
+    misfit: float = 1.0  # chi-squared per reading that it left, at least 1
+    refused: float = 0.0  # what one more contact promised and did not keep
 
     def forget(self) -> None:
-        self.unknowns = None
+        self.unknowns = self.sheet = None
+        self.misfit, self.refused = 1.0, 0.0
 
 
 class Estimator:
@@ -107,6 +115,7 @@ class Estimator:
     ----------
     noise : of a reading, V rms; law : `ContactLaw`; radius : typical of a contact, m
     model : of the sheet; excluded : electrodes never used; channels : what is expected of them
+    sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
     """
 
     def __init__(
@@ -119,15 +128,21 @@ class Estimator:
         model: str = "auto",
         excluded=(),
         channels: ChannelPrior | None = None,
+        sensor=None,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
         self.model, self.excluded = model, frozenset(excluded)
-        self.channels = channels or ChannelPrior()
+        self.channels, self.sensor = channels or ChannelPrior(), sensor
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
-    def estimate(self, voltages, grounded, drive_voltage: float, state: State) -> Estimate:
-        """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in turn."""
+    def estimate(
+        self, voltages, grounded, drive_voltage: float, state: State, row_period: float = 0.0
+    ) -> Estimate:
+        """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in turn.
+
+        Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of the last row.
+        """
         voltages = np.asarray(voltages, float)
         grounded = np.asarray(grounded, int)
         valid = np.isfinite(voltages)
@@ -144,22 +159,36 @@ class Estimator:
         if len(used) < 2:
             return Estimate([], [], "withheld", "fewer than two electrodes can be read", left_out)
         search = self._search(used)
-        rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage)
+        times = row_period * np.arange(len(grounded)) if row_period > 0 else None
+        prior = self._prior(search.operator, drive_voltage)
+        valid &= ~self._ended(voltages, used, prior)
+        rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times)
         for electrode in silent:
             left_out.setdefault(int(electrode), "it is never grounded: its switch or wire is open")
         if rows.count < _FEWEST_READINGS:
             return Estimate([], [], "withheld", "too little was read", left_out)
         begun = latest_state(1 - rows.readings, rows.weights > 0, self.noise / drive_voltage)
         rows = rows.part(slice(begun, None))
-        if rows.count < _FEWEST_READINGS or (begun and len(rows.grounded) < _FEWEST):
+        few = begun and len(rows.grounded) < _FEWEST
+        if few and search.untouched(rows, prior):
+            state.forget()
+            return Estimate([], [], "valid", "", left_out, 0.0, begun)
+        if rows.count < _FEWEST_READINGS or few:
             reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
             return Estimate([], [], "withheld", reason, left_out, first=begun)
-        prior = Prior.unknown(search.operator, self.channels, self.radius, drive_voltage)
         start = state.unknowns if state.used == used else None
-        fit, first = self._fit(search, rows, prior, start)
+        if start is not None and times is None:
+            start = start.in_motion(False)
+        if start is not None and begun:
+            start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
+        fit, first = self._fit(search, rows, prior, start, state, begun > 0)
         first += begun
         fit = self._without_bad_channels(search, fit, left_out)
-        state.unknowns, state.used = fit.unknowns, used
+        # the next frame begins where this one ends, and is estimated for its middle
+        ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
+        state.unknowns, state.sheet, state.used = _ahead(fit.unknowns, ahead), fit.sheet, used
+        state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
+        state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count
         if reason:
             state.forget()
@@ -170,6 +199,18 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
         return Estimate(joined(parts), parts, "valid", "", left_out, misfit, first)
 
+    def _ended(self, voltages, used, prior) -> np.ndarray:
+        """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known to lie below."""
+        below = np.zeros(self.layout.electrodes, bool)
+        below[list(used)] = prior.offset < 0
+        return clipped(voltages) & (below | (voltages > 0))
+
+    def _prior(self, operator: SheetOperator, drive_voltage: float) -> Prior:
+        prior = Prior.unknown(operator, self.channels, self.radius, drive_voltage)
+        if self.sensor is None:
+            return prior
+        return self.sensor.prior(operator.used, drive_voltage, prior)
+
     def _search(self, used) -> Search:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
@@ -177,7 +218,7 @@ class Estimator:
             self._searches[used] = Search(SheetOperator(self.layout, self.model, used))
         return self._searches[used]
 
-    def _rows(self, search, voltages, valid, grounded, drive_voltage):
+    def _rows(self, search, voltages, valid, grounded, drive_voltage, times):
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
         operator = search.operator
         used = operator.used
@@ -187,36 +228,76 @@ class Estimator:
         weights = valid[:, used] / variance
         silent = open_grounds(1 - readings, weights > 0, self.noise / drive_voltage)
         kept = (at >= 0) & ~silent & (weights > 0).any(axis=1)
-        return Rows(readings[kept], weights[kept], at[kept]), grounded[silent & (at >= 0)]
+        rows = Rows(readings, weights, at, times).part(np.flatnonzero(kept))
+        return rows, grounded[silent & (at >= 0)]
 
-    def _fit(self, search: Search, rows: Rows, prior: Prior, start) -> tuple[Fit, int]:
+    def _fit(self, search: Search, rows: Rows, prior: Prior, start, state, begun) -> tuple[Fit, int]:
         """The fit of all rows, or of those since the last change where they contradict each other."""
-        fit = search.contacts(rows, prior, start)
-        if start is not None and _is_suspect(fit):
-            fit = _better(fit, search.contacts(rows, prior))
-        if not _is_suspect(fit) or len(rows.grounded) < 2 * _FEWEST:
+        count, timed = len(rows.grounded), rows.times is not None
+        windows, unlike = _LATEST, _CHANGING * state.misfit
+        if timed and begun:  # what has just begun grows: few rows are nearer to one state of motion
+            late = self._latest(search, rows, prior, start, _LATEST[1:], _FIRST_LOOK)
+            if late is not None:
+                return late, count - len(late.rows.grounded)
+        elif timed and start is not None:
+            since = self._rows_that_ask(Fit(search.operator, start, rows, prior), unlike)
+            if 0 < since < count:
+                fewer = since, since // 2, since // 4
+                late = self._latest(search, rows, prior, start, fewer, _FIRST_LOOK)
+                if late is not None:
+                    return late, count - len(late.rows.grounded)
+            windows = [each for each in _LATEST if each < min(since, count)]
+        budget = BUDGET if start is None or not timed else _FIRST_LOOK
+        refused = 0.0 if start is None else state.refused
+        fit = search.contacts(rows, prior, start, budget, state.sheet, refused)
+        fit = self._moved(search, fit, unlike)
+        if not _is_suspect(fit):
             return fit, 0
-        return self._since_change(search, rows, prior, fit)
+        if timed:
+            late = self._latest(search, rows, prior, start, windows, _SECOND_LOOK)
+            if late is not None:
+                return late, count - len(late.rows.grounded)
+        return (fit if start is None else _better(fit, search.contacts(rows, prior))), 0
 
-    def _since_change(self, search, rows, prior, whole: Fit) -> tuple[Fit, int]:
-        """The fit of the last rows, of as many as one state explains; `whole` where that is no better."""
-        count = len(rows.grounded)
-        latest = min(_LATEST, count // 2)
-        late = search.contacts(rows.part(slice(count - latest, count)), prior, budget=_SECOND_LOOK)
-        if _share_left(late) > _share_left(whole) / 4:
-            return whole, 0
-        first = count - latest
-        everywhere = Fit(search.operator, late.unknowns, rows, prior)
-        by_row = (rows.weights * everywhere.misfit**2).sum(axis=1)
-        signal = (rows.weights * rows.readings**2).sum(axis=1)
-        fits = by_row < np.maximum(4.0 * (rows.weights > 0).sum(axis=1), _UNEXPLAINED * signal)
-        while first > 0 and fits[first - 1]:
-            first -= 1
-        if first < count - latest:
-            late = _better_share(
-                late, search.contacts(rows.part(slice(first, count)), prior, late.unknowns)
-            )
-        return late, count - len(late.rows.grounded)
+    def _moved(self, search: Search, fit: Fit, unlike: float = _CHANGING) -> Fit:
+        """The fit, with contacts that move if it leaves more than `unlike`, chi-squared per reading."""
+        return search.in_motion(fit) if fit.chi_squared > unlike * fit.rows.count else fit
+
+    def _rows_that_ask(self, fit: Fit, unlike: float) -> int:
+        """How many of the last rows are to be looked at alone: those that contradict what was there, or are near in place.
+
+        A row contradicts that leaves more than `unlike`, chi-squared per reading.
+        """
+        speed = np.hypot(*fit.unknowns.rates[:, :2].T).max(initial=0.0)
+        times = fit.rows.times
+        near = np.count_nonzero(times > times[-1] - _FIRST_ORDER * fit.operator.pitch / max(speed, 1e-9))
+        if near < len(times):
+            return max(near, _FEWEST)
+        by_row = (fit.rows.weights * fit.misfit**2).sum(axis=1)
+        agrees = np.flatnonzero(by_row < unlike * (fit.rows.weights > 0).sum(axis=1))
+        return len(by_row) if not len(agrees) else len(by_row) - 1 - int(agrees[-1])
+
+    def _latest(
+        self, search: Search, rows: Rows, prior: Prior, start, windows, budget: int
+    ) -> Fit | None:
+        """The fit of the last rows alone, of as many as one state of motion explains; None where that are too few."""
+        count, best = len(rows.grounded), None
+        if start is not None:
+            prior = _after_a_frame(prior, start)
+        for latest in windows:
+            if not _FEWEST <= latest < count:
+                continue
+            part = rows.part(slice(count - latest, count))
+            here = None
+            if start is not None:
+                here = start.after(float(rows.times[count - latest :].mean() - rows.times.mean()))
+            late = self._moved(search, search.contacts(part, prior, here, budget))
+            share = late.chi_squared / part.count
+            if best is None or share < best.chi_squared / best.rows.count:
+                best = late
+            if share < _CHANGING:
+                break
+        return None if best is None or _is_suspect(best) else best
 
     def _without_bad_channels(self, search, fit: Fit, left_out) -> Fit:
         """Leaves out the channels that contradict all others, one after the other, as long as that helps."""
@@ -252,23 +333,25 @@ class Estimator:
         if not len(u.contacts):
             return []
         operator, prediction = fit.operator, fit.prediction
-        moved, _ = touches(operator, u.contacts, u.across, u.free, u.sheet)
+        touches = prediction.touches
         inflation = max(1.0, fit.chi_squared / fit.rows.count)
+        ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
         found, first = [], 0
-        for i, (touch, contact, free) in enumerate(zip(moved, u.contacts, u.free)):
+        for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
             own = covariance[first : first + count, first : first + count]
             first += count
             index = {which: k for k, which in enumerate(np.flatnonzero(free))}
-            area = np.pi * float(np.exp(2 * contact[RADIUS])) * touch.covered
-            g = prediction.conductances[i] * touch.covered
+            area = np.pi * float(np.exp(2 * contact[RADIUS])) * touches.covered[i]
+            g = prediction.conductances[i] * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
-            slope = prediction.force_slope(i, touch, self.law.exponent)[free]
+            slope = prediction.force_slope(i, self.law.exponent)[free]
             relative = float(np.sqrt(slope @ own @ slope + _FORCE_FLOOR**2))
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
             place = place + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
-            x, y = touch.centre(operator)
+            x, y = touches.centre(i) + ahead * u.rates[i, :2]
+            place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
             certainty = 1 / max(own[index[CONDUCTANCE], index[CONDUCTANCE]], 1e-12)
             if certainty < _CERTAIN**2:
@@ -286,9 +369,42 @@ class Estimator:
                     abs(pressure * area) * min(relative, 10.0),
                     radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
                     float(1 - np.exp(-certainty / 2)),
+                    tuple(float(each) for each in u.rates[i, :2]),
                 )
             )
         return sorted(found, key=lambda each: -each.force)
+
+
+def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
+    """(2,) of the velocity of contact `which`, (m/s)²."""
+    moving = fit.unknowns.moving
+    if not moving[which]:
+        return np.zeros(2)
+    first = np.count_nonzero(fit.unknowns.free) + len(RATED) * np.count_nonzero(moving[:which])
+    return fit.covariance.diagonal()[first : first + 2]
+
+
+def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
+    """What is expected `lasts` s later: contacts that move go on, slow ones rest."""
+    if not (np.abs(unknowns.rates[:, :2]) > _RESTING).any():
+        return unknowns.in_motion(False)
+    later = unknowns.after(lasts)
+    strengths = unknowns.contacts[:, CONDUCTANCE]  # a press does not go on growing
+    later.contacts[:, CONDUCTANCE] = strengths
+    return replace(later, rates=later.rates * [1.0, 1.0, 0.0])
+
+
+def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
+    """What is expected of the sensor once a frame has been explained: what was found there."""
+    return replace(
+        prior,
+        sheet=seen.sheet,
+        sheet_deviation=_LEARNT * prior.sheet_deviation,
+        gain=seen.gain,
+        offset=seen.offset,
+        resistance=seen.resistance,
+        deviations=tuple(_LEARNT * each for each in prior.deviations),
+    )
 
 
 def joined(parts: list[Contact]) -> list[Contact]:

@@ -19,7 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS, conductance, touches
+from tomotactile_ros.estimation.touch import CONDUCTANCE, MOVING, PARAMETERS, RADIUS, Touches, X, Y
+
+
+RATED = (X, Y, CONDUCTANCE)  # parameters of contacts that may change while rows are read
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,7 @@ class Unknowns:
     """A point in the space of all that is estimated.
 
     contacts (k, 6), see `touch`; across: patches to the width of each; free (k, 6) which of them are estimated
+    rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are estimated
     sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R, ohm
     """
 
@@ -37,9 +41,31 @@ class Unknowns:
     gain: np.ndarray
     offset: np.ndarray
     resistance: np.ndarray
+    rates: np.ndarray | None = None
+    moving: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.rates is None:
+            count = len(self.contacts)
+            object.__setattr__(self, "rates", np.zeros((count, len(RATED))))
+            object.__setattr__(self, "moving", np.zeros(count, bool))
 
     def with_contacts(self, contacts, across, free) -> Unknowns:
-        return replace(self, contacts=contacts, across=tuple(across), free=free)
+        """The same with other contacts, all at rest."""
+        return replace(
+            self, contacts=contacts, across=tuple(across), free=free, rates=None, moving=None
+        )
+
+    def in_motion(self, moving: bool = True) -> Unknowns:
+        """The same with all contacts free to move while rows are read, or none."""
+        rates = self.rates if moving else None
+        return replace(self, rates=rates, moving=None if rates is None else self.moving | True)
+
+    def after(self, lasts: float) -> Unknowns:
+        """The same `lasts` s later, contacts moved on."""
+        contacts = self.contacts.copy()
+        contacts[:, list(RATED)] += lasts * self.rates
+        return replace(self, contacts=contacts)
 
     @classmethod
     def at_rest(cls, operator: SheetOperator) -> Unknowns:
@@ -59,6 +85,9 @@ class Unknowns:
 class Prediction:
     """Readings of the rows `rows` (L,) under `unknowns`; derivatives on demand.
 
+    Where contacts move, `unknowns` hold for the time 0 and rows were read at `times` (L,), s: to first order in the way
+    between the two.
+
     Attributes
     ----------
     readings : (L, n) in parts of V0
@@ -66,18 +95,15 @@ class Prediction:
     conductances : (k,) g of each contact, S; covered : (k,) the part of each that lies on the sheet
     """
 
-    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray):
-        self.operator, self.unknowns, self.rows = operator, unknowns, rows
+    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray, times=None):
+        self.operator, self.unknowns, self.rows, self.times = operator, unknowns, rows, times
         admittance = operator.admittance_of(unknowns.sheet)
-        self.touches, mutual = [], np.empty((0, 0))
+        self.touches = None
         if len(unknowns.contacts):
-            fixed = np.zeros(unknowns.free.shape, bool)
-            self.touches, mutual = touches(
-                operator, unknowns.contacts, unknowns.across, fixed, unknowns.sheet
-            )
-            self._connect(mutual)
-            admittance = admittance + self.share @ self.strength @ self.share.T
-            admittance = admittance + np.diag(self.direct)
+            self.touches = Touches(operator, unknowns.contacts, unknowns.across, unknowns.sheet)
+            self._connect(self.touches)
+            admittance = admittance + self.share @ self._fed.T
+            admittance[np.diag_indices(len(admittance))] += self._direct
             self.impedance = np.linalg.inv(admittance)
             self.impedance = (self.impedance + self.impedance.T) / 2
         else:
@@ -87,94 +113,110 @@ class Prediction:
         self.own = columns[np.arange(len(rows)), rows] + unknowns.resistance[rows]
         self.ratio = columns / self.own[:, None]
         self.readings = unknowns.gain * (1 - self.ratio) + unknowns.offset
+        self._drifts = np.empty((0, *self.ratio.shape))
+        if times is not None and unknowns.moving.any():
+            self._drifts = self._by_contact(np.isin(np.arange(PARAMETERS), RATED), unknowns.moving)
+            self._drifts *= times[:, None]
+            rates = unknowns.rates[unknowns.moving].ravel()
+            self.readings = self.readings + np.tensordot(rates, self._drifts, 1)
 
-    def _connect(self, mutual):
+    @property
+    def size(self) -> int:
+        """Number of patches, what the cost of an evaluation goes with."""
+        return 0 if self.touches is None else len(self.touches.owner)
+
+    def _connect(self, touches: Touches):
         """C of all patches together: (diag(1/g) + D)^-1, also where a patch has no weight."""
-        found = [conductance(t, c) for t, c in zip(self.touches, self.unknowns.contacts)]
-        self.conductances, self.rates, self.by_mean = np.array(found).T
-        self.covered = np.array([t.covered for t in self.touches])
-        self.parts = np.cumsum([0] + [len(t.weight) for t in self.touches])
-        self.weights = np.concatenate(
-            [g * t.weight for g, t in zip(self.conductances, self.touches)]
-        )
-        self.share = np.concatenate([t.share for t in self.touches], axis=1)
-        self.direct = sum(g * t.direct for g, t in zip(self.conductances, self.touches))
+        count = len(self.unknowns.contacts)
+        found = [touches.conductance(i) for i in range(count)]
+        self.conductances, self._rates, self._by_mean = np.array(found).T
+        self.covered, self.share = touches.covered, touches.share
+        weights = self.conductances[touches.owner] * touches.weight
+        self._direct = self.conductances @ touches.direct
         # (1 + D G)^-1
-        self.damping = np.linalg.inv(np.eye(len(mutual)) + mutual * self.weights)
-        strength = self.weights[:, None] * self.damping
-        self.strength = (strength + strength.T) / 2
+        mutual = touches.impedance * weights
+        mutual[np.diag_indices(len(mutual))] += 1.0
+        damping = np.linalg.inv(mutual)
+        strength = weights[:, None] * damping
+        self._strength = (strength + strength.T) / 2
+        self._inner = self.share @ damping.T  # what a change of the patches' conductances acts through
+        self._fed = self.share @ self._strength
 
     def contact_columns(self) -> np.ndarray:
-        """(F, L, n) derivatives of the readings by the free parameters of the contacts, in their order."""
-        u, changes = self.unknowns, []
-        if not len(u.contacts):
+        """(F, L, n) derivatives of the readings by the contacts' free parameters, in their order, then by rates."""
+        if not len(self.unknowns.free):
             return np.empty((0, *self.ratio.shape))
-        moved, _ = touches(self.operator, u.contacts, u.across, u.free, u.sheet)
-        for i, (touch, free) in enumerate(zip(moved, u.free)):
-            changes += [self._contact_change(i, touch, which) for which in np.flatnonzero(free)]
-        return self._columns(np.array(changes))
+        return np.concatenate([self._by_contact(self.unknowns.free), self._drifts])
 
-    def _contact_change(self, i, touch, which):
-        """(n, n) derivative of Y by one parameter of contact i, with its `touch`."""
-        g = self.conductances[i]
-        part = slice(self.parts[i], self.parts[i + 1])
-        share, strength = self.share, self.strength
-        damped = self.damping[part].T  # rows of (1 + G D)^-1 that act on patches of i
-        if which == CONDUCTANCE:
-            rate = self.rates[i] * g
-            inner = share @ (self.damping[part].T)
-            return inner * (rate * touch.weight) @ inner.T + np.diag(rate * touch.direct)
-        k = which if which < CONDUCTANCE else which - 1
-        changed = touch.d_impedance[k]
-        d_weight, d_direct = touch.d_weight[k], touch.d_direct[k]
-        mean = touch.mean_change(k)
-        d_g = g * self.by_mean[i] * mean
-        d_conductance = d_g * touch.weight + g * d_weight
-        inner = share @ damped
-        out = (inner * d_conductance) @ inner.T
-        moved = touch.d_share[k] @ strength[part] @ share.T
-        out += moved + moved.T
-        fed = share @ strength[:, part]
-        out -= fed @ changed @ fed.T
-        return out + np.diag(d_g * touch.direct + g * d_direct)
+    def _by_contact(self, free, chosen=True):
+        """(F, L, n) derivatives by the parameters `free` (k, 6) of the contacts `chosen` (k,)."""
+        free = np.broadcast_to(free, self.unknowns.free.shape)
+        which = np.flatnonzero(np.broadcast_to(chosen, len(free)))
+        return self._columns(np.concatenate([self._contact_changes(i, free[i]) for i in which]))
 
-    def force_slope(self, i: int, touch, exponent: float) -> np.ndarray:
+    def _contact_changes(self, i, free):
+        """(f, n, n) derivatives of Y by the parameters of contact i that `free` (6,) names."""
+        touches, g, part = self.touches, self.conductances[i], self.touches.parts[i]
+        inner, fed = self._inner[:, part], self._fed[:, part]
+        weight, direct = touches.weight[part], touches.direct[i]
+        by_impedance = touches.d_impedance(i)
+        d_weight, d_direct = touches.d_covered(i)
+        by_mean = self._by_mean[i] * touches.mean_changes(i, by_impedance, d_weight, d_direct)
+        # each change is a change of D and H, A fed^T + fed A^T, and one of conductances
+        moves = touches.moves(i)
+        slopes = touches.patches.slopes[:, :, part]
+        across = np.matmul(self._fed[:, touches.near(i)], by_impedance.transpose(0, 2, 1))
+        changes = []
+        for which in np.flatnonzero(free):
+            if which == CONDUCTANCE:
+                rate = self._rates[i] * g
+                d_conductance, d_on = rate * weight, rate * direct
+                change = (inner * d_conductance) @ inner.T
+            else:
+                k = MOVING.index(which)
+                moved = slopes[0] * moves[k, :, 0] + slopes[1] * moves[k, :, 1] - across[k]
+                change = moved @ fed.T
+                change += change.T
+                d_conductance = g * (by_mean[k] * weight + d_weight[k])
+                d_on = g * (by_mean[k] * direct + d_direct[k])
+                change += (inner * d_conductance) @ inner.T
+            change[np.diag_indices(len(change))] += d_on
+            changes.append(change)
+        return np.array(changes)
+
+    def force_slope(self, i: int, exponent: float) -> np.ndarray:
         """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c p^exponent.
 
-        `touch` with its derivatives. Force is pressure times area, and the area goes with the square of the radius.
+        Force is pressure times area, and the area goes with the square of the radius.
         """
+        touches = self.touches
+        changes = touches.mean_changes(i, touches.d_impedance(i), *touches.d_covered(i))
         out = np.zeros(PARAMETERS)
-        out[CONDUCTANCE] = self.rates[i] / exponent
-        for which in range(PARAMETERS):
-            if which != CONDUCTANCE:
-                k = which if which < CONDUCTANCE else which - 1
-                out[which] = self.by_mean[i] * touch.mean_change(k) / exponent
+        out[CONDUCTANCE] = self._rates[i] / exponent
+        out[list(MOVING)] = self._by_mean[i] * changes / exponent
         out[RADIUS] += 2 * (1 - 1 / exponent)
         return out
 
     def sheet_columns(self) -> np.ndarray:
         """(J, L, n) derivatives of the readings by the coefficients of the sheet."""
-        operator = self.operator
+        operator, touches = self.operator, self.touches
         change = operator.admittance_change(self.unknowns.sheet)
-        if self.touches:
-            places = np.concatenate([t.places for t in self.touches])
-            fed = self.share @ self.strength
-            moved = np.matmul(fed, operator.share_change(places))
+        if touches is not None:
+            moved = operator.share_change(touches.patches.around, self._fed)
             change = change + moved + moved.transpose(0, 2, 1)
             field = operator.field_at(self.unknowns.contacts[:, :2])
-            for i, touch in enumerate(self.touches):
-                part = slice(self.parts[i], self.parts[i + 1])
-                own = fed[:, part] @ touch.impedance @ fed[:, part].T
-                own = own - self._held(i, touch)
-                change = change + field[i][:, None, None] * own
+            for i, part in enumerate(touches.parts):
+                felt = self._fed[:, part] @ (touches.impedance[part] @ self._fed.T)
+                own = (felt + felt.T) / 2 - self._held(i, part)
+                change += field[i][:, None, None] * own
         return self._columns(change)
 
-    def _held(self, i, touch):
+    def _held(self, i, part):
         """(n, n) what 1/c = 1/g + mean D takes back when D changes by a factor."""
-        rate = self.conductances[i] * self.by_mean[i] * touch.mean
-        part = slice(self.parts[i], self.parts[i + 1])
-        inner = self.share @ self.damping[part].T
-        return (inner * (rate * touch.weight)) @ inner.T + np.diag(rate * touch.direct)
+        touches = self.touches
+        rate = self.conductances[i] * self._by_mean[i] * touches.mean[i]
+        inner = self._inner[:, part]
+        return (inner * (rate * touches.weight[part])) @ inner.T + np.diag(rate * touches.direct[i])
 
     def _columns(self, changes):
         """(P, L, n) derivatives of the readings by parameters that change Y by `changes` (P, n, n)."""

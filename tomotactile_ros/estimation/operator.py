@@ -20,8 +20,10 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from tomotactile_ros.estimation.field import SheetField
+from tomotactile_ros.estimation.tables import RIM, Around, Lattice, MutualTable, PotentialTable, mirrored
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
@@ -30,6 +32,7 @@ _SEEN = (
     2e-3  # couplings above this part of the largest admittance change by a factor, others by a sum
 )
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
+_SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing: electrodes take all
 
 
 class SheetOperator:
@@ -56,31 +59,32 @@ class SheetOperator:
         self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         self.pitch = float(np.median(layout.pitches))
+        self.potentials = PotentialTable(self.sheet, self.used, self.pitch)
+        self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
+        self.mutual = MutualTable(
+            self.sheet, self.lattice, self.potentials, self._inverse, self.used
+        )
         self._uneven()
 
     def points(self, places: np.ndarray, radii: np.ndarray):
         """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places` (Q, 2)."""
-        share, own, _ = self._to(places, radii)
-        return share, own
-
-    def on_demand(self, places: np.ndarray, radii: np.ndarray):
-        """H (n, Q), and a function chosen (m,) -> (m, m) of D between places, ohm; arguments as for `points`."""
-        share, own, (transfer, fed, solved) = self._to(places, radii)
-
-        def impedance(chosen):
-            block = transfer.among(chosen) - fed[:, chosen].T @ solved[:, chosen]
-            block = (block + block.T) / 2
-            np.fill_diagonal(block, own[chosen])
-            return block
-
-        return share, impedance
-
-    def _to(self, places, radii):
         transfer = self.sheet.transfer(places, radii)
         fed = np.vstack([transfer.electrode_point[self.used], np.ones(len(places))])
         solved = self._inverse @ fed
         own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, solved), 0.0)
-        return solved[:-1], own, (transfer, fed, solved)
+        return solved[:-1], own
+
+    def placed(self, places: np.ndarray):
+        """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest` says; (P,) which were on one."""
+        layout = self.layout
+        half = np.array(layout.outline.size) / 2
+        places = np.clip(places, -half, half)
+        distance, nearest = layout.nearest(places)
+        rim = RIM * layout.radius
+        on, centres = distance < rim, layout.positions[nearest]
+        way = (places - centres) / np.maximum(distance, 1e-12)[:, None]
+        moved = np.where(on[:, None], centres + rim * way, places)
+        return moved, distance, nearest, way, on
 
     def admittance_of(self, sheet: np.ndarray) -> np.ndarray:
         """(n, n) Y0, S, of the sheet with coefficients `sheet` (J,)."""
@@ -96,28 +100,15 @@ class SheetOperator:
         now = self.admittance * np.exp(np.clip(np.tensordot(sheet, self._factor, 1), -2, 2))
         return _balanced(self._factor * now + self._term)
 
-    def share_change(self, places: np.ndarray) -> np.ndarray:
-        """(J, Q, n) derivative of H at `places` (Q, 2) by the coefficients of the sheet."""
-        return self._interpolated(self._share_change, places).transpose(1, 0, 2)
+    def share_change(self, around: Around, fed: np.ndarray) -> np.ndarray:
+        """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's coefficients."""
+        return np.matmul(fed @ around.weights, self._share_change[:, around.nodes])
 
-    def share_added(self, sheet: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """(n, Q) what the coefficients `sheet` (J,) add to H at `places` (Q, 2)."""
-        added = (sheet @ self._share_by_mode).reshape(-1, self.count)
-        return self._interpolated(added, places).T
-
-    def _interpolated(self, values, places):
-        """(Q, ...) of `values` (lattice, ...) at `places` (Q, 2), linear between four points of the lattice."""
-        corner, weight = [], []
-        for axis, lattice in enumerate(self._lattice):
-            at = (places[:, axis] - lattice[0]) / (lattice[1] - lattice[0])
-            at = np.clip(at, 0, len(lattice) - 1 - 1e-9)
-            corner.append(at.astype(int))
-            weight.append((at - corner[-1]).reshape(-1, *[1] * (values.ndim - 1)))
-        (i, j), (u, v) = corner, weight
-        wide = len(self._lattice[1])
-        first, second = i * wide + j, (i + 1) * wide + j
-        out = (1 - u) * ((1 - v) * values[first] + v * values[first + 1])
-        return out + u * ((1 - v) * values[second] + v * values[second + 1])
+    def share_added(self, sheet: np.ndarray, around: Around):
+        """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes, 1/m."""
+        near = self._share_change[:, around.nodes]
+        added = (sheet @ near.reshape(len(sheet), -1)).reshape(near.shape[1:]).T
+        return added @ around.weights.T, np.matmul(added, around.slopes.transpose(0, 2, 1))
 
     def field_at(self, places: np.ndarray) -> np.ndarray:
         """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
@@ -174,9 +165,7 @@ class SheetOperator:
     def _shares_on_lattice(self, fem, inverse, fed, slope, root, gradient):
         mesh, order, ends = fem.mesh, self.field.order, self.field.ends
         size = np.array(self.layout.outline.size)
-        counts = np.maximum(2, np.ceil(_LATTICE * size / size.max())).astype(int)
-        self._lattice = [np.linspace(-s / 2, s / 2, c) for s, c in zip(size, counts)]
-        places = np.stack(np.meshgrid(*self._lattice, indexing="ij"), -1).reshape(-1, 2)
+        places = mirrored(self.lattice.points, size / 2)
         element, weights = mesh.locate(places)
         corners = fem.unknown[mesh.triangles[element]]
         feed = np.zeros((len(fem.where), len(places)))
@@ -200,8 +189,69 @@ class SheetOperator:
         along = -(flat[:, 0].T @ gradient[:, 0] - flat[:, 1].T @ gradient[:, 1])
         mixed = -(flat[:, 0].T @ gradient[:, 1] + flat[:, 1].T @ gradient[:, 0])
         change = np.concatenate([change, [along, mixed]])
-        self._share_by_mode = change.reshape(len(change), -1)
-        self._share_change = np.ascontiguousarray(change.transpose(1, 0, 2))
+        self._share_change = change
+
+
+class Patches:
+    """H and D of patches on the sheet, with their slopes.
+
+    Parameters
+    ----------
+    places (P, 2), radii (P,), m; parts: slices of the patches of each contact; forms (k, 3) their centres, m, and ln a
+    sheet (J,) coefficients of the field
+
+    Attributes
+    ----------
+    share (n, P) H; slopes (2, n, P) its changes with the place, 1/m; impedance (P, P) D, ohm
+    near : for each contact the patches (m,) that feel its own
+    """
+
+    def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
+        self._operator, self._places = operator, places
+        potentials, steep = operator.potentials(places)
+        self.around = Around(operator.lattice, places)
+        inverse = operator._inverse
+        self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
+        constant = inverse[-1, :-1] @ potentials.T + inverse[-1, -1]
+        self._steep = steep
+        self.share, self.slopes = self._solved, np.matmul(steep, inverse[:-1, :-1]).transpose(0, 2, 1)
+        self._factor = np.ones(len(places))
+        if sheet.any():
+            added, slopes = operator.share_added(sheet, self.around)
+            self.share, self.slopes = self.share + added, self.slopes + slopes
+            for part, field in zip(parts, operator.field_at(forms[:, :2]) @ sheet):
+                self._factor[part] = np.exp(-0.5 * field)
+        owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
+        group = _groups(forms, _SCREENED * operator.pitch)
+        members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
+        self.near = [members[each] for each in group]
+        self.impedance = np.zeros((len(places), len(places)))
+        for chosen in members:
+            block = operator.mutual(places[chosen], radii[chosen], owner[chosen])
+            block -= potentials[chosen] @ self._solved[:, chosen] + constant[chosen]
+            block = (block + block.T) / 2
+            own = np.einsum("ii->i", block)
+            np.maximum(own, 0.0, out=own)
+            self.impedance[np.ix_(chosen, chosen)] = (
+                block * self._factor[chosen, None] * self._factor[chosen]
+            )
+
+    def impedance_slope(self, part: slice, near: np.ndarray) -> np.ndarray:
+        """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`, ohm/m."""
+        out = self._operator.mutual.slope(self._places[part], self._places[near])
+        out -= np.matmul(self._steep[:, part], self._solved[:, near])
+        return out * self._factor[part, None] * self._factor[near]
+
+    def half_per_log(self, part: slice) -> np.ndarray:
+        """(p,) half of what D of a patch with itself loses as its radius grows by its logarithm, ohm."""
+        return self._operator.resistance / (4 * np.pi) * self._factor[part] ** 2
+
+
+def _groups(forms: np.ndarray, reach: float) -> np.ndarray:
+    """(k,) number of the group of each of `forms` (k, 3), see `Patches`: contacts no more than `reach`, m, from another."""
+    apart = np.hypot(*(forms[:, None, :2] - forms[:, :2]).transpose(2, 0, 1))
+    radii = np.exp(forms[:, 2])
+    return connected_components(apart - np.add.outer(radii, radii) < reach, directed=False)[1]
 
 
 def _bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ import numpy as np
 
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
+_REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
+_ABOVE = 3.0  # times as many as have the value below
 _OPEN = 0.25  # of the largest share of the drive voltage that is typically left at an electrode in a row
 
 
@@ -51,3 +53,21 @@ def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:
     touched = mean > _ALIVE * noise
     changes = np.flatnonzero(touched[1:] != touched[:-1])
     return int(changes[-1]) + 1 if len(changes) else 0
+
+
+def clipped(voltages: np.ndarray) -> np.ndarray:
+    """Which of the voltages (..., L, E), V, are at an end of the converter's range.
+
+    The lower end is 0 V where nothing is negative. The upper one is the highest value if it is far more frequent
+    than the next one: noise would spread it.
+    """
+    valid = voltages[np.isfinite(voltages)]
+    out = np.zeros(voltages.shape, bool)
+    if not valid.size:
+        return out
+    if valid.min() == 0.0:
+        out |= voltages == 0.0
+    values, counts = np.unique(valid, return_counts=True)
+    if len(values) > 1 and values[-1] > 0 and counts[-1] >= max(_REPEATED, _ABOVE * counts[-2]):
+        out |= voltages == values[-1]
+    return out

@@ -12,26 +12,35 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import STEPS, Fit, Prior, Rows, solve
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, patches_for, touches
+from tomotactile_ros.estimation.solver import STEPS, Fit, Prior, Rows, SheetColumns, solve
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, SHEAR, STRETCH, Touches, patches_for
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
+_SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
 _FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
+_LONG = 0.3  # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
+_NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
+_GOOD = 1.05  # chi-squared per reading of a fit that is not tried with more contacts at first
+_DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
+_FEW = 3  # contacts at a first look that are tried one by one in any case
+_POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to be better than
+_WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
-BUDGET = 200  # Gauss-Newton steps times discs for one frame: what no few discs explain is given up
+BUDGET = 12000  # Gauss-Newton steps times patches for one frame: what no few discs explain is given up
 
 
 class Search:
@@ -40,14 +49,26 @@ class Search:
     def __init__(self, operator: SheetOperator):
         self.operator = operator
         self.detector = Detector(operator)
+        self._sheet, self._refused = None, 0.0
         self._left = 0  # of the budget for the frame at hand
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
 
     def contacts(
-        self, rows: Rows, prior: Prior, start: Unknowns | None = None, budget: int = BUDGET
+        self,
+        rows: Rows,
+        prior: Prior,
+        start: Unknowns | None = None,
+        budget: int = BUDGET,
+        sheet: SheetColumns | None = None,
+        refused: float = 0.0,
     ) -> Fit:
-        """The fit with as many contacts as the readings ask for, from those of `start` on."""
-        operator, self._left = self.operator, budget
+        """The fit with as many contacts as the readings ask for, from those of `start` on.
+
+        sheet : derivatives by the sheet that an earlier fit ended with, or None
+        refused : what one more contact promised when an earlier fit ended; it was tried then, and is not again
+        """
+        operator, self._left, self._sheet = self.operator, budget, sheet
+        self._refused = refused
         unknowns = start or resting(operator, prior)
         quiet = self.untouched(rows, prior)
         if quiet is not None:
@@ -56,7 +77,7 @@ class Search:
         if not len(unknowns.contacts):
             fit = self._first(fit)
         else:
-            fit = self._without_idle(self._solve(unknowns, fit))
+            fit = self._without_idle(self._from(unknowns, fit))
         before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
@@ -65,19 +86,68 @@ class Search:
             fit = more
         return self._simplified(fit) if len(fit.unknowns.contacts) > before else fit
 
-    def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS) -> Fit:
-        """The best fit from `start` of the rows that `like` is a fit of."""
-        fit = solve(self.operator, start, like.rows, like.prior, steps)
-        self._left -= fit.steps * len(start.contacts)
+    def _from(self, start: Unknowns, fit: Fit) -> Fit:
+        """The best fit from the contacts of `start`, or from them and one that has come."""
+        found = self._solve(start, fit)
+        if found.chi_squared < _MISFIT * found.rows.count or self._left <= 0:
+            return found
+        place, strength = self._next(fit)
+        if place is None:
+            return found
+        added = self._added(start, place, strength, fit.prior.radius)
+        more = self._solve(added, fit, goal=found.cost)
+        return more if more.cost < found.cost - self._threshold * more.doubt else found
+
+    def in_motion(self, fit: Fit) -> Fit:
+        """The same or a fit of contacts that move while the rows are read, if the readings ask for it."""
+        if fit.rows.times is None or not len(fit.unknowns.contacts):
+            return fit
+        tried = self._solve(fit.unknowns.in_motion(), fit)
+        return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
+
+    def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
+        """The best fit from `start` of the rows that `like` is a fit of; given up where `goal` seems out of reach."""
+        if like.prior.learned and len(start.contacts):
+            start = self._settled(start, like)
+        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal)
+        self._sheet = fit.sheet
+        across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
+        if across != fit.unknowns.across and fit.cost < _WORTH * goal:
+            finer = replace(fit.unknowns, across=across)
+            fit = solve(self.operator, finer, like.rows, like.prior, steps, self._sheet, goal)
+        self._left -= fit.steps * fit.prediction.size
         return fit
+
+    def _across(self, contact: np.ndarray, before: int) -> int:
+        """Patches across a contact (6,) that had `before`: as its radius asks for."""
+        wanted = patches_of(contact, self.operator.pitch)
+        return wanted if wanted > before or wanted < before - 2 else before
+
+    def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
+        """Contacts from `start` on, also from other sizes, with the sensor held as it was learned."""
+        held, best = like.prior.held(), None
+        for factor in (None, *_SIZES):
+            contacts, across = start.contacts.copy(), start.across
+            if factor is not None:
+                contacts[:, RADIUS] = np.log(factor * like.prior.radius)
+                across = [patches_for(factor * like.prior.radius, self.operator.pitch)] * len(
+                    contacts
+                )
+            own = replace(as_known(start, held), contacts=contacts, across=tuple(across))
+            fit = solve(self.operator, own, like.rows, held, STEPS, self._sheet)
+            self._left -= fit.steps * fit.prediction.size
+            best = fit if best is None or fit.cost < best.cost else best
+            if best.chi_squared < _MISFIT * like.rows.count:
+                break
+        return best.unknowns
 
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         """The fit without contacts, where offsets of the channels may be all there is, and are; else None."""
-        rest = Fit(self.operator, resting(self.operator, prior), rows, prior)
         largest = (_OFFSETS * prior.deviations[1]) ** 2
-        if rest.chi_squared > (rows.weights * largest).sum() + 2.0 * rows.count:
+        squares = (rows.weights * (rows.readings - prior.offset) ** 2).sum()
+        if squares > (rows.weights * largest).sum() + 2.0 * rows.count:
             return None
-        rest = solve(self.operator, rest.unknowns, rows, prior)
+        rest = solve(self.operator, resting(self.operator, prior), rows, prior)
         return None if self.sees_more(rest) else rest
 
     def sees_more(self, fit: Fit) -> bool:
@@ -90,25 +160,83 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return fit
-        seen = self.detector.first_look(fit.rows)[:MOST]
+        seen = self.detector.first_look(fit.rows.corrected(fit.prior))[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
-        found = self._simplified(self._solve(unknowns, fit))
+        found = None
+        few_seen = len(unknowns.contacts) <= _FEW
+        few = self._clustered(unknowns)
+        if len(few.contacts) < len(unknowns.contacts):
+            wide = self._solve(few, fit)
+            found = self._split(wide)
+            few_seen = few_seen or found is not wide
+        if found is None or few_seen or found.chi_squared > _GOOD * found.rows.count:
+            poor = found is None or found.chi_squared > _POOR * found.rows.count
+            goal = np.inf if poor or few_seen else found.cost
+            many = self._solve(unknowns, fit, goal=goal)
+            found = self._likelier(found, self._simplified(many))
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found
 
-    def _one_more(self, fit: Fit) -> Fit | None:
+    def _likelier(self, fewer: Fit | None, more: Fit) -> Fit:
+        """Of two fits the one with more contacts only if it is so much better as each of them must be."""
+        if fewer is None:
+            return more
+        extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
+        return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
+
+    def _split(self, fit: Fit) -> Fit:
+        """The same or a fit with two discs in the place of each long contact: two fingers side by side are no rod."""
+        for which in range(len(fit.unknowns.contacts)):
+            contact = fit.unknowns.contacts[which]
+            long = float(np.hypot(*contact[STRETCH:]))
+            if long > _LONG:
+                # moments of two points half a long axis from the middle are those of the ellipse
+                angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
+                way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
+                start = chosen(fit.unknowns, np.arange(len(fit.unknowns.contacts)) != which)
+                for place in (contact[:2] - way, contact[:2] + way):
+                    strength = float(np.exp(contact[CONDUCTANCE])) / 2
+                    start = self._added(start, place, strength, fit.prior.radius)
+                fit = self._likelier(fit, self._solve(start, fit, goal=fit.cost))
+        return fit
+
+    def _clustered(self, unknowns: Unknowns) -> Unknowns:
+        """The same with one wide contact for each cluster of contacts near each other."""
+        if len(unknowns.contacts) < 2:
+            return unknowns
+        group = self._clusters(unknowns.contacts)
+        for each in np.unique(group):
+            of = np.flatnonzero(group == each)
+            if len(of) > 1:
+                unknowns = gathered(unknowns, of, self.operator.pitch)
+                group = np.append(np.delete(group, of), each)
+        return unknowns
+
+    def _clusters(self, contacts: np.ndarray) -> np.ndarray:
+        """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6), two at least, is in."""
+        tree = linkage(contacts[:, :2], "single")
+        return fcluster(tree, _CLOSE * self.operator.pitch, "distance")
+
+    def _next(self, fit: Fit):
+        """Place (2,), m, and conductance, S, of the contact that would explain most beside those of a fit; None, 0 if noise may."""
         gains, strengths = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
-        contacts = fit.unknowns.contacts
-        for contact in contacts:
+        for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)
-            gains[apart < 1.3 * np.exp(contact[3]) + self.detector.side] = 0.0
+            gains[apart < 1.3 * np.exp(contact[RADIUS]) + self.detector.side] = 0.0
         best = int(gains.argmax())
-        if gains[best] < self._threshold:
+        fit.promised = float(gains[best])
+        if gains[best] < max(self._threshold, _NEW * self._refused):
+            return None, 0.0
+        return self.detector.pixels[best], strengths[best]
+
+    def _one_more(self, fit: Fit) -> Fit | None:
+        place, strength = self._next(fit)
+        if place is None:
             return None
-        found = self._started(fit, self.detector.pixels[best], strengths[best])
+        found = self._started(fit, place, strength)
         if fit.cost - found.cost < self._threshold * found.doubt:
             return None
         contacts = found.unknowns.contacts
@@ -138,7 +266,7 @@ class Search:
                 np.exp(unknowns.contacts[which, CONDUCTANCE]),
                 radius,
             )
-            tried = self._solve(start, fit)
+            tried = self._solve(start, fit, goal=fit.cost)
             if tried.cost < fit.cost:
                 back = np.insert(np.arange(len(keep) - 1), which, len(keep) - 1)
                 fit = self._solve(chosen(tried.unknowns, back), fit, 1)
@@ -147,14 +275,8 @@ class Search:
     def _added(self, unknowns, place, strength, radius) -> Unknowns:
         across = patches_for(radius, self.operator.pitch)
         contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
-        (touch,), _ = touches(
-            self.operator,
-            contact[None],
-            [across],
-            np.zeros((1, 6), bool),
-            np.zeros(self.operator.modes),
-        )
-        contact[2] = np.log(min(strength, _FILLED / max(touch.mean, 1e-9)))
+        touch = Touches(self.operator, contact[None], [across], np.zeros(self.operator.modes))
+        contact[2] = np.log(min(strength, _FILLED / max(touch.mean[0], 1e-9)))
         free = np.array([True] * _FORM + [False] * 2)
         return unknowns.with_contacts(
             np.vstack([unknowns.contacts, contact]),
@@ -163,7 +285,8 @@ class Search:
         )
 
     def _simplified(self, fit: Fit) -> Fit:
-        """As few contacts as explain the readings as well: weakest first, each is left to its nearest neighbour."""
+        """As few contacts as explain the readings as well: those near each other as one, then each left to its neighbour."""
+        fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1 and self._left > 0:
             order = np.argsort(fit.unknowns.contacts[:, CONDUCTANCE])
@@ -175,14 +298,31 @@ class Search:
                 one = overlaps(contacts, weakest)
                 if not one and not self._may_go(contacts, weakest):
                     continue
-                tried = self._solve(merged(fit.unknowns, weakest), fit)
-                if one or tried.cost < fit.cost + self._threshold * fit.doubt:
+                limit = fit.cost + self._threshold * fit.doubt
+                tried = self._solve(merged(fit.unknowns, weakest), fit, goal=np.inf if one else limit)
+                if one or tried.cost < limit:
                     fewer = tried
                     break
             if fewer is None:
                 break
             fit = fewer
         return self._without_idle(fit)
+
+    def _gathered(self, fit: Fit) -> Fit:
+        """The same or a fit with one wide contact in the place of several near each other."""
+        contacts = fit.unknowns.contacts
+        if len(contacts) < 2:
+            return fit
+        group = self._clusters(contacts)
+        for each in np.unique(group):
+            of = np.flatnonzero(group == each)
+            if len(of) < 2 or len(group) != len(fit.unknowns.contacts):
+                continue
+            limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
+            tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)
+            if tried.cost < limit:
+                return self._gathered(tried)
+        return fit
 
     def _may_go(self, contacts, which) -> bool:
         """Whether a contact is so weak, or so near a stronger one, that it may be none of its own."""
@@ -225,18 +365,55 @@ def merged(unknowns: Unknowns, which: int) -> Unknowns:
     return chosen(replace(unknowns, contacts=contacts), keep)
 
 
+def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
+    """The same with one contact in the place of those `which` (m,): as strong as all of them, an ellipse of their moments."""
+    contacts = unknowns.contacts[which]
+    strengths = np.exp(contacts[:, CONDUCTANCE])
+    share = strengths / strengths.sum()
+    place = share @ contacts[:, :2]
+    apart = contacts[:, :2] - place
+    # a disc of radius a has the moments a^2 / 4
+    moments = (apart * share[:, None]).T @ apart
+    moments += np.eye(2) * (share @ np.exp(2 * contacts[:, RADIUS])) / 4
+    value, axis = np.linalg.eigh(moments)
+    stretch = min(np.log(value[1] / value[0]) / 4, 1.5)
+    angle = 2 * np.arctan2(axis[1, 1], axis[0, 1])
+    form = unknowns.free[which[0]].copy()
+    form[STRETCH:] = stretch > _LONG
+    p, q = stretch * np.array([np.cos(angle), np.sin(angle)]) * form[STRETCH]
+    radius = 2 * (value[0] * value[1]) ** 0.25 if form[STRETCH] else np.sqrt(2 * value.sum())
+    one = np.array([*place, np.log(strengths.sum()), np.log(radius), p, q])
+    rest = chosen(unknowns, np.delete(np.arange(len(unknowns.contacts)), which))
+    return rest.with_contacts(
+        np.vstack([rest.contacts, one]),
+        (*rest.across, patches_of(one, pitch)),
+        np.vstack([rest.free, form]),
+    )
+
+
+def patches_of(contact: np.ndarray, pitch: float) -> int:
+    """Patches across a contact (6,), as its longer axis asks for."""
+    return patches_for(float(np.exp(contact[RADIUS] + np.hypot(*contact[STRETCH:]))), pitch)
+
+
 def chosen(unknowns: Unknowns, keep) -> Unknowns:
     """The same with only the contacts `keep` (mask or indices)."""
     across = tuple(np.array(unknowns.across, int)[keep].tolist())
-    return unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])
+    kept = unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])
+    return replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
 
 
-def resting(operator: SheetOperator, prior: Prior) -> Unknowns:
-    """No contact; sheet and channels as expected."""
+def as_known(unknowns: Unknowns, prior: Prior) -> Unknowns:
+    """The same contacts; sheet and channels as expected."""
     return replace(
-        Unknowns.at_rest(operator),
+        unknowns,
         sheet=prior.sheet,
         gain=prior.gain,
         offset=prior.offset,
         resistance=prior.resistance,
     )
+
+
+def resting(operator: SheetOperator, prior: Prior) -> Unknowns:
+    """No contact; sheet and channels as expected."""
+    return as_known(Unknowns.at_rest(operator), prior)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior
-from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
@@ -25,6 +25,14 @@ _FEW_TRIES, _LITTLE = (
 )  # after so many tries a step that promises less of the cost is not insisted on
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
+_HELD = 1e-2  # of the deviations of a sensor that is held
+_HOPE = 3.0  # times what a step gained, all that follow may gain
+RATES = (
+    0.3,
+    0.3,
+    10.0,
+)  # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
+_SIMILAR = 0.04  # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
 
 
 @dataclass(frozen=True)
@@ -33,20 +41,30 @@ class Rows:
 
     readings (L, n) in parts of V0; weights (L, n) one over the variance of the noise, 0 where nothing was read
     grounded (L,) electrode in use that is grounded in each row
+    times (L,) s, of each row against the time for which contacts are estimated; None where all were read at once
     """
 
     readings: np.ndarray
     weights: np.ndarray
     grounded: np.ndarray
+    times: np.ndarray | None = None
 
     @property
     def count(self) -> int:
         """Number of readings."""
         return int(np.count_nonzero(self.weights))
 
+    def corrected(self, channels) -> Rows:
+        """What channels without gains and offsets would have read; `channels` has both: `Prior`, `Unknowns`."""
+        read = (self.readings - channels.offset) / channels.gain
+        return replace(self, readings=np.where(self.weights > 0, read, 0.0))
+
     def part(self, chosen) -> Rows:
-        """Only the rows `chosen`."""
-        return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen])
+        """Only the rows `chosen`; contacts are estimated for the middle of their time."""
+        times = None if self.times is None else self.times[chosen]
+        if times is not None and len(times):
+            times = times - (times.min() + times.max()) / 2
+        return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen], times)
 
 
 @dataclass(frozen=True)
@@ -55,8 +73,10 @@ class Prior:
 
     radius, spread : median of contacts' radii, m, and standard deviation of their logarithm
     stretch : standard deviation of p and q of a contact that is no disc
+    rates : (3,) of how fast x and y change, m/s, and ln c, 1/s
     sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
     gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation of each of them
+    learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is only trimmed
     """
 
     radius: float
@@ -68,6 +88,16 @@ class Prior:
     offset: np.ndarray
     resistance: np.ndarray
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
+    rates: tuple[float, float, float] = RATES
+    learned: bool = False
+
+    def held(self) -> Prior:
+        """The same sensor, as good as certain."""
+        return replace(
+            self,
+            sheet_deviation=_HELD * self.sheet_deviation,
+            deviations=tuple(_HELD * each for each in self.deviations),
+        )
 
     @classmethod
     def unknown(
@@ -100,16 +130,18 @@ class Fit:
     unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost with the priors
     covariance (F, F) of the contacts' free parameters, all else marginal, and the number of
         steps that led here; None and 0 before `solve`
+    sheet : the last derivatives by the sheet, None before `solve`
+    promised : what one more contact would take off the cost to first order, as far as that was asked
     """
 
     def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior):
         self.operator, self.unknowns, self.rows, self.prior = operator, unknowns, rows, prior
-        self.prediction = Prediction(operator, unknowns, rows.grounded)
+        self.prediction = Prediction(operator, unknowns, rows.grounded, rows.times)
         self.misfit = rows.readings - self.prediction.readings
         self.chi_squared = float((rows.weights * self.misfit**2).sum())
         self.cost = self.chi_squared + self._of_priors()
-        self.covariance = None
-        self.steps = 0
+        self.covariance = self.sheet = None
+        self.steps, self.promised = 0, 0.0
 
     def _of_priors(self) -> float:
         u, prior = self.unknowns, self.prior
@@ -119,6 +151,7 @@ class Fit:
         contacts = u.contacts
         cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
         cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
+        cost += ((u.rates / prior.rates) ** 2).sum()
         return float(cost)
 
     @property
@@ -134,20 +167,55 @@ class Fit:
         return Linear(self)
 
 
-class Linear:
-    """Normal equations at a fit, channels eliminated; `step(damping)` solves them."""
+class SheetColumns:
+    """Derivatives of the readings by the sheet's coefficients, (J, L n), and their normal matrix (J, J), at a fit.
+
+    They change slowly with the contacts, and only how fast the solver converges depends on them.
+    """
 
     def __init__(self, fit: Fit):
+        self.columns = fit.prediction.sheet_columns()
+        flat = self.columns.reshape(len(self.columns), -1)
+        self.normal = (flat * fit.rows.weights.ravel()) @ flat.T
+        self._rows, self._contacts = fit.rows, fit.unknowns.contacts
+
+    def serves(self, fit: Fit) -> bool:
+        """Whether they are good enough at another fit."""
+        contacts = fit.unknowns.contacts
+        if len(contacts) != len(self._contacts) or not _same_rows(self._rows, fit.rows):
+            return False
+        apart = np.abs(contacts - self._contacts)
+        limits = _SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
+        return bool((apart <= limits).all())
+
+
+def _same_rows(first: Rows, second: Rows) -> bool:
+    return first is second or (
+        np.array_equal(first.grounded, second.grounded)
+        and np.array_equal(first.weights, second.weights)
+    )
+
+
+class Linear:
+    """Normal equations at a fit, channels eliminated; `step(damping)` solves them.
+
+    sheet : derivatives by the coefficients of the sheet, `SheetColumns`, from a fit nearby or anew
+    """
+
+    def __init__(self, fit: Fit, sheet: SheetColumns | None = None):
         self.fit = fit
         u, prior, rows = fit.unknowns, fit.prior, fit.rows
+        self.sheet = sheet if sheet is not None and sheet.serves(fit) else SheetColumns(fit)
         contacts = fit.prediction.contact_columns()
         self.free = len(contacts)
-        columns = np.concatenate([contacts, fit.prediction.sheet_columns()])
-        count = len(columns)
-        flat = columns.reshape(count, -1)
-        weighted = flat * np.sqrt(rows.weights).ravel()
-        normal = weighted @ weighted.T
-        right = weighted @ (np.sqrt(rows.weights) * fit.misfit).ravel()
+        count = self.free + len(self.sheet.columns)
+        columns = np.concatenate([contacts, self.sheet.columns]).reshape(count, -1)
+        weighted = columns * rows.weights.ravel()
+        normal = np.empty((count, count))
+        normal[: self.free] = weighted[: self.free] @ columns.T
+        normal[self.free :, : self.free] = normal[: self.free, self.free :].T
+        normal[self.free :, self.free :] = self.sheet.normal
+        right = weighted @ fit.misfit.ravel()
         curvature, pull = self._priors()
         normal[np.diag_indices(count)] += curvature
         right = right + pull
@@ -155,7 +223,13 @@ class Linear:
         slopes = 1 - ratio, u.gain * ratio / fit.prediction.own[:, None]
         now = [a - b for a, b in zip(_channels(u), _channels(prior))]
         self.channels = ChannelFit(
-            columns, rows.weights, fit.misfit, slopes, rows.grounded, now, prior.deviations
+            weighted.reshape(count, *ratio.shape),
+            rows.weights,
+            fit.misfit,
+            slopes,
+            rows.grounded,
+            now,
+            prior.deviations,
         )
         self.normal = normal - self.channels.normal
         self.right = right - self.channels.right
@@ -171,9 +245,12 @@ class Linear:
         curvature[:, STRETCH:] = prior.stretch**-2
         pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
         sheet = prior.sheet_deviation**-2.0
+        rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
         return (
-            np.concatenate([curvature[u.free], sheet]),
-            np.concatenate([pull[u.free], (prior.sheet - u.sheet) * sheet]),
+            np.concatenate([curvature[u.free], rates.ravel(), sheet]),
+            np.concatenate(
+                [pull[u.free], (-u.rates[u.moving] * rates).ravel(), (prior.sheet - u.sheet) * sheet]
+            ),
         )
 
     def step(self, damping: float) -> Unknowns:
@@ -197,8 +274,9 @@ class Linear:
         return (inverse * scale[:, None] * scale)[: self.free, : self.free]
 
     def _by_contact(self, step):
-        out = np.zeros(self.fit.unknowns.contacts.shape)
-        out[self.fit.unknowns.free] = step[: self.free]
+        free = self.fit.unknowns.free
+        out = np.zeros(free.shape)
+        out[free] = step[: np.count_nonzero(free)]
         return out
 
     def _moved(self, step):
@@ -211,32 +289,45 @@ class Linear:
         contacts[:, STRETCH:] = np.clip(contacts[:, STRETCH:], -1.5, 1.5)
         least = np.log(_LEAST * operator.admittance.diagonal().max())
         contacts[:, CONDUCTANCE] = np.maximum(contacts[:, CONDUCTANCE], least)
+        rates = u.rates.copy()
+        rates[u.moving] += step[np.count_nonzero(u.free) : self.free].reshape(-1, len(RATED))
         gain, offset, resistance = self.channels.step(step)
         return replace(
             u,
             contacts=contacts,
+            rates=rates,
             sheet=u.sheet + step[self.free :],
             gain=u.gain + gain,
             offset=u.offset + offset,
-            resistance=np.maximum(u.resistance + resistance, 0.0),
+            resistance=u.resistance + resistance,
         )
 
 
 def solve(
-    operator: SheetOperator, start: Unknowns, rows: Rows, prior: Prior, steps: int = STEPS
+    operator: SheetOperator,
+    start: Unknowns,
+    rows: Rows,
+    prior: Prior,
+    steps: int = STEPS,
+    sheet: SheetColumns | None = None,
+    goal: float = np.inf,
 ) -> Fit:
-    """The best fit that at most `steps` steps from `start` lead to, with its covariance."""
+    """The best fit that at most `steps` steps from `start` lead to, with its covariance.
+
+    It ends where nothing tells that a cost as low as `goal` will be reached.
+    """
     fit, damping = Fit(operator, start, rows, prior), _FIRST_DAMPING
     for step in range(steps):
-        linear = fit.linearised()
+        linear = Linear(fit, sheet)
+        sheet = linear.sheet
         better, damping = _descend(linear, damping)
         gained = 0.0 if better is None else fit.cost - better.cost
         if better is not None:
             fit = better
-        if gained < _CONVERGED * fit.doubt:
+        if gained < _CONVERGED * fit.doubt or (step and fit.cost - _HOPE * gained > goal):
             break
     fit.steps = step + 1
-    fit.covariance = linear.covariance() if better is None else Linear(fit).covariance()
+    fit.covariance, fit.sheet = linear.covariance(), sheet
     return fit
 
 

@@ -16,32 +16,20 @@ derivatives exist.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.disc import unit_patches
+from tomotactile_ros.estimation.operator import Patches, SheetOperator
 
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
 X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)
-_STEPS = np.array([1e-4, 1e-4, 0.02, 0.02, 0.02])  # for differences: m, m, 1, 1, 1
-_MOVING = (X, Y, RADIUS, STRETCH, SHEAR)
+MOVING = (X, Y, RADIUS, STRETCH, SHEAR)  # those that move patches
 _BOUND = 0.05  # 1/g is bounded smoothly at this part of 1/c
 _BARE = 0.005  # 1/g of a bare conductor in parts of 1/c
-_RIM = (
-    1.001  # radii from the centre of an electrode: patches on it are moved here and have no weight
-)
 _PER_PITCH = 4.5  # patches along one spacing of the electrodes
-_ACROSS = 4, 14  # patches to a contact's width
-
-
-@lru_cache(maxsize=32)
-def unit_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Patches of the disc of radius 1: points (P, 2), shares of its area (P,), radii (P,)."""
-    points, areas, radii = Contact("disc", center=(0.0, 0.0), radius=1.0).patches(across)
-    return points, areas / np.pi, radii
+_ACROSS = 3, 14  # patches to a contact's width
 
 
 def patches_for(radius: float, pitch: float) -> int:
@@ -51,147 +39,161 @@ def patches_for(radius: float, pitch: float) -> int:
 
 def stretch(contact: np.ndarray) -> np.ndarray:
     """(2, 2) shape of a contact (6,) as a map of the unit disc, m."""
+    return _shape(contact)[0]
+
+
+def _shape(contact):
+    """(4, 2, 2) `stretch` of a contact (6,) and its derivatives by ln a, p and q, m."""
     p, q = contact[STRETCH], contact[SHEAR]
     size = np.hypot(p, q)
-    ratio = np.sinh(size) / size if size > 1e-9 else 1.0
-    turn = ratio * np.array([[p, q], [q, -p]])
-    return np.exp(contact[RADIUS]) * (np.cosh(size) * np.eye(2) + turn)
+    small = size < 1e-4
+    ratio = 1 + size**2 / 6 if small else np.sinh(size) / size
+    slope = 1 / 3 if small else (np.cosh(size) - ratio) / size**2  # of ratio, by size, over size
+    turn = np.array([[p, q], [q, -p]])
+    shape = np.cosh(size) * np.eye(2) + ratio * turn
+    by_p = p * (ratio * np.eye(2) + slope * turn) + ratio * np.array([[1.0, 0.0], [0.0, -1.0]])
+    by_q = q * (ratio * np.eye(2) + slope * turn) + ratio * np.array([[0.0, 1.0], [1.0, 0.0]])
+    return np.exp(contact[RADIUS]) * np.array([shape, shape, by_p, by_q])
 
 
 @dataclass(frozen=True)
-class Touch:
-    """One contact at one place: what equation (b) needs, and its derivatives by x, y, ln a, p, q.
+class Form:
+    """How the patches of one contact lie: what follows from its parameters alone.
 
-    share (n, P) H; impedance (P, P) D, ohm; weight (P,) parts of its area on the sheet; direct (n,) parts on
-    electrodes; mean mean D, ohm; and, led by an axis of 5, their changes d_share, d_impedance, d_weight, d_direct.
+    places (P, 2), m; radii (P,), m; area (P,) shares of its area; moves (5, P, 2) of the places, by `MOVING`
     """
 
     places: np.ndarray
-    share: np.ndarray
-    impedance: np.ndarray
-    weight: np.ndarray
-    direct: np.ndarray
-    d_share: np.ndarray
-    d_impedance: np.ndarray
-    d_weight: np.ndarray
-    d_direct: np.ndarray
+    radii: np.ndarray
+    area: np.ndarray
+    moves: np.ndarray
 
-    @property
-    def mean(self) -> float:
-        """Mean of D over the contact, ohm; 0 on electrodes."""
-        return float(self.weight @ self.impedance @ self.weight) / self.covered**2
+    @classmethod
+    def of(cls, contact: np.ndarray, across: int) -> Form:
+        unit, area, radius = unit_patches(across)
+        shape, *changes = _shape(contact)
+        moves = np.zeros((len(MOVING), len(unit), 2))
+        moves[0, :, 0] = moves[1, :, 1] = 1.0
+        for k, change in enumerate(changes):
+            moves[2 + k] = unit @ change.T
+        return cls(contact[:2] + unit @ shape.T, np.exp(contact[RADIUS]) * radius, area, moves)
 
-    @property
-    def covered(self) -> float:
-        """The part of the contact that lies on the sheet and its electrodes, 0 to 1."""
-        return float(max(self.weight.sum() + self.direct.sum(), 1e-9))
 
-    def mean_change(self, k: int) -> float:
-        """Derivative of `mean` by moving parameter k; what the mean of D gains, 1/g loses where c stays."""
-        weight, covered = self.weight, self.covered
-        change = weight @ self.d_impedance[k] @ weight
-        change += 2 * (self.d_weight[k] @ self.impedance @ weight)
-        parts = self.d_weight[k].sum() + self.d_direct[k].sum()
-        return float(change / covered**2 - 2 * self.mean * parts / covered)
+class Touches:
+    """All contacts of a fit on the sheet: what equation (b) needs, and its derivatives.
 
-    def centre(self, operator: SheetOperator) -> np.ndarray:
+    Attributes
+    ----------
+    parts : slices of the patches of each contact
+    share (n, P) H; impedance (P, P) D, ohm, on the sheet with the coefficients given
+    weight (P,) parts of a contact's area on the sheet; direct (k, n) parts of each contact on electrodes
+    covered (k,) the part of each that lies on the sheet and its electrodes
+    mean (k,) mean D of each, ohm; 0 on electrodes
+    """
+
+    def __init__(self, operator: SheetOperator, contacts: np.ndarray, across, sheet: np.ndarray):
+        self.operator, self.contacts = operator, contacts
+        self.forms = [Form.of(each, parts) for each, parts in zip(contacts, across)]
+        ends = np.cumsum([0] + [len(form.area) for form in self.forms])
+        self.parts = [slice(a, b) for a, b in pairwise(ends)]
+        self.owner = np.repeat(np.arange(len(contacts)), np.diff(ends))
+        self._place(*(np.concatenate([getattr(f, n) for f in self.forms]) for n in _FORM))
+        self.patches = Patches(
+            operator, self.places, self.radii, self.parts, contacts[:, [X, Y, RADIUS]], sheet
+        )
+        self.share, self.impedance = self.patches.share, self.patches.impedance
+        self.covered = np.array([self.weight[p].sum() for p in self.parts])
+        self.covered = np.maximum(self.covered + self.direct.sum(axis=1), 1e-9)
+        self.mean = np.array(
+            [self.weight[p] @ self.impedance[p, p] @ self.weight[p] for p in self.parts]
+        )
+        self.mean = self.mean / self.covered**2
+
+    def _place(self, places, radii, area):
+        """Places moved off electrodes and into the outline, and what part of each patch lies where."""
+        layout, operator = self.operator.layout, self.operator
+        beyond, inwards = layout.outline.depth(places)
+        there, grows = _part(beyond / radii)
+        self._moving = np.abs(places) < np.array(layout.outline.size) / 2
+        self.places, distance, nearest, way, self._inside = operator.placed(places)
+        off, rises = _part((distance - layout.radius) / radii)
+        self.radii = radii
+        self.weight = area * there * off
+        used = operator.position[nearest]
+        self._electrode = np.where(used >= 0, used, operator.count)
+        self.direct = np.zeros((len(self.parts), operator.count + 1))
+        np.add.at(self.direct, (self.owner, self._electrode), area * there * (1 - off))
+        self.direct = self.direct[:, :-1]
+        # by the place and by the logarithm of the radius: of what is on the sheet and electrodes, and off electrodes
+        steep = (area * grows / radii)[:, None] * inwards, -area * grows * beyond / radii
+        rising = (rises / radii)[:, None] * way, -rises * (distance - layout.radius) / radii
+        self._on = there * area, off, steep, rising
+
+    def moves(self, i: int) -> np.ndarray:
+        """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; none on electrodes."""
+        part = self.parts[i]
+        return self.forms[i].moves * (self._moving[part] & ~self._inside[part][:, None])
+
+    def d_covered(self, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """(5, p) change of the weights of contact i by `MOVING`, and (5, n) of what it has on electrodes."""
+        part, moves = self.parts[i], self.forms[i].moves
+        on, off, steep, rising = self._on
+        on, off = on[part], off[part]
+        by_rim = np.einsum("kpd,pd->kp", moves, steep[0][part])
+        by_electrode = np.einsum("kpd,pd->kp", moves, rising[0][part])
+        by_rim[2] += steep[1][part]  # radii of patches grow with the contact
+        by_electrode[2] += rising[1][part]
+        direct = np.zeros((len(MOVING), self.operator.count + 1))
+        np.add.at(direct.T, self._electrode[part], (by_rim * (1 - off) - on * by_electrode).T)
+        return by_rim * off + on * by_electrode, direct[:, :-1]
+
+    def d_impedance(self, i: int) -> np.ndarray:
+        """(5, p, m) E with dD = E + E^T by `MOVING` of contact i, ohm: its patches, and the patches `near(i)`."""
+        part, near = self.parts[i], self.near(i)
+        slope = self.patches.impedance_slope(part, near)
+        moved = self.moves(i)
+        out = moved[..., 0][:, :, None] * slope[0] + moved[..., 1][:, :, None] * slope[1]
+        own = np.arange(part.stop - part.start)
+        out[2, own, self._first(i) + own] -= self.patches.half_per_log(part)
+        return out
+
+    def near(self, i: int) -> np.ndarray:
+        """(m,) patches that feel those of contact i, its own among them; electrodes screen the others."""
+        return self.patches.near[i]
+
+    def _first(self, i) -> int:
+        """Where in `near(i)` the patches of contact i begin."""
+        return int(np.searchsorted(self.near(i), self.parts[i].start))
+
+    def mean_changes(self, i: int, by_impedance, d_weight, d_direct) -> np.ndarray:
+        """(5,) derivatives of `mean` of contact i, ohm, with `d_impedance(i)` and `d_covered(i)`."""
+        part, covered = self.parts[i], self.covered[i]
+        weight, first = self.weight[part], self._first(i)
+        found = 2 * (by_impedance[:, :, first : first + len(weight)] @ weight) @ weight
+        found += 2 * d_weight @ (self.impedance[part, part] @ weight)
+        parts = d_weight.sum(axis=1) + d_direct.sum(axis=1)
+        return found / covered**2 - 2 * self.mean[i] * parts / covered
+
+    def centre(self, i: int) -> np.ndarray:
         """(2,) centre of mass of what lies on the sheet, m."""
-        on_electrodes = operator.layout.positions[operator.used]
-        return (self.weight @ self.places + self.direct @ on_electrodes) / self.covered
+        on_electrodes = self.operator.layout.positions[self.operator.used]
+        part = self.parts[i]
+        mass = self.weight[part] @ self.places[part] + self.direct[i] @ on_electrodes
+        return mass / self.covered[i]
+
+    def conductance(self, i: int) -> tuple[float, float, float]:
+        """g of contact i as a whole, S, and the derivatives of ln g by ln c and by the mean of D (1/ohm)."""
+        way, mean = np.exp(-self.contacts[i, CONDUCTANCE]), self.mean[i]
+        rest = (way - mean) / (_BOUND * way)
+        slope = 1 / (1 + np.exp(-np.clip(rest, -500, 500)))
+        left = way * (_BOUND * np.logaddexp(0.0, rest) + _BARE)
+        return 1 / left, 1 + slope * mean / left, slope / left
 
 
-def touches(
-    operator: SheetOperator, contacts: np.ndarray, across, free: np.ndarray, sheet: np.ndarray
-):
-    """`Touch` of each of `contacts` (k, 6) on a sheet with coefficients `sheet` (J,), and D of all patches.
-
-    Derivatives are those by the parameters that `free` (k, 6) names, others 0. D (Q, Q), ohm, is for the patches of all
-    contacts in turn.
-    """
-    cut = _cut(contacts, across, free)
-    places, radii, areas = (np.concatenate([piece[i] for _, piece in cut]) for i in range(3))
-    places, on_sheet, on_electrode, electrode = _placed(operator, places, radii, areas)
-    ends = np.cumsum([0] + [len(piece[1]) for _, piece in cut])
-    parts = [slice(a, b) for a, b in pairwise(ends)]
-    base = np.concatenate([np.arange(p.start, p.stop) for (w, _), p in zip(cut, parts) if w < 0])
-    share, impedance = operator.on_demand(places, radii)
-    mutual = impedance(base)
-    factor = np.ones(len(contacts))
-    if sheet.any():
-        share = share + operator.share_added(sheet, places)
-        factor = np.exp(-operator.field_at(contacts[:, :2]) @ sheet)
-    found, first = [], 0
-    for (which, _), part in zip(cut, parts):
-        direct = np.bincount(electrode[part], on_electrode[part], operator.count + 1)[:-1]
-        if which < 0:
-            block = slice(first, first + part.stop - part.start)
-            first, own, scale = block.stop, part, factor[len(found)]
-            now = Touch(
-                places[part],
-                share[:, part],
-                mutual[block, block] * scale,
-                on_sheet[part],
-                direct,
-                *_no_change(operator.count, block.stop - block.start),
-            )
-            found.append(now)
-        else:
-            step = _STEPS[which]
-            now.d_share[which] = (share[:, part] - share[:, own]) / step
-            moved = impedance(np.arange(part.start, part.stop)) * scale
-            now.d_impedance[which] = (moved - now.impedance) / step
-            now.d_weight[which] = (on_sheet[part] - now.weight) / step
-            now.d_direct[which] = (direct - now.direct) / step
-    scale = np.sqrt(np.repeat(factor, [len(touch.weight) for touch in found]))
-    return found, mutual * np.multiply.outer(scale, scale)
+def _part(depth: np.ndarray):
+    """What part of a patch lies beyond a line that it is `depth` radii beyond, and its slope."""
+    inside = np.clip(depth + 0.5, 0.0, 1.0)
+    return inside**2 * (3 - 2 * inside), 6 * inside * (1 - inside)
 
 
-def _cut(contacts, across, free):
-    """Patches (points, radii, areas) of each contact, then of it with each free parameter moved: (-1 or which, ...)."""
-    out = []
-    for contact, parts, moving in zip(contacts, across, free):
-        unit, area, radius = unit_patches(parts)
-        for which in (-1, *(i for i, each in enumerate(_MOVING) if moving[each])):
-            moved = contact.copy()
-            if which >= 0:
-                moved[_MOVING[which]] += _STEPS[which]
-            points = moved[:2] + unit @ stretch(moved).T
-            out.append((which, (points, np.exp(moved[RADIUS]) * radius, area)))
-    return out
-
-
-def _no_change(count, patches):
-    """Zeros for the derivatives of a contact."""
-    moving = len(_MOVING)
-    shapes = (count, patches), (patches, patches), (patches,), (count,)
-    return [np.zeros((moving, *shape)) for shape in shapes]
-
-
-def _placed(operator, places, radii, areas):
-    """Places moved off electrodes and into the outline, and what part of each patch lies where.
-
-    Returns places (Q, 2), shares on the sheet (Q,), on an electrode (Q,), and which electrode in use (Q,), the
-    number of electrodes where it is not in use.
-    """
-    layout = operator.layout
-    inside = layout.outline.contains(places, 1e-9)
-    half = np.array(layout.outline.size) / 2
-    places = np.clip(places, -half, half)
-    distance, nearest = layout.nearest(places)
-    depth = np.clip((distance - layout.radius) / radii + 0.5, 0.0, 1.0)
-    off = depth**2 * (3 - 2 * depth)
-    rim = _RIM * layout.radius
-    way = (places - layout.positions[nearest]) / np.maximum(distance, 1e-12)[:, None]
-    places = np.where((distance < rim)[:, None], layout.positions[nearest] + rim * way, places)
-    used = operator.position[nearest]
-    areas = areas * inside
-    return places, areas * off, areas * (1 - off), np.where(used >= 0, used, operator.count)
-
-
-def conductance(touch: Touch, contact: np.ndarray) -> tuple[float, float, float]:
-    """g of a whole contact, S, and the derivatives of ln g by ln c and by the mean of D (1/ohm)."""
-    way = np.exp(-contact[CONDUCTANCE])
-    rest = (way - touch.mean) / (_BOUND * way)
-    slope = 1 / (1 + np.exp(-np.clip(rest, -500, 500)))
-    left = way * (_BOUND * np.logaddexp(0.0, rest) + _BARE)
-    return 1 / left, 1 + slope * touch.mean / left, slope / left
+_FORM = "places", "radii", "area"

@@ -1,0 +1,58 @@
+"""Contacts keep their numbers from frame to frame."""
+
+from dataclasses import dataclass
+
+from tomotactile_ros.estimation.tracks import Tracks
+
+
+@dataclass
+class At:
+    x: float
+    y: float
+    velocity: tuple[float, float] = (0.0, 0.0)
+
+
+def numbers(tracks, contacts, time):
+    return [number for number, _ in tracks.follow(contacts, time)]
+
+
+def test_a_resting_contact_keeps_its_number_and_ages():
+    tracks = Tracks(0.025)
+    assert tracks.follow([At(0.01, 0.02)], 5.0) == [(1, 0.0)]
+    ((number, age),) = tracks.follow([At(0.0102, 0.0199)], 5.25)
+    assert number == 1 and abs(age - 0.25) < 1e-12
+
+
+def test_order_does_not_matter_and_a_newcomer_gets_a_new_number():
+    tracks = Tracks(0.025)
+    assert numbers(tracks, [At(0.0, 0.0), At(0.05, 0.0)], 0.0) == [1, 2]
+    assert numbers(tracks, [At(0.051, 0.0), At(-0.05, 0.0), At(0.001, 0.0)], 0.1) == [2, 3, 1]
+
+
+def test_numbers_are_never_used_again():
+    tracks = Tracks(0.025)
+    assert numbers(tracks, [At(0.0, 0.0)], 0.0) == [1]
+    assert numbers(tracks, [], 0.1) == []
+    assert numbers(tracks, [At(0.0, 0.0)], 0.2) == [2]
+
+
+def test_two_that_cross_keep_their_numbers():
+    """20 mm apart across, 0.5 m/s against each other, 64 ms between frames."""
+    tracks, step, speed = Tracks(0.025), 0.064, 0.5
+    for k in range(-3, 4):
+        way = speed * step * k
+        contacts = [At(way, 0.01, (speed, 0.0)), At(-way, -0.01, (-speed, 0.0))]
+        assert numbers(tracks, contacts, step * k) == [1, 2]
+
+
+def test_frames_that_say_nothing_do_not_end_a_contact_at_once():
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0)], 0.0)
+    assert numbers(tracks, [At(0.0, 0.0)], 0.2) == [1]
+    assert numbers(tracks, [At(0.0, 0.0)], 0.9) == [2]
+
+
+def test_a_clock_that_jumps_back_begins_anew():
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0)], 100.0)
+    assert numbers(tracks, [At(0.0, 0.0)], 1.0) == [2]

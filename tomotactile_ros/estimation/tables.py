@@ -1,0 +1,250 @@
+"""Potentials of the electrodes at any place with their slopes, read off a lattice.
+
+The Green function of the sheet between an electrode and a place falls with the logarithm of their distance, which is
+taken off before and added again after; what is left changes slowly and is interpolated by cubic convolution
+(Keys 1981), to 1e-3 of a volt per volt within a millimetre of an electrode and far less elsewhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.sheet.green import FAR, softened
+
+_PER_PITCH = 10  # points of the lattice along one spacing
+_POINTS = 41, 131  # along the longer side, at least and at most
+_BEYOND = 1.6  # radii from the centre of an electrode: nearer, its rim is not a few charges
+RIM = 1.001  # radii from the centre of an electrode: patches on it are moved here and have no weight
+_NEAR_RIM = 0.3  # spacings from a rim within which derivatives know of images in it
+_TINY = 1e-15  # m²: a patch does not push itself
+_CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
+_BLOCK = 512  # points at a time, for memory
+
+
+class Lattice:
+    """Values on a rectangular lattice that covers `size` (2,), m, one step wider on all sides.
+
+    points : (K, 2) in m
+    """
+
+    def __init__(self, size: np.ndarray, along: int):
+        counts = np.maximum(2, np.ceil((along - 1) * size / size.max()).astype(int) + 1)
+        self.step = size / (counts - 1)
+        self._start = -size / 2 - self.step
+        self._counts = counts + 2
+        axes = [s + h * np.arange(n) for s, h, n in zip(self._start, self.step, self._counts)]
+        self.points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+
+    def stencil(self, places: np.ndarray):
+        """Points (Q, 16) around `places` (Q, 2), their weights (Q, 16), and of the slopes (2, Q, 16), 1/m."""
+        at = (places - self._start) / self.step
+        low = np.clip(np.floor(at).astype(int), 1, self._counts - 3)
+        part = np.clip(at - low, 0.0, 1.0)
+        weights, slopes = _convolution(part)
+        slopes = slopes / self.step[:, None]
+        first = (low[:, 0] - 1) * self._counts[1] + low[:, 1] - 1
+        offsets = np.add.outer(np.arange(4) * self._counts[1], np.arange(4)).ravel()
+        x, y = weights[:, 0], weights[:, 1]
+        dx, dy = slopes[:, 0], slopes[:, 1]
+        both = np.einsum("kqi,kqj->kqij", np.array([x, dx, x]), np.array([y, y, dy]))
+        both = both.reshape(3, len(places), 16)
+        return first[:, None] + offsets, both[0], both[1:]
+
+
+class Around:
+    """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes (2, Q, m), 1/m."""
+
+    def __init__(self, lattice: Lattice, places: np.ndarray):
+        points, weights, slopes = lattice.stencil(places)
+        used = np.zeros(len(lattice.points), bool)
+        used[points] = True
+        self.nodes = np.flatnonzero(used)
+        at = np.empty(len(used), int)
+        at[self.nodes] = np.arange(len(self.nodes))
+        own = np.arange(len(places))[:, None]
+        all_three = np.zeros((3, len(places), len(self.nodes)))
+        all_three[:, own, at[points]] = [weights, *slopes]
+        self.weights, self.slopes = all_three[0], all_three[1:]
+
+
+def _convolution(part: np.ndarray):
+    """Weights (Q, 2, 4) of four neighbours for the positions `part` (Q, 2) between the middle two, and their slopes."""
+    t = part[..., None]
+    powers = np.concatenate([np.ones_like(t), t, t**2, t**3], axis=-1)
+    slopes = np.concatenate([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=-1)
+    return powers @ _KEYS, slopes @ _KEYS
+
+
+_KEYS = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
+
+
+def mirrored(points: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """`points` (K, 2) beyond the rim of a rectangle of half sides `half`, mirrored in it as potentials are."""
+    beyond = np.maximum(np.abs(points) - half, 0.0)
+    return np.sign(points) * (np.minimum(np.abs(points), half) - beyond)
+
+
+class PotentialTable:
+    """G between the electrodes `used` (n,) of a sheet and any place, ohm."""
+
+    def __init__(self, sheet, used: np.ndarray, pitch: float):
+        layout = sheet.layout
+        size = np.array(layout.outline.size, float)
+        along = int(np.clip(np.ceil(size.max() / pitch * _PER_PITCH), *_POINTS))
+        self.lattice = Lattice(size, along)
+        self._centres = layout.positions[used]
+        self._radius = layout.radius
+        self._scale = float(layout.sheet_resistance) / (2 * np.pi)
+        points = mirrored(self.lattice.points, size / 2)
+        tiny = 1e-3 * self._radius
+        values = np.empty((len(points), len(used)))
+        for start in range(0, len(points), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            values[part] = sheet.transfer(points[part], tiny).electrode_point[used].T
+        self._values = values - self._logarithm(self.lattice.points)[0]
+
+    def _logarithm(self, places):
+        """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared distance."""
+        apart = places[:, None] - self._centres
+        squared = np.einsum("qnd,qnd->qn", apart, apart)
+        squared = np.maximum(squared, self._radius**2)
+        return -0.5 * self._scale * np.log(squared), apart, squared
+
+    def __call__(self, places: np.ndarray):
+        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
+        points, weights, slopes = self.lattice.stencil(places)
+        around = self._values[points]
+        smooth = np.matmul(np.stack([weights, *slopes], axis=1), around)
+        singular, apart, squared = self._logarithm(places)
+        values = smooth[:, 0] + singular
+        steep = (-self._scale / squared)[..., None] * apart
+        return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+
+
+class MutualTable:
+    """G between any two places, ohm, for patches of contacts.
+
+    Taken apart into the logarithm of the distance, that to mirror images beyond a near rim included; the charges that it
+    induces on floating electrodes close by (circle theorem); a part that is smooth over the whole sheet, known on a
+    coarse lattice on both sides; and what electrodes farther away and rims of other outlines add, which is known
+    for a patch with itself and taken as the mean of two for others of the same contact.
+    """
+
+    def __init__(self, sheet, lattice: Lattice, potentials: PotentialTable, inverse, used):
+        layout = sheet.layout
+        self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
+        size = np.array(layout.outline.size, float)
+        self._coarse = lattice
+        nodes = _off_electrodes(mirrored(self._coarse.points, size / 2), layout)
+        self._centres, self._radius = layout.positions, layout.radius
+        self._pitch = float(np.median(layout.pitches))
+        tiny = np.full(len(nodes), 1e-3 * layout.radius)
+        between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
+        self._smooth = between - self._logarithm(nodes, tiny) - self._induced(nodes)
+        self._fine = potentials.lattice
+        places = _off_electrodes(mirrored(self._fine.points, size / 2), layout)
+        own = np.empty(len(places))
+        for start in range(0, len(places), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            radii = np.full(len(places[part]), tiny[0])
+            transfer = sheet.transfer(places[part], radii)
+            exact, tabulated = (
+                np.vstack([each, np.ones(len(radii))])
+                for each in (transfer.electrode_point[used], potentials(places[part])[0].T)
+            )
+            own[part] = transfer.point_self - self._own_part(places[part], radii)
+            for sign, fed in ((1, exact), (-1, tabulated)):
+                own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
+        self._own = own
+
+    def _logarithm(self, places, radii, own_only=False):
+        """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,) its diagonal only."""
+        scale, size = -self._resistance / (4 * np.pi), np.array(self._outline.size)
+        mutual = radii**2 if own_only else np.add.outer(radii**2, radii**2) / 2
+        reach = FAR * mutual.max()
+        along = [self._mirror_distances(places[:, i], size[i], own_only) for i in range(2)]
+        product = 1.0
+        for i, across in enumerate(along[0]):
+            for j, up in enumerate(along[1]):
+                squared = across + up
+                if i == j == 0 or squared.min() < reach:
+                    squared = softened(squared, mutual)
+                product = product * squared
+        return scale * np.log(product)
+
+    def slope(self, places: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """(2, P, Q) change of G with the first of two places (P, 2) and (Q, 2), ohm/m, but for what changes slowly."""
+        size = np.array(self._outline.size)
+        mirrors = [np.zeros((1, 2))]
+        if self._outline.is_uniform_rectangle:
+            near = np.abs(places).max(axis=0) > size / 2 - _NEAR_RIM * self._pitch
+            for axis in np.flatnonzero(near):
+                mirrors.append(np.sign(places[:, axis].mean()) * size[axis] * np.eye(2)[[axis]])
+        out = np.zeros((2, len(places), len(others)))
+        for mirror in mirrors:
+            image = np.where(mirror != 0, mirror - others, others)
+            apart = places[:, None] - image
+            out -= (apart / ((apart**2).sum(axis=-1) + _TINY)[..., None]).transpose(2, 0, 1)
+        return out * self._resistance / (2 * np.pi)
+
+    def _mirror_distances(self, at, side, own_only):
+        """Squared distances along one axis to places and to their images in both rims, m²."""
+        if not self._outline.is_uniform_rectangle:
+            return [np.zeros_like(at) if own_only else np.subtract.outer(at, at) ** 2]
+        if own_only:
+            return [np.zeros_like(at), (2 * at + side) ** 2, (2 * at - side) ** 2]
+        sums = np.add.outer(at, at)
+        return [np.subtract.outer(at, at) ** 2, (sums + side) ** 2, (sums - side) ** 2]
+
+    def _own_part(self, places, radii):
+        """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
+        points, weights, _ = self._coarse.stencil(places)
+        block = self._smooth[points[:, :, None], points[:, None, :]]
+        smooth = np.einsum("pi,pij,pj->p", weights, block, weights)
+        squared = ((places[:, None] - self._centres) ** 2).sum(axis=-1)
+        squared = np.maximum(squared, (RIM * self._radius) ** 2)
+        near = self._nearness(squared) ** 2 * np.log1p(-(self._radius**2) / squared)
+        smooth += self._resistance / (2 * np.pi) * near.sum(axis=1)
+        return smooth + self._logarithm(places, radii, own_only=True)
+
+    def _nearness(self, squared):
+        """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
+        far = np.clip((np.sqrt(squared) / self._pitch - _CLOSE[0]) / (_CLOSE[1] - _CLOSE[0]), 0, 1)
+        return 1 - far**2 * (3 - 2 * far)
+
+    def _induced(self, places):
+        """(P, P) what floating electrodes close by add: the charge that a current induces on a disc, in its inverse point."""
+        apart = places[:, None] - self._centres
+        squared = np.maximum((apart**2).sum(axis=-1), (RIM * self._radius) ** 2)
+        out = np.zeros((len(places), len(places)))
+        near = np.flatnonzero(squared.min(axis=0) < (_CLOSE[1] * self._pitch) ** 2)
+        squared, apart, nearness = squared[:, near], apart[:, near], self._nearness(squared[:, near])
+        inverse = self._radius**2 / squared
+        for k in range(len(near)):
+            on = np.flatnonzero(nearness[:, k])
+            share, weight, from_it = inverse[on, k], nearness[on, k], apart[on, k]
+            part = share[:, None] * share
+            part -= (from_it * share[:, None]) @ (from_it * share[:, None]).T * (2 / self._radius**2)
+            term = np.log1p(np.maximum(part, RIM - 2)) * weight
+            out[np.ix_(on, on)] += weight[:, None] * term
+        return self._resistance / (4 * np.pi) * out
+
+    def __call__(self, places: np.ndarray, radii: np.ndarray, owner: np.ndarray) -> np.ndarray:
+        """(P, P) G between patches at `places` (P, 2) of `radii` (P,), m, that belong to the contacts `owner` (P,)."""
+        around = Around(self._coarse, places)
+        out = around.weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ around.weights.T
+        out += self._logarithm(places, radii) + self._induced(places)
+        points, weights, _ = self._fine.stencil(places)
+        close = np.einsum("pi,pi->p", weights, self._own[points])
+        out += np.where(owner[:, None] == owner, (close[:, None] + close) / 2, 0.0)
+        return out
+
+
+def _off_electrodes(places, layout):
+    """`places` (K, 2), those on an electrode moved beyond its rim."""
+    distance, nearest = layout.nearest(places)
+    centres = layout.positions[nearest]
+    beyond = _BEYOND * layout.radius
+    way = np.where(distance[:, None] > 1e-9, places - centres, [1.0, 0.0])
+    way = way / np.maximum(np.linalg.norm(way, axis=1), 1e-12)[:, None]
+    return np.where((distance < beyond)[:, None], centres + beyond * way, places)
