@@ -1,0 +1,58 @@
+"""Learns sensors from touches of unknown place, size and force, and judges them by others.
+
+    scripts/setup python3 benchmark/learning.py [--source reference|simulator] [--cases 0 1 ...] [--before]
+                                                [--plot out/learning.png] [--out out/learning.json] [--markdown]
+
+Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch after an untouched frame.
+"""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from tomotactile_ros.bench import learned
+from tomotactile_ros.errors import InputError
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--source", choices=learned.SOURCES, default=learned.SOURCES[0])
+    parser.add_argument("--cases", type=int, nargs="+", help="numbers of the cases (default: all)")
+    parser.add_argument("--before", action="store_true", help="judge without learning, too")
+    parser.add_argument("--plot", type=Path, help="picture (.png) of errors against touches")
+    parser.add_argument("--out", type=Path, help="all figures as JSON")
+    parser.add_argument("--markdown", action="store_true")
+    args = parser.parse_args()
+    cases = learned.CASES
+    if args.cases is not None:
+        if not set(args.cases) <= set(range(len(cases))):
+            parser.error(f"--cases: numbers from 0 to {len(cases) - 1} are needed")
+        cases = [cases[number] for number in args.cases]
+    rows = []
+    for row, _ in learned.measure(cases, args.source, args.before):
+        rows.append(row)
+        print(
+            f"{row['case']}, {row['touches']} touches: {row['learning, s']:.1f} s", file=sys.stderr
+        )
+        if args.out:
+            save(args.out, rows)
+    print("\n".join(learned.text(rows, args.markdown)))
+    if args.plot:
+        args.plot.parent.mkdir(parents=True, exist_ok=True)
+        learned.save_plot(args.plot, rows)
+
+
+def save(path, rows):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"learning: {error}")

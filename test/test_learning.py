@@ -1,0 +1,351 @@
+"""A sensor learned from touches of unknown place and force: against the truth and against its own covariance."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.channels import Channels, Rms, Uniform
+from tomotactile_ros.cli import main
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Defects, Noise
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.forward import Prediction
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.solver import Fit, Prior
+from tomotactile_ros.frames_file import save_frames
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.file import load_sensor, save_sensor
+from tomotactile_ros.learning.learner import Learner
+from tomotactile_ros.learning.ledger import Ledger
+from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of
+from tomotactile_ros.learning.reciprocity import fit_gains
+from tomotactile_ros.learning.recorded import WIDE, learn
+from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+DRIVE, NOISE = 3.3, 1e-3
+LAW = ContactLaw(1e-4, 1.0)
+WRONG = Channels(gain=Rms(0.05, 1), offset=Rms(0.003, 2), ground_resistance=Uniform(150, 100, 3))
+
+
+@cache
+def layout():
+    return equal_grid(4, 4, (0.12, 0.12), 0.003, 1e4)
+
+
+@cache
+def operator():
+    return SheetOperator(layout())
+
+
+@cache
+def simulator(touches=8, channels=WRONG):
+    """A second of each touch, the first half of it untouched."""
+    random = np.random.default_rng(5)
+    contacts = [
+        Contact(
+            "disc", center=0.09 * (random.random(2) - 0.5), radius=random.uniform(0.004, 0.008),
+            pressure=random.uniform(1e4, 3e4), start=i + 0.5, end=i + 1.0,
+        )
+        for i in range(touches)
+    ]  # fmt: skip
+    scene = Scene(
+        "touches", DRIVE, contacts, LAW, Noise(NOISE), Adc(12, 4.0), Defects(channels=channels)
+    )
+    return Simulator(layout(), scene, row_period=0.0)
+
+
+@cache
+def frames():
+    sensor = simulator()
+    return np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
+
+
+@cache
+def learned():
+    return learn(layout(), frames(), np.arange(16), DRIVE, noise=NOISE)
+
+
+def truth():
+    return WRONG.of(16)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def learner(state=None):
+    like = Prior.unknown(operator(), WIDE, 0.005, DRIVE)
+    return Learner(Search(operator()), like, DRIVE, state or SensorState.unknown(operator(), WIDE))
+
+
+# -- reciprocity --------------------------------------------------------------------------------
+
+
+def reciprocal_frames(count=6, electrodes=12, seed=0):
+    """Frames of any symmetric impedances, with gains of 5 %."""
+    random = np.random.default_rng(seed)
+    gain = 1 + 0.05 * random.standard_normal(electrodes)
+    found = []
+    for _ in range(count):
+        root = random.random((electrodes, 3))
+        impedance = 2 * np.eye(electrodes) + root @ root.T
+        share = impedance / (impedance.diagonal() + random.random(electrodes))[:, None]
+        volts = DRIVE * gain * (1 - share) + NOISE * random.standard_normal(share.shape)
+        np.fill_diagonal(volts, np.nan)
+        found.append(volts)
+    return np.array(found), gain
+
+
+def test_reciprocity_gives_gains_as_well_as_it_says():
+    ratios, misfits = [], []
+    for seed in range(20):
+        volts, gain = reciprocal_frames(seed=seed)
+        one = np.ones(12)
+        found = fit_gains(volts, DRIVE, NOISE, (one, 0.05 * one), (0 * one, 1e-6 * one))
+        error = (found.gain - gain) / np.sqrt(found.covariance.diagonal()[:12])
+        ratios.append(rms(error))
+        misfits += found.misfit.tolist()
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
+    assert rms(ratios) == pytest.approx(1.0, abs=0.25)  # neither biased nor sure of too much
+
+
+def test_reciprocity_says_nothing_of_channels_that_are_not_read():
+    volts, _ = reciprocal_frames()
+    volts[:, :, 4] = np.nan
+    one = np.ones(12)
+    found = fit_gains(volts, DRIVE, NOISE, (one, 0.05 * one), (0 * one, 1e-3 * one))
+    deviation = np.sqrt(found.covariance.diagonal()[:12])
+    assert found.gain[4] == pytest.approx(1.0) and deviation[4] == pytest.approx(0.05)
+    assert deviation[np.arange(12) != 4].max() < 0.03
+
+
+# -- untouched frames ---------------------------------------------------------------------------
+
+
+def test_untouched_frames_are_told_from_touched_ones():
+    found = [is_untouched(frame, np.arange(16), NOISE) for frame in frames()]
+    assert found == [True, False] * 8
+
+
+def test_offsets_below_the_range_are_bounded_not_guessed():
+    random = np.random.default_rng(1)
+    true = np.array([0.004, 0.0005, -0.0005, -0.01])
+    volts = np.maximum(true + NOISE * random.standard_normal((3, 4, 4)), 0.0)
+    mean, deviation = np.zeros(4), np.full(4, 0.005)
+    found = offsets(volts, np.arange(4), NOISE, mean, deviation)
+    information = found.information + deviation**-2.0
+    centre, spread = found.pull / information, information**-0.5
+    assert np.abs(centre[:3] - true[:3]).max() < 4 * 4e-4
+    assert spread[:3].max() < 6e-4 and spread[3] > 1e-3
+    assert centre[3] < -2e-3 and found.ended.tolist() == [False, False, False, True]
+
+
+# -- one frame ----------------------------------------------------------------------------------
+
+
+def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
+    own = learner()
+    rows = rows_of(operator(), frames()[1], np.arange(16), DRIVE, NOISE)
+    fit = own.look(rows)
+    found = own.information(fit)
+    u = fit.unknowns
+
+    def readings(unknowns):
+        return Prediction(operator(), unknowns, rows.grounded).readings
+
+    def slope(name, index, step, unit=1.0):
+        sides = []
+        for sign in (1, -1):
+            values = np.array(getattr(u, name))
+            values[index] += sign * step
+            sides.append(readings(replace(u, **{name: values})))
+        return ((sides[0] - sides[1]) / (2 * step) / unit).ravel()
+
+    contacts = [slope("contacts", (0, k), s) for k, s in enumerate((1e-6, 1e-6, 1e-4, 1e-4))]
+    sheet = [slope("sheet", j, 1e-4) for j in range(operator().modes)]
+    gain = [slope("gain", j, 1e-4) for j in range(16)]
+    offset = [slope("offset", j, 1e-4, DRIVE) for j in range(16)]
+    resistance = [slope("resistance", j, 1.0) for j in range(16)]
+    root = np.sqrt(rows.weights).ravel()
+    first = np.array(contacts) * root
+    rest = np.array([*sheet, *gain, *offset, *resistance]) * root
+    prior = np.diag([0.12**-2.0, 0.12**-2.0, 1e-2, 0.6**-2.0])
+    mixed = first @ rest.T
+    wanted = rest @ rest.T - mixed.T @ np.linalg.solve(first @ first.T + prior, mixed)
+    scale = np.sqrt(wanted.diagonal())
+    assert np.abs((found.matrix - wanted) / scale / scale[:, None]).max() < 0.02
+
+
+def test_a_resting_load_counts_as_one_touch_however_long_it_rests():
+    sensor, own = simulator(), learner()
+    deviations, fit = [], None
+    for number in range(40):
+        rows = rows_of(operator(), sensor.frame(0.75, number), np.arange(16), DRIVE, NOISE)
+        fit = Fit(operator(), fit.unknowns, rows, fit.prior) if fit else own.look(rows)
+        own.learn(fit)
+        deviations.append(own.state.std("gain").mean())
+    assert own.state.touches == 1 and own.state.frames == 40
+    assert deviations[-1] > deviations[0] / 2.3  # not 1 / sqrt(40)
+    assert deviations[-1] == pytest.approx(deviations[19], rel=0.1)
+
+
+def test_ledger_lets_touches_fade_and_tells_them_apart():
+    ledger, here = Ledger(0.03), np.array([[0.0, 0.0, -8.0, -5.0, 0.0, 0.0]])
+    aside = here + [0.01, 0, 0, 0, 0, 0]
+    first = ledger.weight(here, 1.0)
+    assert first == pytest.approx(0.8)
+    for _ in range(30):
+        ledger.add(here)
+    assert ledger.weight(here, 1.0) < 0.02
+    assert ledger.weight(aside, 1.0) == first
+    assert ledger.weight(np.vstack([here, aside]), 1.0) == first
+    assert ledger.weight(here, 1.0, time=10 * 3600.0) > 0.9 * first
+    ledger.fade(10 * 3600.0)
+    assert ledger.touches == 1 and not ledger.fade(20 * 3600.0) and ledger.touches == 0
+
+
+# -- a recording --------------------------------------------------------------------------------
+
+
+def test_gains_offsets_and_resistances_from_eight_touches():
+    state = learned().state
+    assert (state.touches, learned().untouched, learned().unexplained) == (8, 8, 0)
+    ratio = state["gain"] / truth().gain
+    bound = findings.relative_gain_deviation(state)
+    assert bound < 5e-4
+    assert (ratio / ratio.mean()).std() < 2 * bound
+    assert rms((state["offset"] - truth().offset) / state.std("offset")) < 2
+    error = state["resistance"] - truth().ground_resistance
+    assert (
+        rms(error / np.maximum(state.std("resistance"), 10)) < 2
+    )  # 10 ohm: two models of electrodes
+    assert np.abs(findings.field(state, operator())[0]).max() < 0.05
+
+
+def test_report_names_what_is_off_and_what_is_not_known():
+    text = "\n".join(findings.lines(learned()))
+    worst = int(np.abs(truth().gain / truth().gain.mean() - 1).argmax())
+    assert f"electrode {worst} " in text.splitlines()[2]
+    assert "common factor" in text and "learned from 8 different touches in 8 frames" in text
+
+
+def test_frames_that_hold_no_touch_leave_everything_but_offsets_as_it_was():
+    found = learn(layout(), frames()[::2], np.arange(16), DRIVE, noise=NOISE)
+    state = found.state
+    assert state.touches == 0 and found.untouched == 8
+    for part in ("sheet", "gain", "resistance"):
+        assert state.known(part).max() < 1e-9
+    assert state.known("offset").min() > 0.2
+    assert "no frame holds a touch" in "\n".join(findings.lines(found))
+
+
+def test_one_spot_does_not_tell_the_whole_sheet():
+    same = np.array([simulator().frame(0.75, i) for i in range(6)])
+    found = learn(layout(), same, np.arange(16), DRIVE, noise=NOISE)
+    assert found.state.touches == 1
+    assert found.alike + found.state.frames == 6
+    assert found.state.std("sheet").mean() > learned().state.std("sheet").mean()
+
+
+def test_dead_channels_are_named_and_left_as_expected():
+    broken = frames().copy()
+    broken[:, :, 3] = np.nan
+    found = learn(layout(), broken, np.arange(16), DRIVE, noise=NOISE, most=3)
+    assert found.faults == {3: "no readings"}
+    assert found.state.std("gain")[3] == pytest.approx(WIDE.gain)
+    assert found.state.std("gain")[4] < 0.01
+    assert "electrode 3: no readings" in "\n".join(findings.lines(found))
+
+
+# -- time, files, commands ----------------------------------------------------------------------
+
+
+def test_what_is_known_fades_but_never_below_nothing():
+    state = learned().state
+    later = state.walked(3600.0)
+    assert (later.deviation >= state.deviation * 0.999).all()
+    assert (state.walked(1e12).deviation <= state.expected * 1.001).all()
+    assert np.linalg.eigvalsh(later.covariance / np.outer(later.deviation, later.deviation))[0] > 0
+
+
+def test_sensor_file_keeps_all_of_it(tmp_path):
+    state, path = learned().state, tmp_path / "sensor.yaml"
+    save_sensor(path, layout(), operator(), state)
+    back = load_sensor(path, layout())
+    assert back.mean == pytest.approx(state.mean, rel=1e-6, abs=1e-9)
+    scale = np.outer(state.deviation, state.deviation)
+    assert np.abs((back.covariance - state.covariance) / scale).max() < 1e-4
+    assert (back.touches, back.frames, back.idle) == (8, 8, 8)
+
+
+def test_sensor_file_holds_for_other_signs_and_order_of_modes(tmp_path):
+    """Eigenvectors differ between machines."""
+    state, path = learned().state, tmp_path / "sensor.yaml"
+    other = SheetOperator(layout())
+    turn = np.diag(np.resize([1.0, -1.0], other.modes - 2))[::-1]
+    other.field.modes = other.field.modes @ turn.T
+    whole = np.eye(len(state.mean))
+    whole[: len(turn), : len(turn)] = turn
+    turned = state.learned(whole @ state.mean, whole @ state.covariance @ whole.T)
+    save_sensor(path, layout(), other, turned)
+    back = load_sensor(path, layout())
+    assert back.mean == pytest.approx(state.mean, rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda text: text.replace("geometry: ", "geometry: x"), "electrodes are not those of"),
+        (
+            lambda text: text.replace("gain_deviation: [", "gain_deviation: [-"),
+            "not a positive number",
+        ),
+        (lambda text: text.replace("correlation: ", "correlation: A"), "correlation: is not"),
+        (lambda text: text.replace("anisotropy: [", "anisotropie: ["), "anisotropy: is missing"),
+        (
+            lambda text: text.replace("sensor/1", "layout/1"),
+            "must say 'format: tomotactile-sensor/1'",
+        ),
+    ],
+)
+def test_bad_sensor_files_are_refused_in_one_line(tmp_path, change, complaint):
+    path = tmp_path / "sensor.yaml"
+    save_sensor(path, layout(), operator(), learned().state)
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=complaint):
+        load_sensor(path, layout())
+
+
+def test_learn_then_reconstruct(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    layout().save("layout.yaml")
+    stamps = np.arange(len(frames())) * 0.5
+    save_frames("frames.npz", layout(), simulator().scene, frames(), np.arange(16), stamps + 0.25)
+    assert (
+        main(
+            [
+                "learn",
+                "frames.npz",
+                "--layout",
+                "layout.yaml",
+                "--out",
+                "sensor.yaml",
+                "--touches",
+                "3",
+            ]
+        )
+        == 0
+    )
+    out = capsys.readouterr().out
+    assert "gains:" in out and "not determined:" in out
+    assert (tmp_path / "sensor.png").read_bytes().startswith(b"\x89PNG")
+    arguments = ["--layout", "layout.yaml", "--profile", "balanced", "--out", "result.npz"]
+    assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "sensor.yaml"]) == 0
+    assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "layout.yaml"]) == 2
+    assert "tomotactile-sensor/1" in capsys.readouterr().err

@@ -1,0 +1,160 @@
+"""A sensor that learns while it is used: from which frames, what, and what damage it names."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
+
+from tomotactile_ros.defects import Defects
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.live import LiveLearner
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.sheet_field import SheetField, Tear
+from tomotactile_ros.simulation import Simulator
+
+GROUNDED = np.arange(16)
+
+
+def live(**more):
+    return LiveLearner(layout(), noise=NOISE, **more)
+
+
+def feed(learner, times, touches=16):
+    """States that come out of simulated frames of `times`, s."""
+    sensor, states = simulator(touches), []
+    for number, time in enumerate(times):
+        frame = sensor.frame(time, number)
+        if learner.offer(frame, GROUNDED, DRIVE, 1000.0 + time):
+            states.append(learner.work())
+    return [state for state in states if state is not None]
+
+
+@cache
+def states():
+    """Of sixteen touches, each of which rests for half a second."""
+    return feed(live(), np.arange(0.02, 16, 0.1))
+
+
+def test_gains_are_right_after_three_touches_and_better_after_all():
+    first, last = states()[0], states()[-1]
+    assert first.idle >= 4 and first.touches == 3 and last.touches > 8
+    for state in (first, last):
+        ratio = state["gain"] / truth().gain
+        assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(state) < 2e-3
+    assert last.std("resistance").mean() < 0.9 * first.std("resistance").mean()
+    assert last.time == pytest.approx(1015.5, abs=1.0)
+
+
+def errors(profile, sensor, touches):
+    """(n,) distance of the strongest contact from each touch, m."""
+    pipeline = Pipeline(
+        layout(), Settings(profile, contact_law=LAW, resolution=16), sensor=sensor
+    )
+    sensor = simulator(16)
+    results = [pipeline.process(sensor.frame(i + 0.75, 900 + i), GROUNDED, DRIVE) for i in touches]
+    return np.array([_error(r, sensor.scene.contacts[i]) for r, i in zip(results, touches)])
+
+
+def test_contacts_are_right_once_the_sensor_is_known():
+    """Gains are 5 % off: images show contacts elsewhere then."""
+    before, after = (errors("fast", sensor, range(16)) for sensor in (None, states()[0]))
+    assert np.median(before) > 2e-3 and np.median(after) < 4e-4 and after.max() < 2e-3
+    assert errors("joint", states()[-1], (1, 13, 14)).max() < 2e-4
+
+
+def _error(result, wanted):
+    if not result.contacts:
+        return np.inf
+    strongest = max(result.contacts, key=lambda c: c.force)
+    return float(np.hypot(strongest.x - wanted.center[0], strongest.y - wanted.center[1]))
+
+
+def test_a_tare_leaves_offsets_to_the_tare():
+    settings = Settings("joint", contact_law=LAW, resolution=16)
+    pipeline = Pipeline(layout(), settings, sensor=states()[-1])
+    idle = [(simulator(16).frame(0.2, 800 + i), GROUNDED) for i in range(8)]
+    pipeline.tare(idle)
+    assert pipeline.process(simulator(16).frame(0.3, 850), GROUNDED, DRIVE).idle
+    found = pipeline.process(simulator(16).frame(13.75, 900), GROUNDED, DRIVE)
+    assert _error(found, simulator(16).scene.contacts[13]) < 3e-4
+
+
+def test_a_load_that_rests_changes_nothing():
+    state = states()[-1]
+    learner = live(state=state)
+    found = feed(learner, np.full(200, 15.75))  # noise alone differs
+    assert len(found) == 1 and found[0].frames == state.frames + 1
+    change = np.abs(found[0].mean - state.mean) / state.deviation
+    assert change.max() < 3
+    assert (found[0].deviation > 0.8 * state.deviation).all()
+    fresh = live()
+    assert feed(fresh, np.full(100, 15.75)) == [] and fresh.state.touches == 0
+
+
+def test_a_touch_that_changes_is_not_learned_from_until_it_rests():
+    learner = live()
+    sensor = simulator(16)
+    for number in range(12):  # another touch in every frame
+        assert not learner.offer(sensor.frame(number + 0.75, number), GROUNDED, DRIVE, number)
+
+
+def test_channels_alone_leave_the_sheet_as_it_is_known():
+    learner = live(kind="channels")
+    found = feed(learner, np.arange(0.4, 3.0, 0.1))[-1]
+    assert found.known("sheet").max() < 1e-9 and found.known("gain").min() > 0.9
+    assert feed(live(kind="off"), np.arange(0.4, 3.0, 0.1)) == []
+
+
+def damaged(**more):
+    """The same sensor with another part of its channels or its sheet."""
+    whole = simulator(16)
+    names = "gain", "offset", "ground_resistance"
+    known = {name: tuple(getattr(truth(), name)) for name in names}
+    sheet = more.pop("sheet", SheetField())
+    scene = replace(
+        whole.scene, defects=Defects(channels=replace(WRONG, **{**known, **more}), sheet=sheet)
+    )
+    return Simulator(layout(), scene, row_period=0.0)
+
+
+def judged(sensor, touches=16):
+    """The learner after touches on a sensor that was known when it was whole."""
+    learner = live(state=states()[-1])
+    for number, time in enumerate(np.arange(0.6, touches, 0.1)):
+        if time % 1 > 0.55 and learner.offer(sensor.frame(time, number), GROUNDED, DRIVE, time):
+            learner.work()
+    return learner
+
+
+def test_a_wire_that_breaks_is_named_within_four_touches():
+    resistance = np.array(truth().ground_resistance, float)
+    resistance[5] += 1000
+    (found,) = judged(damaged(ground_resistance=tuple(resistance)), 4).health.findings
+    assert found.name == "wire 5" and found.sure > 10 and found.since < 1
+    assert float(found.text.split()[2]) == pytest.approx(resistance[5] - 150, abs=150)
+
+
+def test_a_gain_that_changes_is_named():
+    gain = np.array(truth().gain, float)
+    gain[9] *= 1.04
+    learner = judged(damaged(gain=tuple(gain)), 4)
+    (found,) = learner.health.findings
+    assert found.name == "gain 9" and "+4.0 %" in found.text and found.sure > 10
+    assert learner.state["gain"][9] == pytest.approx(gain[9], rel=1e-3)
+
+
+def test_a_tear_is_told_from_wires():
+    tear = Tear(((-0.015, -0.01), (-0.015, 0.01)), 0.001)
+    found = judged(damaged(sheet=SheetField(tears=(tear,)))).health.findings
+    assert [each.name for each in found] == ["sheet"] and "torn" in found[0].text
+
+
+def test_no_alarm_while_the_sensor_is_healthy():
+    """Touches of a few hundred frames, all of them ten times as hard as well."""
+    whole = simulator(16)
+    hard = [replace(each, pressure=10 * each.pressure) for each in whole.scene.contacts]
+    for scene in (whole.scene, replace(whole.scene, contacts=hard)):
+        learner = judged(Simulator(layout(), scene, row_period=0.0))
+        assert learner.health.findings == [] and learner.state.frames > states()[-1].frames + 5

@@ -1,0 +1,214 @@
+"""`sensor.yaml`: what was learned of one sensor, format tomotactile-sensor/1 (docs/learning.md).
+
+Numbers that people read stand in plain lists with their deviations. Correlations and the modes of the sheet are packed:
+float32, little endian, zlib, base64. Modes are kept as values at places on the sheet: eigenvectors differ between machines in
+sign and order, and a later release may take others; what was learned is brought into the modes of the machine that reads.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import os
+import zlib
+from dataclasses import replace
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.learning.state import PARTS, SensorState
+from tomotactile_ros.yamlio import Reader, write_mapping
+
+FORMAT = "tomotactile-sensor/1"
+MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
+_UNITS = {"gain": 1.0, "offset": "V", "resistance": "ohm"}
+_DIGITS = 9
+_NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
+
+
+def geometry(layout: Layout) -> str:
+    """Eight characters that tell layouts apart: of outline and electrodes, to a micrometre."""
+    rings = [layout.outline.shell, *layout.outline.holes, layout.positions]
+    text = b"".join(np.round(ring * 1e6).astype("<i8").tobytes() + b";" for ring in rings)
+    return hashlib.sha256(text + f"{layout.radius:.6e}".encode()).hexdigest()[:8]
+
+
+def save_sensor(
+    path: str | os.PathLike, layout: Layout, operator: SheetOperator, state: SensorState
+) -> None:
+    """Write what is known of a sensor with `layout`, whole or not at all."""
+    field = operator.field
+    values = field.modes @ state["sheet"][:-2]
+    deviations = _field_deviation(field.modes, state)
+    content = {
+        "format": FORMAT,
+        "layout": layout.id,
+        "geometry": geometry(layout),
+        "learned": {
+            "touches": state.touches,
+            "frames": state.frames,
+            "untouched": state.idle,
+            "time": float(state.time),
+        },
+        "expected": {part: _round(state.expected[state.slice(part)][-1]) for part in PARTS},
+    }
+    for part in PARTS[1:]:
+        content[part] = _round(state[part])
+        content[f"{part}_deviation"] = _round(state.std(part))
+    deviation = state.deviation
+    correlation = state.covariance / deviation[:, None] / deviation
+    content["sheet"] = {
+        "anisotropy": _round(state["sheet"][-2:]),
+        "anisotropy_deviation": _round(state.std("sheet")[-2:]),
+        "places": _round(field.centres),
+        "logarithm": _round(values, 5),
+        "logarithm_deviation": _round(deviations, 5),
+        "coefficients": _round(state["sheet"][:-2]),
+        "coefficients_deviation": _round(state.std("sheet")[:-2]),
+        "modes": _pack(field.modes),
+    }
+    content["correlation"] = _pack(correlation[np.triu_indices(len(correlation), 1)])
+    write_mapping(path, content)
+
+
+def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") -> SensorState:
+    """Read what is known of a sensor; InputError where it is not of `layout`, or not whole.
+
+    `model` of the sheet, as the estimator takes it.
+    """
+    reader = Reader.open(path, FORMAT, MAX_BYTES)
+    keys = [f"{part}{end}" for part in PARTS[1:] for end in ("", "_deviation")]
+    reader.only(
+        "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", *keys
+    )
+    _check_layout(reader, path, layout)
+    operator = SheetOperator(layout, model)
+    count = layout.electrodes
+    channels = {key: np.array(reader.numbers(key, count)) for key in keys}
+    for key in keys:
+        if (key.endswith("_deviation") and not (channels[key] > 0).all()) or (
+            key == "gain" and not (channels[key] > 0).all()
+        ):
+            reader.refuse(key, float(channels[key].min()), "is not a positive number")
+    sheet = reader.section("sheet")
+    coefficients = sheet.items("coefficients")
+    modes = len(coefficients)
+    coefficients = np.array(sheet.numbers("coefficients", modes))
+    spread = np.array(sheet.numbers("coefficients_deviation", modes))
+    anisotropy = sheet.numbers("anisotropy", 2)
+    anisotropic = sheet.numbers("anisotropy_deviation", 2)
+    places = sheet.points("places")
+    values = _unpack(sheet, "modes", len(places) * modes).reshape(len(places), modes)
+    mean = np.concatenate([coefficients, anisotropy, *(channels[part] for part in PARTS[1:])])
+    deviation = np.concatenate(
+        [spread, anisotropic, *(channels[f"{part}_deviation"] for part in PARTS[1:])]
+    )
+    size = len(mean)
+    if not (deviation > 0).all():
+        sheet.refuse("coefficients_deviation", float(deviation.min()), "is not a positive number")
+    correlation = _correlation(_unpack(reader, "correlation", size * (size - 1) // 2), size)
+    covariance = correlation * deviation[:, None] * deviation
+    expected = _expected(reader, operator, count)
+    return _in_modes(operator, places, values, mean, covariance, expected, _counts(reader))
+
+
+def _check_layout(reader, path, layout):
+    name, found = reader.text("layout"), reader.text("geometry")
+    if found != geometry(layout):
+        raise InputError(
+            f"{path}: geometry: the sensor was learned with layout '{checks.show(name).strip(chr(39))}', its "
+            f"electrodes are not those of '{layout.id}'"
+        )
+
+
+def _counts(reader):
+    learned = reader.section("learned")
+    learned.only("touches", "frames", "untouched", "time")
+    counts = {
+        ours: learned.integer(key, 0)
+        for ours, key in (("touches", "touches"), ("frames", "frames"), ("idle", "untouched"))
+    }
+    return {**counts, "time": learned.number("time", 0.0)}
+
+
+def _expected(reader, operator, count):
+    section = reader.section("expected")
+    section.only(*PARTS)
+    found = [section.number(part) for part in PARTS]
+    for part, value in zip(PARTS, found):
+        if not value > 0:
+            section.refuse(part, value, "is not a positive number")
+    return np.concatenate([operator.deviation, *(np.full(count, each) for each in found[1:])])
+
+
+def _correlation(upper, size):
+    """(D, D) from its upper triangle; rounded so that no direction is known better than it can be."""
+    correlation = np.eye(size)
+    correlation[np.triu_indices(size, 1)] = upper
+    correlation = correlation + correlation.T - np.eye(size)
+    least = np.linalg.eigvalsh(correlation)[0]
+    if least < -1e-3:
+        raise InputError(f"correlation: is none, its smallest eigenvalue is {least:.3g}")
+    if least < _NEARLY:
+        correlation += (_NEARLY - least) * np.eye(size)
+    return correlation
+
+
+def _in_modes(operator, places, values, mean, covariance, expected, counts) -> SensorState:
+    """The state with the modes of `operator`, from one with other modes (places (C, 2), values (C, J - 2))."""
+    field, modes = operator.field, values.shape[1]
+    if len(places) != len(field.centres) or np.abs(places - field.centres).max() > 1e-6:
+        apart = ((field.centres[:, None] - places) ** 2).sum(axis=-1)
+        values = values[apart.argmin(axis=1)]
+    turn = np.linalg.lstsq(field.modes, values, rcond=None)[0]
+    own = turn.shape[0]
+    rest = len(mean) - modes
+    whole = np.zeros((own + rest, modes + rest))
+    whole[:own, :modes] = turn
+    whole[own:, modes:] = np.eye(rest)
+    covariance = whole @ covariance @ whole.T
+    missing = np.eye(own) - turn @ turn.T
+    size, ways = np.linalg.eigh((missing + missing.T) / 2)
+    new = (ways * np.where(size > 1e-3, size, 0.0)) @ ways.T  # modes that the file does not have
+    covariance[:own, :own] += new * expected[0] ** 2
+    return replace(
+        SensorState(own + 2, whole @ mean, (covariance + covariance.T) / 2, expected), **counts
+    )
+
+
+def _field_deviation(modes, state):
+    count = modes.shape[1]
+    return np.sqrt(np.einsum("cj,jk,ck->c", modes, state.covariance[:count, :count], modes))
+
+
+def _round(values, digits=_DIGITS):
+    array = np.asarray(values, float)
+    if array.ndim == 0:
+        return float(f"{array:.{digits}g}")
+    return [_round(each, digits) for each in array]
+
+
+def _pack(array: np.ndarray) -> str:
+    return base64.b64encode(zlib.compress(np.asarray(array, "<f4").tobytes(), 6)).decode()
+
+
+def _unpack(reader: Reader, key: str, count: int) -> np.ndarray:
+    """(count,) numbers of a packed array."""
+    text = reader.text(key)
+    complaint = InputError(f"{reader.place}{key}: is not {count} packed numbers")
+    try:
+        packed = base64.b64decode("".join(text.split()), validate=True)
+        unpacker = zlib.decompressobj()
+        data = unpacker.decompress(packed, 4 * count + 1)
+    except (binascii.Error, zlib.error, ValueError):
+        raise complaint from None
+    if len(data) != 4 * count:
+        raise complaint
+    array = np.frombuffer(data, "<f4").astype(float)
+    if not np.isfinite(array).all():
+        raise complaint
+    return array

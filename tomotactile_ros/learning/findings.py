@@ -1,0 +1,192 @@
+"""What was learned, in words and numbers: what is off by how much, and what could not be determined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tomotactile_ros.learning.recorded import Learned
+from tomotactile_ros.learning.state import SensorState
+
+_FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
+_NAMED = 3  # electrodes that are named
+_OUT = 3.0  # deviations of a channel from the others, beside which it is named
+
+
+def anisotropy(state: SensorState) -> tuple[float, float, float]:
+    """Ratio of the conductance along to that across, the direction (degrees from x), and the ratio's deviation."""
+    p, q = state["sheet"][-2:]
+    size = float(np.hypot(p, q))
+    where = slice(state.modes - 2, state.modes)
+    way = np.array([p, q]) / size if size > 1e-9 else np.array([1.0, 0.0])
+    deviation = float(np.sqrt(way @ state.covariance[where, where] @ way))
+    ratio = float(np.exp(2 * size))
+    return ratio, float(np.degrees(np.arctan2(q, p)) / 2 % 180), 2 * ratio * deviation
+
+
+def relative_gain_deviation(state: SensorState) -> float:
+    """Deviation of a gain against the mean of all, rms."""
+    where = state.slice("gain")
+    block = state.covariance[where, where]
+    apart = np.eye(len(block)) - 1 / len(block)
+    return float(np.sqrt(np.trace(apart @ block @ apart) / len(block)))
+
+
+def field(state: SensorState, operator) -> tuple[np.ndarray, np.ndarray]:
+    """(C,) logarithm of the sheet's conductance in its cells, 0 in the mean, and its deviation."""
+    modes = operator.field.modes
+    count = modes.shape[1]
+    covariance = state.covariance[:count, :count]
+    return modes @ state["sheet"][:-2], np.sqrt(np.einsum("cj,jk,ck->c", modes, covariance, modes))
+
+
+def lines(learned: Learned) -> Iterator[str]:
+    """The whole report."""
+    state = learned.state
+    yield (
+        f"learned from {_count(state.touches, 'different touch', 'es')} in {_count(state.frames, 'frame')} "
+        f"and {_count(learned.untouched, 'untouched frame')}"
+    )
+    if learned.alike:
+        yield f"  {_count(learned.alike, 'frame')} like others, which say no more"
+    if learned.unexplained:
+        yield f"  {_count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
+    for electrode, fault in sorted(learned.faults.items()):
+        yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
+    if learned.asymmetry is not None:
+        yield f"reciprocity: {learned.asymmetry:.2f} of what noise allows, with the gains found"
+    good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
+    yield from _gains(state, good)
+    yield from _offsets(state, good)
+    yield from _resistances(state, good)
+    yield from _sheet(state, learned.operator)
+    yield from _undetermined(learned, good)
+
+
+def _gains(state, good):
+    gain, spread = state["gain"][good], relative_gain_deviation(state)
+    apart = gain / gain.mean() - 1
+    yield f"gains: {_percent(apart.std())} rms apart, each known to {_percent(spread)}" + _extremes(
+        apart, good, _percent
+    )
+    common = float(np.sqrt(_block(state, "gain")[np.ix_(good, good)].mean()))
+    yield f"  all of them {_signed(gain.mean() - 1)} (known to {_percent(common)})"
+
+
+def _offsets(state, good):
+    offset = 1e3 * state["offset"][good]
+    known = 1e3 * float(np.sqrt((state.std("offset")[good] ** 2).mean()))
+    yield (
+        f"offsets: {np.sqrt((offset**2).mean()):.2f} mV rms, each known to {known:.2f} mV"
+        + _extremes(offset, good, lambda v: f"{v:.1f} mV")
+    )
+
+
+def _resistances(state, good):
+    resistance, deviation = state["resistance"][good], state.std("resistance")[good]
+    known = float(np.sqrt((deviation**2).mean()))
+    yield (
+        f"resistance to ground: {resistance.mean():.0f} ohm in the mean, {resistance.min():.0f} to "
+        f"{resistance.max():.0f}, each known to {known:.0f} ohm"
+    )
+
+
+def _sheet(state, operator):
+    values, deviation = field(state, operator)
+    low, high = int(values.argmin()), int(values.argmax())
+    places = 1e3 * operator.field.centres
+    yield (
+        f"sheet: uneven by {_percent(values.std())} rms, known to {_percent(np.sqrt((deviation**2).mean()))}; "
+        f"conductance {_signed(np.expm1(values[low]))} at {_place(places[low])}, "
+        f"{_signed(np.expm1(values[high]))} at {_place(places[high])}"
+    )
+    ratio, direction, spread = anisotropy(state)
+    if ratio - 1 > 2 * spread:
+        yield (
+            f"  {ratio:.3f} : 1 (+- {spread:.3f}) more conductive along {direction:.0f} degrees "
+            "from x than across"
+        )
+    else:
+        yield f"  no anisotropy above {1 + 2 * spread:.3f} : 1"
+
+
+def _undetermined(learned, good):
+    """What stays as it was expected, and why."""
+    state = learned.state
+    yield "not determined:"
+    yield (
+        "  the common factor of all conductances (sheet resistance, contact law): touches of unknown force do not "
+        "tell; one press of known force does (calibrate)"
+    )
+    if not state.touches:
+        yield "  all but offsets: no frame holds a touch that contacts explain"
+        return
+    reasons = {
+        "gain": "too few touches",
+        "offset": "no untouched frames, or the converter ends at 0 V",
+        "resistance": "too few touches near them",
+    }
+    for part, reason in reasons.items():
+        open_ones = good[state.known(part)[good] < _FOUND]
+        if len(open_ones):
+            yield (
+                f"  {part} of {_electrodes(open_ones, state.electrodes)}: {reason}; stays at what is expected, "
+                + (f"+- {_value(part, state.std(part)[open_ones].max())}")
+            )
+    _, deviation = field(state, learned.operator)
+    expected = (
+        np.sqrt((learned.operator.field.modes**2).sum(axis=1)) * learned.operator.deviation[0]
+    )
+    unknown = float((deviation > _FOUND * expected).mean())
+    if unknown > 0.01:
+        yield f"  the sheet's evenness over {unknown:.0%} of its area: no touches near enough"
+    if learned.clipped > 1e-3:
+        yield f"  {learned.clipped:.1%} of the readings are at an end of the converter's range: left out"
+
+
+def _block(state, part):
+    where = state.slice(part)
+    return state.covariance[where, where]
+
+
+def _extremes(values, good, show):
+    scale = 1.4826 * np.median(np.abs(values - np.median(values)))
+    order = np.argsort(-np.abs(values))[:_NAMED]
+    named = [i for i in order if abs(values[i]) > _OUT * scale] or order[:1]
+    parts = [
+        f"electrode {good[i]} {'+' if values[i] > 0 else '-'}{show(abs(values[i]))}" for i in named
+    ]
+    return f"; most: {', '.join(parts)}"
+
+
+def _electrodes(numbers, count):
+    if len(numbers) == count:
+        return "all electrodes"
+    if len(numbers) > 8:
+        return f"{len(numbers)} electrodes"
+    return f"electrode{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+
+
+def _value(part, value):
+    return {
+        "gain": f"{100 * value:.2g} %",
+        "offset": f"{1e3 * value:.2g} mV",
+        "resistance": f"{value:.2g} ohm",
+    }[part]
+
+
+def _percent(part):
+    return f"{100 * part:.2g} %"
+
+
+def _signed(part):
+    return f"{100 * part:+.2g} %"
+
+
+def _place(place):
+    return f"({place[0]:+.0f}, {place[1]:+.0f}) mm"
+
+
+def _count(number, word, many="s"):
+    return f"{number} {word}{'' if number == 1 else many}"

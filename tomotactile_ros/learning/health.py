@@ -1,0 +1,139 @@
+"""Damage, from what was learned: wires and electrodes, gains that walk, tears of the sheet.
+
+A finding is a number of the learned state that is off by far more than its deviation and by more
+than use makes of it. Resistances are compared with those of the other electrodes, gains and the
+sheet with how they were when the sensor was first known (`_FIRST` touches, or its file): a sensor
+that was uneven from the beginning is not damaged. It is told once it was so after `_TIMES` things
+learned, and gone after as many without it. Touches are free in every fit: however hard, they are
+in none of these numbers. The common factor of gains and the mean conductance of the sheet, which
+heat and moisture change, do not show in touches of unknown force.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.state import SensorState
+
+_FIRST = 6  # touches until what is known is what all later is compared with
+_TIMES = 2  # things learned in turn that show it
+_SURE = 5.0  # standard deviations
+_OHM = 400.0  # more than the other electrodes: a switch has some tens to hundreds, all alike
+_OHM_FLOOR = 30.0  # ohm, deviation: what the models of electrodes differ by
+_GAIN = 0.01  # relative change
+_SHEET = 0.25  # loss of conductance, logarithm
+_EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
+_LAST = 5  # touches
+_SHEET_FLOOR = 0.03  # the same, deviation: what the modes of the field cannot show
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is broken, or about to be.
+
+    name : stays while it lasts; text : what and where, for people
+    since : stamp of the frame that showed it first, s; sure : standard deviations
+    """
+
+    name: str
+    text: str
+    since: float
+    sure: float
+
+
+class Health:
+    """Watches what is known of one sensor; `operator` of all its electrodes."""
+
+    def __init__(self, operator: SheetOperator):
+        self._operator = operator
+        self._reference: SensorState | None = None
+        self._seen: dict[str, list] = {}  # name: text, since, deviations, times, times without
+        self._misfits: deque[float] = deque(maxlen=_LAST)
+        self.findings: list[Finding] = []
+
+    def update(
+        self, state: SensorState, since: float | None = None, misfits: tuple[float, ...] = ()
+    ) -> None:
+        """Look at what is known after one thing more was learned.
+
+        since : when it began, s, where touches in turn showed together that something has changed
+        misfits : chi-squared a reading of what was learned from
+        """
+        self._misfits.extend(misfits)
+        if self._reference is None and state.touches >= _FIRST:
+            self._reference = state
+        found = {name: (text, sure) for name, text, sure in self._found(state)}
+        for name, (text, sure) in found.items():
+            old = self._seen.get(name)
+            begun = (state.time if since is None else since) if old is None else old[1]
+            times = (0 if old is None else old[3]) + (1 if since is None else _TIMES)
+            self._seen[name] = [text, begun, sure, times, 0]
+        for name in set(self._seen) - set(found):
+            self._seen[name][4] += 1
+            if self._seen[name][4] >= _TIMES or self._seen[name][3] < _TIMES:
+                del self._seen[name]
+        self.findings = [
+            Finding(name, text, begun, sure)
+            for name, (text, begun, sure, times, _) in sorted(self._seen.items())
+            if times >= _TIMES
+        ]
+
+    def _found(self, state) -> Iterator[tuple[str, str, float]]:
+        """Name, text and deviations of all that looks broken."""
+        compared = self._reference is not None and self._reference is not state
+        channels = [*self._wires(state), *(self._gains(state) if compared else ())]
+        if self._misfits and np.median(self._misfits) > _EXPLAINED and channels:
+            names = ", ".join(sorted({name.split()[1] for name, _, _ in channels}, key=int))
+            yield (
+                "sheet",
+                (f"channels alone do not explain what electrodes {names} read: "
+                "the sheet is torn or loose near them"),
+                max(sure for _, _, sure in channels),
+            )
+        else:
+            yield from channels
+        if compared:
+            yield from self._tear(state)
+
+    def _wires(self, state):
+        more = state["resistance"] - np.median(state["resistance"])
+        sure = more / np.hypot(state.std("resistance"), _OHM_FLOOR)
+        for n in np.flatnonzero((more > _OHM) & (sure > _SURE)):
+            yield (
+                f"wire {n}",
+                (f"electrode {n}: {more[n]:.0f} ohm more to ground than the others, "
+                "a bad wire or contact"),
+                float(sure[n]),
+            )
+
+    def _gains(self, state):
+        change = np.log(np.maximum(state["gain"], 1e-6) / self._reference["gain"])
+        change -= np.median(change)
+        sure = np.abs(change) / np.hypot(state.std("gain"), self._reference.std("gain"))
+        for n in np.flatnonzero((np.abs(change) > _GAIN) & (sure > _SURE)):
+            yield (
+                f"gain {n}",
+                f"electrode {n}: its gain has changed by {100 * np.expm1(change[n]):+.1f} %",
+                float(sure[n]),
+            )
+
+    def _tear(self, state):
+        now, deviation = findings.field(state, self._operator)
+        before, uncertain = findings.field(self._reference, self._operator)
+        loss = before - now
+        sure = loss / np.sqrt(deviation**2 + uncertain**2 + _SHEET_FLOOR**2)
+        worst = int(np.where(loss > _SHEET, sure, -np.inf).argmax())
+        if loss[worst] > _SHEET and sure[worst] > _SURE:
+            x, y = 1e3 * self._operator.field.centres[worst]
+            yield (
+                "tear",
+                (f"the sheet conducts {-100 * np.expm1(-loss[worst]):.0f} % less "
+                f"about ({x:+.0f}, {y:+.0f}) mm, a tear"),
+                float(sure[worst]),
+            )

@@ -1,0 +1,178 @@
+"""The recursion: one frame after the other into what is known of the sensor.
+
+Kept is the precision (inverse covariance) of theta and its mean. A frame with contacts is fitted with what is known; its
+information, contacts marginal, is taken where the fit ended (iterated extended Kalman filter in information
+form; Bell and Cathey 1993) and added with the weight that `Ledger` gives. Untouched frames give offsets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.search import Search, as_known, resting
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
+from tomotactile_ros.estimation.touch import patches_for
+from tomotactile_ros.learning.information import Information, information
+from tomotactile_ros.learning.ledger import Ledger
+from tomotactile_ros.learning.readings import Offsets
+from tomotactile_ros.learning.state import SensorState
+
+EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is left
+DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
+_HELD = 1e-4  # of what was expected: as good as fixed
+_STEPS = 20
+_SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
+
+
+class Learner:
+    """Learns one sensor.
+
+    Parameters
+    ----------
+    search : of the electrodes in use; like : the estimator's prior, of contacts
+    drive : V; state : what is known
+    """
+
+    def __init__(self, search: Search, like: Prior, drive: float, state: SensorState):
+        self.search, self.operator = search, search.operator
+        self.like, self.drive = like, drive
+        self.ledger = Ledger(self.operator.pitch)
+        self._where = state.indices(self.operator.used)
+        self.set(state)
+
+    def set(self, state: SensorState) -> None:
+        """Go on from `state`."""
+        self._state = self._about = state
+        self._scale = state.expected
+        correlated = state.covariance / self._scale[:, None] / self._scale
+        self._precision = _inverse(correlated)
+        self._mean = state.mean.copy()
+
+    @property
+    def state(self) -> SensorState:
+        """What is known now."""
+        if self._state is None:
+            covariance = _inverse(self._precision) * self._scale[:, None] * self._scale
+            self._state = self._about.learned(self._mean, covariance)
+        return self._state
+
+    def prior(self) -> Prior:
+        """What the estimator is to expect."""
+        return self.state.prior(self.operator.used, self.drive, self.like)
+
+    def look(self, rows: Rows, enough: float = DOUBTFUL) -> Fit:
+        """Contacts of a frame: one if it leaves chi-squared a reading below `enough`, else what the search finds."""
+        prior = self.prior()
+        one = self._single(rows, prior)
+        if one is not None and one.chi_squared < enough * rows.count:
+            return one
+        found = self.search.contacts(rows, prior)
+        return found if one is None or found.chi_squared < one.chi_squared / 2 else one
+
+    def settle(self, unknowns: Unknowns, rows: Rows) -> Fit:
+        """Contacts fitted anew from `unknowns` with the sensor held where it is known to be."""
+        own, expected, state = self.prior(), self.state.expected, self.state
+        held = tuple(
+            _HELD * expected[state.slice(part)][self.operator.used] / unit
+            for part, unit in (("gain", 1.0), ("offset", self.drive), ("resistance", 1.0))
+        )
+        sheet = _HELD * expected[state.slice("sheet")]
+        return solve(
+            self.operator,
+            as_known(unknowns, own),
+            rows,
+            replace(own, sheet_deviation=sheet, deviations=held),
+        )
+
+    def learn(self, fit: Fit, time: float = 0.0) -> bool:
+        """Take what a frame says of the sensor, once its contacts are explained; whether it was taken."""
+        rows, contacts = fit.rows, fit.unknowns.contacts
+        by_reading = fit.chi_squared / max(rows.count, 1)
+        if not len(contacts) or by_reading > DOUBTFUL:
+            return False
+        weight = self.ledger.weight(contacts, by_reading, time)
+        found = self.information(fit)
+        self._add([(found, weight)], self._theta(fit.unknowns))
+        self._count(frames=1, touches=int(self.ledger.add(contacts, time)))
+        return True
+
+    def information(self, fit: Fit) -> Information:
+        """What a frame says of the sensor where its fit is."""
+        return information(self.operator, fit.unknowns, fit.rows, self.like, self.drive)
+
+    def untouched(self, found: Offsets, frames: int = 1) -> None:
+        """Take what untouched `frames` say."""
+        where = self._about.slice("offset")
+        scale = self._scale[where]
+        self._precision[where, where] += np.diag(found.information * scale**2)
+        change = np.zeros_like(self._mean)
+        change[where] = (found.pull - found.information * self._mean[where]) * scale
+        self._move(self._mean, change)
+        self._count(idle=frames)
+
+    def again(self, start: SensorState, parts) -> None:
+        """All frames anew from `start`: parts (Information, weight), taken where the sensor is known to be now."""
+        at, about = self._mean.copy(), self._about
+        self.set(start)
+        self._about = about
+        self._add(parts, at)
+
+    def _add(self, parts, at):
+        """Information that was taken at theta `at` (D,)."""
+        change = self._precision @ ((self._mean - at) / self._scale)
+        scale = self._scale[self._where]
+        block = np.ix_(self._where, self._where)
+        for found, weight in parts:
+            self._precision[block] += weight * found.matrix * scale[:, None] * scale
+            change[self._where] += weight * found.vector * scale
+        self._move(at, change)
+
+    def _move(self, at, change):
+        step = cho_solve(cho_factor(self._precision), change)
+        self._mean = at + self._scale * step
+        self._state = None
+
+    def _count(self, **more):
+        added = {name: getattr(self._about, name) + n for name, n in more.items()}
+        self._about = replace(self._about, **added)
+        if self._state is not None:
+            self._state = replace(self._state, **added)
+
+    def _theta(self, unknowns):
+        """(D,) of the unknowns; what they do not have stays where it is."""
+        theta = self._mean.copy()
+        theta[self._where] = np.concatenate(
+            [unknowns.sheet, unknowns.gain, unknowns.offset * self.drive, unknowns.resistance]
+        )
+        return theta
+
+    def _single(self, rows, prior):
+        """The best fit of one contact, None where nothing is seen."""
+        seen = self.search.detector.first_look(rows.corrected(prior))
+        best = None
+        for size in _SIZES if seen else ():
+            place, strength = seen[0]
+            start = self._one(prior, place, strength, size * prior.radius)
+            fit = solve(self.operator, start, rows, prior, _STEPS)
+            best = fit if best is None or fit.cost < best.cost else best
+            if best.chi_squared < EXPLAINED * rows.count:
+                break
+        return best
+
+    def _one(self, prior, place, strength, radius):
+        """One disc, `strength` S or less: half of what a bare conductor of that size has."""
+        _, own = self.operator.points(place[None], np.array([radius]))
+        strength = min(strength, 0.5 / max(own[0], 1e-9))
+        contact = np.array([[*place, np.log(strength), np.log(radius), 0.0, 0.0]])
+        free = np.array([[True] * 4 + [False] * 2])
+        across = [patches_for(radius, self.operator.pitch)]
+        return resting(self.operator, prior).with_contacts(contact, across, free)
+
+
+def _inverse(matrix):
+    out = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
+    return (out + out.T) / 2

@@ -1,0 +1,276 @@
+"""A sensor that learns while it is used: which frames are worth it, and what comes out of them.
+
+Most frames say what another one has said. `offer` looks at each and keeps those of a touch that
+rests, and is not like one that was kept before (`_NEW`); `work` learns from what was kept. The
+first touches are fitted together each time there are more of them (`recorded.learn`, which begins
+with reciprocity: with gains far off single frames show no contacts), all that follow one after the
+other (`Learner`). A load that rests is one frame, and its share in the contacts is free in the fit:
+it is no property of the sheet.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.screening import clipped, dead_channels
+from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.solver import Prior
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.learning.health import Health
+from tomotactile_ros.learning.learner import Learner
+from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
+from tomotactile_ros.learning.recorded import WIDE, learn
+from tomotactile_ros.learning.state import SensorState
+
+OFF, CHANNELS, ALL = KINDS = "off", "channels", "all"
+TOGETHER = (3, 6, 12)  # touches that are fitted together; those that follow, one by one
+_KEPT = 60  # frames that a new one is compared with
+_NEW = 0.03  # rms difference of two touches in parts of the readings
+_STEADY = 0.015  # the same of two frames that follow each other while a touch rests
+_NOISE = 1.5  # times what noise makes of a difference
+_IDLE = 16  # untouched frames that are averaged
+_IDLE_EVERY = 900.0  # s from one such mean to the next: drift is the same in all its frames
+_ODD = 4.0  # chi-squared a reading of a touch that does not fit to the sensor as it is known
+_CHANGED = 3  # such touches in turn: the sensor has changed
+_BETTER = 0.5  # of the misfit of most of them is left if it has
+_UNEXPLAINED = 0.5  # of the touches: with more the sensor is not what the model knows
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """One frame (E, E), V, row l with electrode l grounded, NaN where not read; drive, V; time, s."""
+
+    voltages: np.ndarray
+    drive: float
+    time: float
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Electrodes that were grounded."""
+        return np.flatnonzero(np.isfinite(self.voltages).any(axis=1))
+
+
+class LiveLearner:
+    """Learns one sensor from the frames that it gives.
+
+    Parameters
+    ----------
+    layout; noise : of a reading, V rms; radius : typical of a contact, m; model : of the sheet
+    excluded : electrodes that are never used
+    kind : `off`, `channels` (the sheet stays as it is known) or `all`
+    state : what is known already, None for nothing
+
+    Attributes
+    ----------
+    operator : `SheetOperator` of all electrodes in use; state : what is known
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        *,
+        noise: float,
+        radius: float = 0.005,
+        model: str = "auto",
+        excluded=(),
+        kind: str = ALL,
+        state: SensorState | None = None,
+    ):
+        self._layout, self._noise, self._radius, self._model = layout, noise, radius, model
+        self._excluded, self._kind = list(excluded), kind
+        self.operator = SheetOperator(layout, model)
+        self.state = self._start = state or SensorState.unknown(self.operator, WIDE)
+        self._lock = threading.Lock()  # guards what `offer` leaves for `work`
+        self._working = threading.Lock()
+        self._touched: list[_Frame] = []  # that are waiting, oldest first
+        self._idle: list[_Frame] = []
+        self._seen: list[np.ndarray] = []
+        self._last: np.ndarray | None = None
+        self._idle_time = -np.inf
+        self._first: list[_Frame] = []  # touches of the time in which all are fitted together
+        self._first_idle: list[_Frame] = []
+        self._together = 0 if self.state.touches < TOGETHER[0] else len(TOGETHER)
+        self._learners: dict[tuple[int, ...], Learner] = {}
+        self._odd: list[tuple[_Frame, float]] = []  # do not fit; chi-squared
+        self.health = Health(self.operator)
+        if self.state.touches:
+            self.health.update(self.state)
+        self.unexplained = 0  # touches that no contacts explained
+
+    def offer(self, voltages, grounded, drive: float, time: float = 0.0) -> bool:
+        """Look at a frame (L, E), V, as it was read, of `time` s; whether there is something for `work`.
+
+        Takes a fraction of a millisecond.
+        """
+        if self._kind == OFF:
+            return False
+        frame = square(voltages, grounded, np.zeros(np.shape(voltages), bool))
+        frame[:, self._excluded] = np.nan
+        frame[self._excluded] = np.nan
+        found = _Frame(frame, float(drive), float(time))
+        with self._lock:
+            if is_untouched(frame, np.arange(len(frame)), self._noise):
+                self._last = None
+                return self._offer_idle(found)
+            steady = self._last is not None and self._like(frame, self._last, _STEADY)
+            self._last = frame
+            if not steady or any(self._like(frame, each, _NEW) for each in self._seen):
+                return False
+            self._seen = [*self._seen[-_KEPT + 1 :], frame]
+            self._touched.append(found)
+            return True
+
+    def work(self) -> SensorState | None:
+        """Learn from what was kept; what is known then, None where nothing new is. May take seconds."""
+        with self._working:
+            return self._work()
+
+    def _work(self) -> SensorState | None:
+        with self._lock:
+            touched, self._touched = self._touched, []
+            together = self._together < len(TOGETHER)
+            idle = list(self._idle) if together or len(self._idle) >= _IDLE else []
+            if len(self._idle) >= _IDLE:
+                self._idle = []
+        before = self.state
+        if together:
+            self._first += touched
+            self._first_idle = idle or self._first_idle
+            self._learn_together()
+        else:
+            if idle:
+                self._learn_offsets(idle)
+            for frame in touched:
+                self._learn_one(frame)
+        return None if self.state is before else self.state
+
+    def _offer_idle(self, frame) -> bool:
+        if frame.time - self._idle_time < _IDLE_EVERY:
+            return False
+        self._idle.append(frame)
+        if len(self._idle) < _IDLE:
+            return False
+        self._idle_time = frame.time
+        return True
+
+    def _like(self, first, second, part) -> bool:
+        """Whether two frames differ by no more than `part` of the readings, or by noise."""
+        read = np.isfinite(first) & np.isfinite(second)
+        apart = float(np.mean((first - second)[read] ** 2)) if read.any() else np.inf
+        size = float(np.mean(second[read] ** 2)) if read.any() else 0.0
+        return apart < max(2 * (_NOISE * self._noise) ** 2, part**2 * size)
+
+    def _learn_together(self) -> None:
+        """All touches so far, whenever there are enough more of them."""
+        if len(self._first) < TOGETHER[self._together]:
+            return
+        while self._together < len(TOGETHER) and len(self._first) >= TOGETHER[self._together]:
+            self._together += 1
+        last = self._first[-1]
+        drive, rows = last.drive, last.rows
+        frames = [
+            f
+            for f in (*self._first_idle, *self._first)
+            if f.drive == drive and np.array_equal(f.rows, rows)
+        ]
+        learned = learn(
+            self._layout,
+            np.array([f.voltages[rows] for f in frames]),
+            rows,
+            drive,
+            noise=self._noise,
+            radius=self._radius,
+            model=self._model,
+            state=self._start,
+        )
+        self.unexplained = learned.unexplained
+        if learned.unexplained > _UNEXPLAINED * len(self._first):
+            if self._together == len(TOGETHER):  # begin anew, with other touches
+                self._together, self._first = 0, []
+            return
+        self._adopt(learned.state.at(frames[-1].time))
+        if self._together == len(TOGETHER):
+            self._first, self._first_idle = [], []
+            with self._lock:
+                self._idle = []
+
+    def _learn_offsets(self, idle) -> None:
+        learner = self._learner(idle[-1])
+        if learner is None:
+            return
+        rows = idle[-1].rows
+        frames = np.array([f.voltages[rows] for f in idle if np.array_equal(f.rows, rows)])
+        state = learner.state
+        found = offsets(frames, rows, self._noise, state["offset"], state.std("offset"))
+        learner.untouched(found, len(idle))
+        self._adopt(learner.state.at(idle[-1].time))
+
+    def _learn_one(self, frame) -> None:
+        learner = self._learner(frame)
+        if learner is None:
+            return
+        fit = learner.look(self._rows(learner, frame))
+        if fit.chi_squared > _ODD * fit.rows.count:
+            self._odd.append((frame, fit.chi_squared))
+            if len(self._odd) == _CHANGED:
+                self._learn_change(learner)
+            return
+        self.unexplained += len(self._odd)
+        self._odd = []
+        if learner.learn(fit, frame.time):
+            misfit = fit.chi_squared / fit.rows.count
+            self._adopt(learner.state.at(frame.time), misfits=(misfit,))
+
+    def _learn_change(self, learner) -> None:
+        """Touches in turn do not fit to what is known: learned anew, if that explains them."""
+        odd, before = [list(each) for each in zip(*self._odd)]
+        self._odd = []
+        rows = [self._rows(learner, frame) for frame in odd]
+        known = learner.state
+        learner.set(known.widened())
+        for each, frame in zip(rows, odd):
+            learner.learn(learner.look(each), frame.time)
+        after = [learner.look(each).chi_squared for each in rows]
+        explained = sum(now < _BETTER * then for now, then in zip(after, before))
+        if explained <= len(odd) / 2:
+            learner.set(known)
+            self.unexplained += len(odd)
+            return
+        misfits = tuple(now / each.count for now, each in zip(after, rows))
+        self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
+
+    def _rows(self, learner, frame):
+        voltages, rows = frame.voltages[frame.rows], frame.rows
+        return rows_of(
+            learner.operator, voltages, rows, frame.drive, self._noise, clipped(voltages)
+        )
+
+    def _learner(self, frame) -> Learner | None:
+        """That of the electrodes that `frame` has readings of, with what is known by then."""
+        rows = frame.rows
+        read = np.isfinite(frame.voltages[rows])
+        read[np.arange(len(rows)), rows] = True
+        used = tuple(np.flatnonzero(~dead_channels(read)).tolist())
+        if len(used) < 2:
+            return None
+        learner = self._learners.get(used)
+        elapsed = max(frame.time - self.state.time, 0.0) if self.state.time else 0.0
+        state = self.state.walked(elapsed)
+        if learner is None:
+            operator = SheetOperator(self._layout, self._model, np.array(used))
+            like = Prior.unknown(operator, WIDE, self._radius, frame.drive)
+            learner = Learner(Search(operator), like, frame.drive, state)
+            self._learners = {used: learner}
+        else:
+            learner.drive = frame.drive
+            learner.set(state)
+        return learner
+
+    def _adopt(self, state: SensorState, since: float | None = None, misfits=()) -> None:
+        """Go on with `state`; `since`, s, and `misfits` as `Health.update` takes them."""
+        self.state = state if self._kind == ALL else state.with_sheet_of(self._start)
+        self.health.update(self.state, since, misfits)

@@ -1,0 +1,108 @@
+"""A picture of what was learned: map of the sheet's conductance, and each channel with its error bars."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from tomotactile_ros.files import save_figure
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.recorded import Learned
+
+_CELLS = 80  # of a map, along the longer side
+
+
+def save_picture(path: str | os.PathLike, layout: Layout, learned: Learned) -> None:
+    """Write the PNG: maps of the sheet on the left, gains, offsets and resistances on the right."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 8.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    state = learned.state
+    figure.suptitle(
+        f"{layout.name}: learned from {state.touches} touches, {learned.untouched} untouched frames",
+        fontsize=12,
+    )
+    left, right = figure.subfigures(1, 2, width_ratios=[1, 1.35])
+    above, below = left.subplots(2, 1)
+    _maps(left, above, below, layout, learned)
+    _channels(right, state, learned.faults)
+    save_figure(figure, path)
+
+
+def _maps(figure, above, below, layout, learned):
+    grid = Grid.for_outline(layout.outline, _CELLS)
+    at = learned.operator.field.at(grid.pixels)
+    state = learned.state
+    sheet = slice(0, state.modes)
+    values = 100 * np.expm1(at @ state["sheet"])
+    spread = 100 * np.sqrt(np.einsum("kj,ji,ki->k", at, state.covariance[sheet, sheet], at))
+    most = max(5.0, np.abs(values).max())
+    ratio, direction, _ = findings.anisotropy(state)
+    title = f"conductance of the sheet; {ratio:.2f} : 1 along {direction:.0f}°"
+    _map(
+        figure, above, layout, grid.fill(values), "RdBu_r", (-most, most), title, "off the mean / %"
+    )
+    _map(
+        figure, below, layout, grid.fill(spread), "viridis", (0, max(spread.max(), 0.1)),
+        "its standard deviation", "%",
+    )  # fmt: skip
+
+
+def _map(figure, axes, layout, values, colours, limits, title, label):
+    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
+    image = axes.imshow(
+        values,
+        extent=(xmin, xmax, ymin, ymax),
+        origin="upper",
+        cmap=colours,
+        vmin=limits[0],
+        vmax=limits[1],
+    )
+    figure.colorbar(image, ax=axes, label=label)
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    axes.plot(
+        *(1e3 * layout.positions.T),
+        "o",
+        color="white",
+        markeredgecolor="0.3",
+        markersize=3.5,
+        clip_on=False,
+    )
+    axes.set_title(title, fontsize=10)
+    axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
+
+
+def _channels(figure, state, faults):
+    parts = (
+        ("gain", 100.0, "gain off 1 / %", -1.0),
+        ("offset", 1e3, "offset / mV", 0.0),
+        ("resistance", 1.0, "to ground / Ω", 0.0),
+    )
+    numbers = np.arange(state.electrodes)
+    good = ~np.isin(numbers, list(faults))
+    for axes, (part, unit, label, shift) in zip(figure.subplots(3, 1, sharex=True), parts):
+        values, spread = unit * (state[part] + shift), unit * state.std(part)
+        found = good & (state.known(part) >= 0.5)
+        axes.axhline(0, color="0.7", linewidth=0.8)
+        for which, colour, name in (
+            (found, "C0", "learned"),
+            (good & ~found, "0.6", "as expected"),
+        ):
+            if which.any():
+                axes.errorbar(
+                    numbers[which], values[which], spread[which], fmt="o", color=colour, markersize=3,
+                    capsize=2, linewidth=1, label=name,
+                )  # fmt: skip
+        axes.set_ylabel(label)
+        axes.margins(x=0.01)
+    axes.set_xlabel("electrode")
+    figure.axes[0].legend(
+        loc="upper left", bbox_to_anchor=(0, 1.16), ncols=2, frameon=False, fontsize=9
+    )
+    figure.axes[0].set_title("error bars: one standard deviation", fontsize=10, loc="right")

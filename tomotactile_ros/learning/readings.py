@@ -1,0 +1,103 @@
+"""Readings as the learning takes them: rows for the estimator, what is clipped, whether the sheet is untouched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.screening import clipped
+from tomotactile_ros.estimation.solver import Rows
+
+_EVEN = 1.2  # variance over the rows in parts of the noise's, up to which nothing touches
+_FLOOR = 1e-4  # V, standard deviation: hum and drift of what is averaged
+_GRID = 801  # values of an offset
+_WIDTH = 6.0  # standard deviations that they span
+
+
+def rows_of(
+    operator: SheetOperator, voltages, grounded, drive: float, noise: float, unused=None
+) -> Rows:
+    """`Rows` of one frame (L, E), V, grounded electrodes (L,); `unused` (L, E) readings that are left out.
+
+    The grounded electrode's own reading is one like all others (its potential is the drop over its resistance);
+    where it was not taken it is NaN.
+    """
+    voltages, grounded = np.asarray(voltages, float), np.asarray(grounded, int)
+    valid = np.isfinite(voltages)
+    if unused is not None:
+        valid &= ~unused
+    used = operator.used
+    at = operator.position[grounded]
+    readings = np.where(valid, voltages, 0.0)[:, used] / drive
+    weights = valid[:, used] / (noise / drive) ** 2
+    kept = (at >= 0) & (weights > 0).any(axis=1)
+    return Rows(readings[kept], weights[kept], at[kept])
+
+
+def square(voltages: np.ndarray, grounded: np.ndarray, unused: np.ndarray) -> np.ndarray:
+    """(E, E) V, row l the mean of the rows with electrode l grounded; NaN: not read, or `unused`."""
+    kept = np.isfinite(voltages) & ~unused
+    count = np.zeros((voltages.shape[1],) * 2)
+    total = np.zeros_like(count)
+    np.add.at(count, np.asarray(grounded, int), kept)
+    np.add.at(total, np.asarray(grounded, int), np.where(kept, voltages, 0.0))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def is_untouched(voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bool:
+    """Whether the readings (L, E), V, of each electrode are the same in all rows, as offsets are.
+
+    A touch drives the sheet, and which electrode is grounded then makes a difference.
+    """
+    valid = np.isfinite(voltages)
+    valid[np.arange(len(grounded)), grounded] = False
+    count = valid.sum(axis=0)
+    mean = np.where(valid, voltages, 0.0).sum(axis=0) / np.maximum(count, 1)
+    left = np.where(valid, voltages - mean, 0.0)
+    degrees = np.maximum(count - 1, 0).sum()
+    return bool(degrees and (left**2).sum() < _EVEN * degrees * noise**2)
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """What untouched readings say of the offsets, V, beside what was expected: of each channel its
+    information (E,), V^-2, and that times the mean (E,), to be added to those of the prior."""
+
+    information: np.ndarray
+    pull: np.ndarray
+    ended: np.ndarray  # channels that only read the lower end of the range
+
+
+def offsets(frames: np.ndarray, grounded, noise: float, mean: np.ndarray, deviation) -> Offsets:
+    """Offsets from untouched frames (F, L, E), V, where `mean` +- `deviation` (E,), V, was expected.
+
+    A reading at 0 V, the end of the range, says that offset and noise were below half a step: those of a channel are
+    censored (Tobin 1958), and mean and variance of the exact posterior stand for it.
+    """
+    valid = np.isfinite(frames)
+    valid[:, np.arange(len(grounded)), grounded] = False
+    low = clipped(frames) & (frames == 0.0) & valid
+    above = valid & ~low
+    count, ends = above.sum(axis=(0, 1)), low.sum(axis=(0, 1))
+    positive = frames[above & (frames > 0)]
+    step = positive.min() / 2 if low.any() and positive.size else 0.0
+    own = np.where(above, frames, 0.0).sum(axis=(0, 1)) / np.maximum(count, 1)
+    variance = noise**2 / np.maximum(count, 1) + _FLOOR**2
+    information = np.where(count > 0, 1 / variance, 0.0)
+    pull = information * own
+    for channel in np.flatnonzero(ends):
+        m, s = mean[channel], deviation[channel]
+        grid = m + s * np.linspace(-_WIDTH, _WIDTH, _GRID)
+        log = -(((grid - m) / s) ** 2) / 2 + ends[channel] * log_ndtr((step - grid) / noise)
+        if count[channel]:
+            log -= (grid - own[channel]) ** 2 / (2 * noise**2 / count[channel])
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        centre = weight @ grid
+        spread = weight @ (grid - centre) ** 2 + _FLOOR**2
+        information[channel] = max(1 / spread - 1 / s**2, 0.0)
+        pull[channel] = centre * (information[channel] + 1 / s**2) - m / s**2
+    return Offsets(information, pull, (count == 0) & (ends > 0))

@@ -1,0 +1,235 @@
+"""A sensor from recorded frames, of touches of unknown place and force and of the untouched sheet.
+
+Untouched frames give offsets; reciprocity gives gains, without any model; then one frame after the other is fitted and
+learned from, and in the end all of them together about what has come out (Gauss-Newton on all frames with the
+contacts of each eliminated). Frames that are alike are taken once: most of a recording is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
+from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.solver import Fit, Prior
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Learner
+from tomotactile_ros.learning.ledger import Ledger
+from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
+from tomotactile_ros.learning.reciprocity import fit_gains
+from tomotactile_ros.learning.state import SensorState
+
+WIDE = ChannelPrior(
+    gain=0.05, offset=0.005, resistance=250.0
+)  # of a sensor of which nothing is known
+MOST = 60  # touches
+_NEW = 1.5  # times what noise makes of the difference of two frames: another touch
+_ROUNDS = 3  # of all frames together
+_SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
+_ODD = 3.0  # times the typical misfit: contacts are looked for anew
+_GAINS = 24  # frames that reciprocity is tried on
+
+Watch = Callable[[Iterable, str], Iterable]
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A sensor, and how it was learned.
+
+    untouched, alike, unexplained : frames without a touch, like another one, and those that no contacts explain
+    ended : electrodes whose offset lies below what the converter shows
+    faults : {electrode: what is wrong with its channel}
+    asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None without touches
+    clipped : share of the readings of touches that are at an end of the converter's range
+    courses : state after each touch, where asked for
+    """
+
+    state: SensorState
+    operator: SheetOperator
+    untouched: int = 0
+    alike: int = 0
+    unexplained: int = 0
+    ended: tuple[int, ...] = ()
+    faults: dict[int, str] = field(default_factory=dict)
+    asymmetry: float | None = None
+    clipped: float = 0.0
+    courses: list[SensorState] = field(default_factory=list)
+
+
+def learn(
+    layout: Layout,
+    frames: np.ndarray,
+    grounded: np.ndarray,
+    drive: float,
+    *,
+    noise: float,
+    radius: float = 0.005,
+    model: str = "auto",
+    most: int = MOST,
+    state: SensorState | None = None,
+    course: bool = False,
+    watch: Watch = lambda items, doing: items,
+) -> Learned:
+    """What `frames` (N, L, E), V, tell of the sensor.
+
+    Parameters
+    ----------
+    grounded : (L,) electrode of each row; drive : V; noise : of a reading, V rms
+    radius : typical of a contact, m; model : of the sheet; most : touches that are learned from
+    state : what is known already
+    course : keep the state after each touch
+    """
+    frames, grounded = np.asarray(frames, float), np.asarray(grounded, int)
+    idle = np.array([is_untouched(frame, grounded, noise) for frame in frames])
+    ends = clipped(frames)
+    faults = _faults(frames, grounded, idle, noise)
+    used = np.array([e for e in range(layout.electrodes) if e not in faults])
+    if len(used) < 2:
+        raise InputError("fewer than two electrodes can be read")
+    operator = SheetOperator(layout, model, used)
+    state = state or SensorState.unknown(operator, WIDE)
+    like = Prior.unknown(operator, WIDE, radius, drive)
+    learner = Learner(Search(operator), like, drive, state)
+    ended = ()
+    if idle.any():
+        found = offsets(frames[idle], grounded, noise, state["offset"], state.std("offset"))
+        learner.untouched(found, int(idle.sum()))
+        ended = tuple(np.flatnonzero(found.ended).tolist())
+    chosen = _different(frames, ends, ~idle, noise, most)
+    done = Learned(
+        learner.state,
+        operator,
+        int(idle.sum()),
+        int((~idle).sum() - len(chosen)),
+        ended=ended,
+        faults=faults,
+    )
+    if not len(chosen):
+        return done
+    start = learner.state
+    asymmetry = _gains(learner, frames, ends, grounded, chosen, drive, noise)
+    rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
+    fits, courses = _one_by_one(learner, rows, watch, course)
+    if any(_is_good(fit) for fit in fits):
+        fits = _together(learner, start, fits, watch)
+    good = sum(_is_good(fit) for fit in fits)
+    return replace(
+        done,
+        state=learner.state,
+        unexplained=len(fits) - good,
+        asymmetry=asymmetry,
+        clipped=float(ends[chosen].mean()),
+        courses=courses,
+    )
+
+
+def _faults(frames, grounded, idle, noise):
+    """Channels that cannot be learned from."""
+    valid = np.isfinite(frames)
+    valid[:, np.arange(len(grounded)), grounded] = True
+    dead = dead_channels(valid.reshape(-1, valid.shape[-1]))
+    found = {int(e): "no readings" for e in np.flatnonzero(dead)}
+    touched = frames[~idle]
+    if len(touched):
+        read = np.isfinite(touched)
+        read[:, np.arange(len(grounded)), grounded] = False
+        flat, read = touched.reshape(-1, touched.shape[-1]), read.reshape(-1, touched.shape[-1])
+        for e in np.flatnonzero(stuck_channels(flat, read, noise)):
+            found.setdefault(int(e), "its reading never changes")
+    return found
+
+
+def _different(frames, ends, touched, noise, most):
+    """Frames that differ from each other by more than noise, the most different first."""
+    which = np.flatnonzero(touched)
+    if not len(which):
+        return which
+    flat = np.where(np.isfinite(frames) & ~ends, frames, 0.0)[which].reshape(len(which), -1)
+    size = np.sqrt(flat.shape[1])
+    energy = np.linalg.norm(flat, axis=1)
+    order = [int(np.argsort(energy)[len(energy) // 2])]
+    nearest = np.linalg.norm(flat - flat[order[0]], axis=1)
+    while len(order) < min(most, len(which)):
+        furthest = int(nearest.argmax())
+        if nearest[furthest] < _NEW * np.sqrt(2) * noise * size:
+            break
+        order.append(furthest)
+        nearest = np.minimum(nearest, np.linalg.norm(flat - flat[furthest], axis=1))
+    return which[order]
+
+
+def _gains(learner, frames, ends, grounded, chosen, drive, noise):
+    """Start from the gains that reciprocity gives; chi-squared per equation before and after."""
+    operator, state = learner.operator, learner.state
+    used = operator.used
+    matrices = np.array(
+        [square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen[:_GAINS]]
+    )
+    both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
+    if both.sum() < 4 * both[:, np.eye(len(used), dtype=bool)].size:
+        return None
+    found = fit_gains(
+        matrices,
+        drive,
+        noise,
+        (state["gain"][used], state.std("gain")[used]),
+        (state["offset"][used], state.std("offset")[used]),
+    )
+    where = np.concatenate([state.slice("gain").start + used, state.slice("offset").start + used])
+    mean, covariance = state.mean.copy(), state.covariance.copy()
+    mean[where] = np.concatenate([found.gain, found.offset])
+    covariance[np.ix_(where, where)] = found.covariance
+    learner.set(state.learned(mean, covariance))
+    return float(np.median(found.misfit))
+
+
+def _one_by_one(learner, rows, watch, course):
+    """Fits of all frames, each with what those before have shown; and the states, where asked for."""
+    fits, courses = [], []
+    for each in watch(rows, "learning from touches"):
+        fit = learner.look(each)
+        learner.learn(fit)
+        fits.append(fit)
+        if course:
+            courses.append(learner.state)
+    return fits, courses
+
+
+def _together(learner, start, fits, watch):
+    """All frames about the sensor that they have shown together, until it stays."""
+    for _ in watch(range(_ROUNDS), "all of them together"):
+        before, deviation = learner.state.mean, learner.state.deviation
+        ledger = Ledger(learner.operator.pitch)
+        settled = [learner.settle(fit.unknowns, fit.rows) for fit in fits]
+        enough = max(EXPLAINED, _ODD * float(np.median([_by_reading(fit) for fit in settled])))
+        parts, after = [], []
+        for now in settled:
+            if _by_reading(now) > enough:
+                again = learner.settle(learner.look(now.rows, enough).unknowns, now.rows)
+                now = again if again.chi_squared < now.chi_squared else now
+            after.append(now)
+            if _is_good(now):
+                contacts = now.unknowns.contacts
+                weight = ledger.weight(contacts, _by_reading(now))
+                ledger.add(contacts)
+                parts.append((learner.information(now), weight))
+        fits = after
+        learner.again(start, parts)
+        learner.ledger = ledger
+        if (np.abs(learner.state.mean - before) < _SETTLED * deviation).all():
+            break
+    return fits
+
+
+def _by_reading(fit: Fit) -> float:
+    return fit.chi_squared / max(fit.rows.count, 1)
+
+
+def _is_good(fit: Fit) -> bool:
+    return len(fit.unknowns.contacts) > 0 and _by_reading(fit) < DOUBTFUL

@@ -1,0 +1,162 @@
+"""What is known of one sensor: a normal distribution of all that makes it differ from its layout.
+
+    theta = (sheet (J,), gain (E,), offset (E,) V, resistance (E,) ohm)
+
+with one mean and one covariance (D, D), D = J + 3 E: what is confused with each other stays so. In time it is a
+random walk (`walked`), never wider than what is expected of a sensor of which nothing is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import Prior
+
+PARTS = "sheet", "gain", "offset", "resistance"
+SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
+GAIN_WALK = 2e-4  # relative, per root hour: resistors of 100 ppm / K in a room
+OFFSET_WALK = 2e-4  # V per root hour
+RESISTANCE_WALK = 2.0  # ohm per root hour
+_HOUR = 3600.0
+_ALIKE = 0.5  # of the variance of resistances to ground is that of all: switches of one kind
+
+
+@dataclass(frozen=True, eq=False)
+class SensorState:
+    """A sensor of `modes` coefficients of the sheet and E electrodes.
+
+    mean : (D,); covariance : (D, D)
+    expected : (D,) standard deviations of a sensor of which nothing is known
+    touches, frames, idle : what it has been learned from; time : stamp of the last of it, s
+    """
+
+    modes: int
+    mean: np.ndarray
+    covariance: np.ndarray
+    expected: np.ndarray
+    touches: int = 0
+    frames: int = 0
+    idle: int = 0
+    time: float = 0.0
+
+    @classmethod
+    def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:
+        """Nothing has been learned; `operator` with all electrodes in use."""
+        channels = channels or ChannelPrior()
+        count = operator.layout.electrodes
+        expected = np.concatenate(
+            [
+                operator.deviation,
+                np.full(count, channels.gain),
+                np.full(count, channels.offset),
+                np.full(count, channels.resistance),
+            ]
+        )
+        mean = np.zeros(len(expected))
+        mean[operator.modes : operator.modes + count] = 1.0
+        covariance = np.diag(expected**2)
+        alike = covariance[-count:, -count:]
+        alike *= 1 - _ALIKE
+        alike += _ALIKE * channels.resistance**2
+        return cls(operator.modes, mean, covariance, expected)
+
+    @property
+    def electrodes(self) -> int:
+        return (len(self.mean) - self.modes) // 3
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(D,) standard deviations."""
+        return np.sqrt(self.covariance.diagonal())
+
+    def slice(self, part: str) -> slice:
+        """Where `sheet`, `gain`, `offset` or `resistance` are."""
+        count = self.electrodes
+        if part == "sheet":
+            return slice(0, self.modes)
+        first = self.modes + (PARTS.index(part) - 1) * count
+        return slice(first, first + count)
+
+    def __getitem__(self, part: str) -> np.ndarray:
+        return self.mean[self.slice(part)]
+
+    def std(self, part: str) -> np.ndarray:
+        """Standard deviations of a part."""
+        return self.deviation[self.slice(part)]
+
+    def known(self, part: str) -> np.ndarray:
+        """Share of what was not known before that is known now, 0 to 1, of each number of a part."""
+        where = self.slice(part)
+        return 1 - np.minimum(self.deviation[where] / self.expected[where], 1.0)
+
+    def indices(self, used: np.ndarray) -> np.ndarray:
+        """Numbers in theta of the sheet and of the channels of the electrodes `used` (n,)."""
+        count, used = self.electrodes, np.asarray(used, int)
+        return np.concatenate(
+            [np.arange(self.modes), *(self.modes + i * count + used for i in range(3))]
+        )
+
+    def prior(self, used: np.ndarray, drive: float, like: Prior) -> Prior:
+        """What the estimator is to expect of the electrodes `used` (n,); `like`: of contacts."""
+        return replace(
+            like,
+            learned=self.touches > 0,
+            sheet=self["sheet"].copy(),
+            sheet_deviation=self.std("sheet"),
+            gain=self["gain"][used],
+            offset=self["offset"][used] / drive,
+            resistance=self["resistance"][used],
+            deviations=(
+                self.std("gain")[used],
+                self.std("offset")[used] / drive,
+                self.std("resistance")[used],
+            ),
+        )
+
+    def corrected(self, voltages: np.ndarray, tared: bool = False) -> np.ndarray:
+        """(L, E) V without what gains and offsets do to them; `tared`: offsets are off them already."""
+        return (voltages if tared else voltages - self["offset"]) / self["gain"]
+
+    def walked(self, seconds: float) -> SensorState:
+        """The same after `seconds` of which nothing is known."""
+        count, hours = self.electrodes, max(seconds, 0.0) / _HOUR
+        rates = np.concatenate(
+            [
+                np.full(self.modes, SHEET_WALK),
+                np.full(count, GAIN_WALK),
+                np.full(count, OFFSET_WALK),
+                np.full(count, RESISTANCE_WALK),
+            ]
+        )
+        return self._wider(rates**2 * hours)
+
+    def widened(self) -> SensorState:
+        """The same after something happened to it: as uncertain as a new one, about what is known."""
+        return self._wider(self.expected**2)
+
+    def _wider(self, variances) -> SensorState:
+        """With `variances` (D,) more, at most those of a sensor of which nothing is known."""
+        covariance = self.covariance + np.diag(variances)
+        shrink = np.minimum(self.expected / np.sqrt(covariance.diagonal()), 1.0)
+        return replace(self, covariance=covariance * shrink[:, None] * shrink)
+
+    def at(self, time: float) -> SensorState:
+        """The same, the last of which was learned at `time`, s."""
+        return replace(self, time=float(time))
+
+    def with_sheet_of(self, other: SensorState) -> SensorState:
+        """The same channels on the sheet of `other`, independent of it."""
+        where = self.slice("sheet")
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[where] = other["sheet"]
+        covariance[where] = covariance[:, where] = 0.0
+        covariance[where, where] = other.covariance[where, where]
+        return replace(self, mean=mean, covariance=covariance)
+
+    def learned(self, mean: np.ndarray, covariance: np.ndarray) -> SensorState:
+        """The same with another distribution."""
+        return replace(self, mean=mean, covariance=(covariance + covariance.T) / 2)
