@@ -33,7 +33,17 @@ def main() -> None:
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     figures = []
-    head = ("system", "frames/s", "images/s", "p50 ms", "p99 ms", "max ms", "CPU %", "MB", "MB grown")
+    head = (
+        "system",
+        "frames/s",
+        "images/s",
+        "p50 ms",
+        "p99 ms",
+        "max ms",
+        "CPU %",
+        "MB",
+        "MB grown",
+    )
     print(f"{head[0]:>14}", *(f"{word:>9}" for word in head[1:]), flush=True)
     for rate in options.rate:
         for system in options.system:
@@ -52,9 +62,7 @@ def measure(system: str, rate: float, options: argparse.Namespace) -> list:
     }  # fmt: skip
     words = [w for item in parameters.items() for w in ("-p", "{}:={}".format(*item))]
     folder = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
-    children = [
-        Child(name, [str(folder / name), "--ros-args", *words]) for name in SYSTEMS[system]
-    ]
+    children = [Child(name, [str(folder / name), "--ros-args", *words]) for name in SYSTEMS[system]]
     try:
         return [system, rate, *watch(children, rate, options.seconds)]
     finally:

@@ -1,17 +1,15 @@
-"""Driver and reconstruction of one sensor, plain or managed, with rviz2 on request.
+"""Driver and reconstruction of one sensor: as two processes or one, plain or managed, with rviz2.
 
-A node that refuses its parameters (exit status 2) fails the launch; one that dies otherwise is
-started again. Launch arguments left empty do not override the parameter files.
+A node that refuses its parameters (exit status 2) stops the launch, or only itself
+(on_refusal:=ignore); one that dies otherwise is started again. Arguments left empty do not override
+the parameter files. Include this file in a group of its own, as two_sensors.launch.py does: launch
+hands arguments of one include on to the next one otherwise.
 """
 
 from pathlib import Path
 
-from launch.actions import (
-    DeclareLaunchArgument,
-    OpaqueFunction,
-    RegisterEventHandler,
-)
-from launch.event_handlers import OnProcessExit
+import yaml
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, TimerAction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -21,97 +19,199 @@ from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "tomotactile_ros"
 REFUSED = 2
-ARGUMENTS = {
+AGAIN = 1.0  # s from the end of a node to its next start
+STOPPED = "20"  # s that a node may take to end on a machine with other work, until launch insists
+DEVICES = ("fake", "serial", "replay", "none")
+FOR_DEVICE = {
+    "port": "serial",
+    "recording": "replay",
+    "topic": "replay",
+    "loop": "replay",
+    "scene": "fake",
+}
+TEXTS = {
     "layout": "electrodes: a layout file or an installed name",
-    "scene": "what touches a simulated sheet: a scene file or an installed name",
-    "device": "fake, serial or replay",
-    "port": "of the serial device",
-    "recording": "to replay: a frames.npz or a rosbag2",
+    "scene": "for device:=fake: what touches the sheet, a scene file or an installed name",
+    "device": "fake (simulated), serial, replay, or none: the reconstruction alone",
+    "port": "for device:=serial",
+    "recording": "for device:=replay: a frames.npz or a rosbag2",
+    "topic": "for device:=replay: which topic of a bag with several sensors",
+    "rate": "frames/s; 0 leaves it to the device",
     "profile": "fast, balanced, accurate, joint or auto",
+    "frame_id": "frame of the sensor",
+    "hardware_id": "name of the sensor in diagnostics; frame_id if empty",
     "namespace": "of both nodes, one for each sensor",
     "params_file": "parameters of driver and reconstruction, beside config/*.yaml",
 }
 SWITCHES = {
-    "viz": "start rviz2",
-    "lifecycle": "managed nodes, brought up to active",
+    "loop": ("", "for device:=replay: start over at the end"),
+    "use_sim_time": ("", "stamps of /clock"),
+    "composed": ("false", "both nodes in one process: the lowest latency and load"),
+    "lifecycle": ("false", "managed nodes"),
+    "autostart": ("", "managed nodes bring themselves up; false leaves that to a manager"),
+    "viz": ("false", "start rviz2"),
 }
+ON_REFUSAL = ("stop", "ignore")
 OF_NODE = {
-    "driver": ("layout", "scene", "device", "port", "recording"),
-    "reconstruction": ("layout", "profile"),
-}
+    "driver": (
+        "layout", "scene", "device", "port", "recording", "topic", "rate", "loop", "frame_id",
+        "hardware_id", "use_sim_time", "autostart",
+    ),
+    "reconstruction": (
+        "layout", "profile", "frame_id", "hardware_id", "use_sim_time", "autostart",
+    ),
+}  # fmt: skip
+NUMBERS = ("rate",)
 SHOWN = ("pressure_view", "contact_markers", "layout_markers", "surface")
 
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, and what they start."""
-    texts = [
-        DeclareLaunchArgument(name, default_value="", description=text)
-        for name, text in ARGUMENTS.items()
+    declared = [DeclareLaunchArgument(n, default_value="", description=t) for n, t in TEXTS.items()]
+    declared += [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in SWITCHES.items()
     ]
-    switches = [
+    declared.append(
         DeclareLaunchArgument(
-            name, default_value="false", choices=["true", "false"], description=text
+            "on_refusal",
+            default_value="stop",
+            description="what follows when a node refuses its parameters: stop (everything that "
+            "was launched) or ignore (nothing else)",
         )
-        for name, text in SWITCHES.items()
-    ]
-    return LaunchDescription([*texts, *switches, OpaqueFunction(function=start)])
+    )
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
 def start(context: LaunchContext) -> list:
     """All actions, once the arguments are known."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in (*ARGUMENTS, *SWITCHES)}
-    if given["params_file"] and not Path(given["params_file"]).is_file():
-        raise RuntimeError(f"params_file: {given['params_file']}: no such file")
-    managed = given["lifecycle"] == "true"
+    names = (*TEXTS, *SWITCHES, "on_refusal")
+    given = {name: LaunchConfiguration(name).perform(context) for name in names}
+    device = check(given)
     # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
-    actions = [make_rviz(given["namespace"])] if given["viz"] == "true" else []
-    for name in OF_NODE:
-        node = make_node(name, given, managed)
-        actions += [fail_if_refused(name, node), node]
-    return actions
+    actions = [make_rviz(given)] if given["viz"] == "true" else []
+    where = f"/{given['namespace'].strip('/')}"
+    if device == "fake":
+        scene = given["scene"] or "that of the parameters"
+        actions.append(LogInfo(msg=f"{where}: SIMULATED data, device fake, scene {scene}"))
+    if device == "none":
+        return [*actions, make_node("reconstruction", given)]
+    if given["composed"] == "true":
+        return [*actions, make_node("tactile", given)]
+    return [*actions, *(make_node(name, given) for name in OF_NODE)]
 
 
-def make_node(name: str, given: dict[str, str], managed: bool) -> Node:
-    """The driver or the reconstruction."""
-    files = [PathJoinSubstitution([FindPackageShare(PACKAGE), "config", f"{name}.yaml"])]
-    files += [given["params_file"]] if given["params_file"] else []
-    overrides = {
-        key: ParameterValue(given[key], value_type=str) for key in OF_NODE[name] if given[key]
-    }
-    make = LifecycleNode if managed else Node
+def check(given: dict[str, str]) -> str:
+    """The device in use; RuntimeError, in one line, for arguments that cannot be meant."""
+    for name, (default, _) in SWITCHES.items():
+        given[name] = given[name].lower()
+        refuse_unless(
+            given[name] in ("true", "false", default), given, name, "is neither true nor false"
+        )
+    refuse_unless(
+        given["device"] in ("", *DEVICES), given, "device", f"is none of {', '.join(DEVICES)}"
+    )
+    refuse_unless(
+        given["on_refusal"] in ON_REFUSAL, given, "on_refusal", "is neither stop nor ignore"
+    )
+    for name in NUMBERS:
+        refuse_unless(
+            not given[name] or is_rate(given[name]), given, name, "is no number from 0 on"
+        )
+    if given["params_file"]:
+        refuse_unless(Path(given["params_file"]).is_file(), given, "params_file", "no such file")
+    device = given["device"] or device_of_file(given["params_file"]) or "fake"
+    for name, needed in FOR_DEVICE.items():
+        if given[name] and device != needed:
+            simulated = ": data would be simulated" if device == "fake" else ""
+            refuse_unless(False, given, name, f"needs device:={needed}, it is {device}{simulated}")
+    if device == "none" and given["rate"]:
+        refuse_unless(False, given, "rate", "is the driver's, and device:=none has none")
+    managed = given["lifecycle"] == "true"
+    refuse_unless(managed or not given["autostart"], given, "autostart", "needs lifecycle:=true")
     if managed:
-        overrides["autostart"] = True
-    return make(
+        given["autostart"] = given["autostart"] or "true"
+    return device
+
+
+def refuse_unless(right: bool, given: dict[str, str], name: str, complaint: str) -> None:
+    """Fails the launch with one line about an argument."""
+    if not right:
+        raise RuntimeError(f"{name}:={given[name]} {complaint}")
+
+
+def is_rate(text: str) -> bool:
+    """Whether a text is a number that can be a rate."""
+    try:
+        return 0.0 <= float(text) < float("inf")
+    except ValueError:
+        return False
+
+
+def device_of_file(file: str) -> str:
+    """The device that a parameter file names for a driver, or nothing."""
+    if not file:
+        return ""
+    try:
+        content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise RuntimeError(f"params_file:={file}: {' '.join(str(error).split())}") from None
+    for node, values in content.items() if isinstance(content, dict) else ():
+        parameters = values.get("ros__parameters") if isinstance(values, dict) else None
+        if node.endswith(("driver", "**")) and isinstance(parameters, dict):
+            return str(parameters.get("device", ""))
+    return ""
+
+
+def make_node(name: str, given: dict[str, str]) -> Node:
+    """The driver, the reconstruction, or `tactile`: both in one process."""
+    managed, both = given["lifecycle"] == "true", name == "tactile"
+    parts = list(OF_NODE) if both else [name]
+    share = FindPackageShare(PACKAGE)
+    files = [PathJoinSubstitution([share, "config", f"{part}.yaml"]) for part in parts]
+    files += [given["params_file"]] if given["params_file"] else []
+    keys = dict.fromkeys(key for part in parts for key in OF_NODE[part] if given[key])
+    # without a name the parameters are those of both nodes, which ignore each other's
+    named = {} if both else {"name": name}
+    return (LifecycleNode if managed and not both else Node)(
+        **named,
         package=PACKAGE,
         executable=f"{name}_lifecycle" if managed else name,
-        name=name,
         namespace=given["namespace"],
-        parameters=[*files, overrides],
+        parameters=[*files, {key: typed(key, given[key]) for key in keys}],
         output="screen",
-        respawn=True,
-        respawn_delay=1.0,
+        sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=STOPPED),
+        on_exit=lambda event, context: after(name, given, event, context),
     )
 
 
-def fail_if_refused(name: str, node: Node) -> RegisterEventHandler:
-    """Ends the launch with an error when the node has refused its parameters."""
-
-    def judge(event, context):
-        if event.returncode == REFUSED:
-            raise RuntimeError(f"{name} refused its parameters, see its last line")
-
-    return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=judge))
+def typed(key: str, text: str) -> bool | float | ParameterValue:
+    """An argument in the type of its parameter; a text stays one, also where YAML sees a number."""
+    if key in SWITCHES:
+        return text == "true"
+    return float(text) if key in NUMBERS else ParameterValue(text, value_type=str)
 
 
-def make_rviz(namespace: str) -> Node:
-    """rviz2 on the topics of this sensor."""
+def after(name: str, given: dict[str, str], event, context: LaunchContext) -> list:
+    """What follows the end of a node."""
+    if context.is_shutdown:
+        return []
+    if event.returncode != REFUSED:
+        return [TimerAction(period=AGAIN, actions=[make_node(name, given)])]
+    complaint = f"{name} refused its parameters, see its last line"
+    if given["on_refusal"] == "stop":
+        raise RuntimeError(complaint)
+    return [LogInfo(msg=f"{complaint}; it is not started again (on_refusal:=ignore)")]
+
+
+def make_rviz(given: dict[str, str]) -> Node:
+    """rviz2 on the topics of this sensor, in its frame."""
+    config = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "tactile.rviz"])
+    frame = ["-f", given["frame_id"]] if given["frame_id"] else []
     return Node(
         package="rviz2",
         executable="rviz2",
-        namespace=namespace,
-        arguments=[
-            "-d",
-            PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "tactile.rviz"]),
-        ],
+        namespace=given["namespace"],
+        arguments=["-d", config, *frame],
         remappings=[(f"/{topic}", topic) for topic in SHOWN],
     )

@@ -35,10 +35,10 @@ def write_scene(folder) -> str:
 def write_curved_layout(folder) -> str:
     """File of the 8 x 8 layout of these tests, wrapped around a cylinder."""
     from tomotactile_ros.layout import load_layout
-    from tomotactile_ros.surface import Surface
+    from tomotactile_ros.surfaces import Cylinder
 
     path = folder / "curved-8x8.yaml"
-    replace(load_layout("equal-8x8"), name="curved-8x8", surface=Surface(BEND)).save(path)
+    replace(load_layout("equal-8x8"), name="curved-8x8", surface=Cylinder(BEND)).save(path)
     return str(path)
 
 
@@ -103,8 +103,13 @@ def check_rate(frames: list) -> None:
     assert abs(period * RATE - 1) < 0.1
 
 
-def check_contact(probe: Probe, prefix: str = "", place: tuple[float, float] = PRESSED) -> None:
-    """The strongest contact is where the scene has it, in the list and in the image."""
+def check_contact(
+    probe: Probe, prefix: str = "", place: tuple[float, float] = PRESSED, bent: bool = False
+) -> None:
+    """The strongest contact is where the scene has it, in the list and in the image.
+
+    Where the sheet is `bent` its place in space is that of `check_surface`.
+    """
     from sensor_msgs.msg import Image
 
     from tomotactile_ros.msg import ContactArray
@@ -112,7 +117,7 @@ def check_contact(probe: Probe, prefix: str = "", place: tuple[float, float] = P
     message = probe.wait_for(ContactArray, f"{prefix}/contacts", lambda m: len(m.contacts) > 0)
     strongest = message.contacts[0]
     distance = np.hypot(strongest.position.x - place[0], strongest.position.y - place[1])
-    assert distance < NEAR
+    assert bent or distance < NEAR
     assert strongest.force == max(c.force for c in message.contacts)
     image = probe.wait_for(Image, f"{prefix}/pressure", lambda m: peak_of(m) is not None)
     row, column = peak_of(image)
@@ -131,10 +136,12 @@ def peak_of(message) -> tuple[int, int] | None:
 
 
 def check_surface(probe: Probe, prefix: str = "") -> None:
-    """The cloud lies on the cylinder, its highest pressure where the scene presses, and so the markers."""
+    """Cloud, contacts and markers lie on the cylinder, where the scene presses, and so the wrench."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import PointCloud2
     from visualization_msgs.msg import MarkerArray
+
+    from tomotactile_ros.msg import SensorLayout
 
     angle = PRESSED[0] / BEND
     pressed = (BEND * np.sin(angle), PRESSED[1], BEND * (np.cos(angle) - 1))
@@ -148,11 +155,46 @@ def check_surface(probe: Probe, prefix: str = "") -> None:
     shown = probe.wait_for(MarkerArray, f"{prefix}/contact_markers", lambda m: len(m.markers) > 1)
     (disc,) = (m for m in shown.markers if (m.ns, m.id) == ("contact", 0))
     assert distance_of(disc, pressed) < NEAR
+    check_bent_contact(probe, prefix, pressed, disc)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    described = probe.wait_for(SensorLayout, f"{prefix}/layout", qos=latched)
+    cells = np.array([(c.x, c.y, c.z) for c in described.cells])
+    np.testing.assert_allclose(cells, table[:, :3], atol=1e-7)
     layout = probe.wait_for(MarkerArray, f"{prefix}/layout_markers", qos=latched)
     axis = [np.hypot(m.pose.position.x, m.pose.position.z + BEND)
             for m in layout.markers if m.ns == "electrode"]  # fmt: skip
     np.testing.assert_allclose(axis, np.full(64, BEND))
+
+
+def check_bent_contact(probe: Probe, prefix: str, pressed, disc) -> None:
+    """The contact is on the cylinder, with its normal; the wrench is its force there."""
+    from geometry_msgs.msg import WrenchStamped
+
+    from tomotactile_ros.msg import ContactArray
+
+    wrenches = probe.listen(WrenchStamped, f"{prefix}/wrench")
+    arrays = probe.listen(ContactArray, f"{prefix}/contacts")
+
+    def both():
+        stamps = {(w.header.stamp.sec, w.header.stamp.nanosec): w for w in wrenches}
+        return [
+            (a, stamps[a.header.stamp.sec, a.header.stamp.nanosec])
+            for a in arrays
+            if len(a.contacts) == 1 and (a.header.stamp.sec, a.header.stamp.nanosec) in stamps
+        ]
+
+    probe.until(lambda: bool(both()), "wrench and contact of one frame")
+    (contact,), wrench = both()[0][0].contacts, both()[0][1].wrench
+    place = np.array([contact.position.x, contact.position.y, contact.position.z])
+    assert np.linalg.norm(place - pressed) < NEAR
+    assert distance_of(disc, place) < NEAR
+    np.testing.assert_allclose(np.hypot(place[0], place[2] + BEND), BEND, rtol=1e-6)
+    normal = np.array([contact.normal.x, contact.normal.y, contact.normal.z])
+    np.testing.assert_allclose(normal, (place + [0, 0, BEND]) * [1, 0, 1] / BEND, atol=1e-6)
+    force = np.array([wrench.force.x, wrench.force.y, wrench.force.z])
+    np.testing.assert_allclose(force, -contact.force * normal, rtol=1e-5)
+    torque = np.array([wrench.torque.x, wrench.torque.y, wrench.torque.z])
+    np.testing.assert_allclose(torque, np.cross(place, force), atol=1e-6)
 
 
 def table_of(cloud) -> np.ndarray:

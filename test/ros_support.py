@@ -10,7 +10,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -25,10 +25,13 @@ def program(name: str) -> str:
     return str(Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", name))
 
 
-def ros_arguments(parameters: dict, namespace: str = "", remaps: dict | None = None) -> list[str]:
-    """Command line of a node with parameters, in a namespace, with names changed."""
+def ros_arguments(
+    parameters: dict, namespace: str = "", remaps: dict | None = None, files: Sequence = ()
+) -> list[str]:
+    """Command line of a node with parameters, also from files, in a namespace, with names changed."""
     words = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
     words += [word for item in (remaps or {}).items() for word in ("-r", "{}:={}".format(*item))]
+    words += [word for file in files for word in ("--params-file", str(file))]
     if namespace:
         words += ["-r", f"__ns:={namespace}"]
     return ["--ros-args", *words]
@@ -192,8 +195,20 @@ class Probe:
         )
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
+    def get_parameter(self, node: str, name: str):
+        """Value of a parameter of another node."""
+        from rcl_interfaces.srv import GetParameters
+        from rclpy.parameter import parameter_value_to_python
+
+        request = GetParameters.Request(names=[name])
+        (value,) = self.call(GetParameters, f"{node}/get_parameters", request).values
+        return parameter_value_to_python(value)
+
 
 def ends_cleanly(process: Process, number: int = signal.SIGINT) -> None:
-    """Stop a process; it says goodbye with 0 and without a traceback."""
+    """Stop a process; it says goodbye with 0, without a traceback and without a red line."""
+    before = process.output
     assert process.stop(number) == 0, process.output
     assert "Traceback" not in process.output
+    said = process.output[len(before) :]
+    assert "[ERROR]" not in said and "Failed to publish" not in said, said

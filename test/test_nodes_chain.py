@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_support import ends_cleanly
+from ros_support import LIMIT, ends_cleanly
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes import life
 from tomotactile_ros.nodes.life import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -215,5 +217,29 @@ def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
     driver = start("driver")
     probe.until(lambda: "here" in driver.output, "import")
-    assert driver.stop() == -signal.SIGINT
+    assert driver.stop() == 0
     assert driver.output == "here\n"
+
+
+def test_an_interrupt_while_nodes_spin_is_no_exception(monkeypatch):
+    # one between the start of a thread of the pool and its entry there would leave it for ever
+    class Executor:
+        def __init__(self, threads):
+            pass
+
+        def spin(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            end = time.monotonic() + LIMIT
+            while rclpy.ok() and time.monotonic() < end:
+                time.sleep(0.01)
+            ended.append(not rclpy.ok())
+
+    ended = []
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(life, "MultiThreadedExecutor", Executor)
+    try:
+        assert life.run(list, ["--ros-args"], "", {}) == 0
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    assert ended == [True]

@@ -16,10 +16,11 @@ from tomotactile_ros.devices import Frame
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import load_layout
-from tomotactile_ros.nodes import conversions
+from tomotactile_ros.nodes import contact_messages, conversions
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.reconstruction import ContactEstimate
-from tomotactile_ros.surface import Surface
+from tomotactile_ros.spatial import in_space
+from tomotactile_ros.surfaces import Cylinder
 
 HEADER = conversions.make_header(12.25, "skin")
 LAYOUT = load_layout("equal-4x4")
@@ -108,8 +109,11 @@ def test_a_frame_of_something_else_is_refused_with_the_reason(frame, reason):
 
 def decode(message):
     """The image as an independent reader understands it."""
-    image = pytest.importorskip("rosbags.image", exc_type=ImportError)
-    return image.message_to_cvimage(message)
+    try:
+        from rosbags.image import message_to_cvimage
+    except ImportError:  # installed, perhaps, without the libraries of OpenCV
+        pytest.skip("rosbags.image is not to be had")
+    return message_to_cvimage(message)
 
 
 def test_an_independent_reader_sees_the_numbers_that_were_published():
@@ -143,32 +147,69 @@ def test_a_contact_at_plus_x_plus_y_is_in_the_upper_right_of_the_image():
     assert rows.max() < 5 <= columns.min()
 
 
-def test_contacts_are_sorted_strongest_first_and_survive():
-    weak, strong = a_contact(force=1.0), a_contact(x=-0.01, force=3.0)
-    message = round_trip(conversions.contacts_to_message([weak, strong], HEADER))
-    found = conversions.message_to_contacts(message)
-    assert [c.force for c in found] == [3.0, 1.0]
-    assert (found[0].x, found[0].y) == (strong.x, strong.y)
+CURVED = replace(LAYOUT, surface=Cylinder(0.1))
+
+
+@pytest.mark.parametrize("layout", [LAYOUT, CURVED], ids=["flat", "curved"])
+def test_contacts_survive_their_message(layout):
+    followed = replace(
+        a_contact(force=3.0), id=7, age=1.5, velocity=(0.1, 0.2), probability=0.9, force_std=0.1
+    )
+    contacts = [followed, a_contact(x=-0.01)]
+    placed = in_space(layout.surface, contacts)
+    message = round_trip(contact_messages.contacts_to_message(contacts, placed, HEADER))
     assert message.header == HEADER
+    found = contact_messages.message_to_contacts(message, layout)
+    for one, other in zip(found, contacts, strict=True):
+        np.testing.assert_allclose((one.x, one.y), (other.x, other.y), atol=1e-9)
+        assert (one.force, one.id, one.age) == (other.force, other.id, other.age)
+    first = message.contacts[0]
+    for field, expected in (
+        (first.position, placed.positions[0]),
+        (first.velocity, placed.velocities[0]),
+        (first.normal, placed.frames[0][:, 2]),
+        (first.tangent, placed.frames[0][:, 0]),
+    ):
+        np.testing.assert_array_equal((field.x, field.y, field.z), expected)
+
+
+def test_the_layout_message_says_where_cells_and_electrodes_are():
+    grid = Grid.for_outline(LAYOUT.outline, 10)
+    message = round_trip(contact_messages.layout_to_message(CURVED, grid, HEADER))
+    assert (message.layout_id, message.surface) == (CURVED.id, "cylinder")
+    row, column = 3, 7
+    x = message.first_x + column * message.cell_width
+    y = message.first_y - row * message.cell_height
+    np.testing.assert_allclose((x, y), grid.centres[row * message.width + column])
+    cell = message.cells[row * message.width + column]
+    expected = CURVED.surface.to_3d([(x, y)])[0]
+    np.testing.assert_allclose((cell.x, cell.y, cell.z), expected, atol=1e-7)
+    assert len(message.cells) == message.height * message.width
+    places = np.array([(e.x, e.y, e.z) for e in message.electrodes])
+    np.testing.assert_allclose(places, CURVED.surface.to_3d(LAYOUT.positions), atol=1e-7)
+
+
+def markers_of(markers, contacts, surface=LAYOUT.surface):
+    return markers.of(contacts, in_space(surface, contacts), HEADER).markers
 
 
 def test_markers_of_contacts_that_ended_are_deleted():
-    markers = ContactMarkers(LAYOUT)
-    both = markers.of([a_contact(), a_contact(force=1.0)], HEADER).markers
+    markers = ContactMarkers()
+    both = markers_of(markers, [a_contact(), a_contact(force=1.0)])
     assert {(m.ns, m.id, m.action) for m in both} == {
         ("force", 0, Marker.ADD), ("contact", 0, Marker.ADD),
         ("force", 1, Marker.ADD), ("contact", 1, Marker.ADD),
     }  # fmt: skip
-    one = markers.of([a_contact()], HEADER).markers
+    one = markers_of(markers, [a_contact()])
     assert {(m.ns, m.id) for m in one if m.action == Marker.DELETE} == {
         ("force", 1), ("contact", 1)
     }  # fmt: skip
-    assert all(m.action == Marker.DELETE for m in markers.of([], HEADER).markers)
-    assert markers.of([], HEADER).markers == []
+    assert all(m.action == Marker.DELETE for m in markers_of(markers, []))
+    assert markers_of(markers, []) == []
 
 
 def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():
-    arrow, disc = ContactMarkers(LAYOUT).of([a_contact(force=3.0)], HEADER).markers
+    arrow, disc = markers_of(ContactMarkers(), [a_contact(force=3.0)])
     tail, head = arrow.points
     assert (head.x, head.y, head.z) == (0.03, 0.02, 0.0)
     assert tail.z == pytest.approx(0.03)
@@ -176,8 +217,8 @@ def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():
 
 
 def test_markers_stand_upright_on_a_curved_sheet():
-    curved = replace(LAYOUT, surface=Surface(0.1))
-    arrow, disc = ContactMarkers(curved).of([a_contact(x=0.05 * np.pi, y=0.0)], HEADER).markers
+    contacts = [a_contact(x=0.05 * np.pi, y=0.0)]
+    arrow, disc = markers_of(ContactMarkers(), contacts, Cylinder(0.1))
     tail, head = arrow.points
     assert (head.x, head.z) == (pytest.approx(0.1), pytest.approx(-0.1))
     assert (tail.x, tail.z) == (pytest.approx(0.12), pytest.approx(-0.1))

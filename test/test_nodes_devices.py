@@ -25,7 +25,7 @@ def test_a_curved_sheet_on_a_line_or_recorded(
     emulator = ros_checks.plug_in(tmp_path, curved, scene, domain) if device == "serial" else None
     try:
         ros_checks.check_topics(probe)
-        ros_checks.check_contact(probe)
+        ros_checks.check_contact(probe, bent=True)
         ros_checks.check_surface(probe)
         ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.OK, "")
         ros_checks.check_tare(probe)

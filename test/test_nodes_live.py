@@ -113,3 +113,25 @@ def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):
         time.sleep(0.01)
     stop_all([child])
     assert child.status == -signal.SIGKILL
+
+
+def test_a_stop_while_ros_is_being_set_up_is_a_stop(monkeypatch, tmp_path):
+    """SIGTERM takes the context away while rclpy makes its executor, which then fails."""
+    from types import SimpleNamespace
+
+    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.nodes import listener, live
+    from tomotactile_ros.scene import load_scene
+
+    def interrupted(*_):
+        rclpy.shutdown()
+        raise RuntimeError("context is not valid")
+
+    options = SimpleNamespace(profile="fast", rate=10.0, duration=1.0, out=str(tmp_path / "p.png"))
+    scene = load_scene(write_scene(tmp_path))
+    monkeypatch.setattr(live, "_show", interrupted)
+    monkeypatch.setattr(listener, "Listener", lambda *_: None)
+    assert live._watch([], load_layout("equal-8x8"), scene, options) == 0
+    monkeypatch.setattr(live, "_show", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        live._watch([], load_layout("equal-8x8"), scene, options)

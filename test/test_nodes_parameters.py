@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -50,6 +51,18 @@ BAD_STARTS = [
     ("reconstruction", {"contact_exponent": "0"}, "contact_exponent"),
     ("tactile", {"scene": "nothing"}, "'nothing': no such file"),
 ]
+# whose files in config/ name the parameters of each program
+CONFIGURED = {
+    "driver": ["driver"],
+    "driver_lifecycle": ["driver"],
+    "reconstruction": ["reconstruction"],
+    "reconstruction_lifecycle": ["reconstruction"],
+    "tactile": ["driver", "reconstruction"],
+    "tactile_lifecycle": ["driver", "reconstruction"],
+    "optimizer": ["optimizer"],
+    "sensors": [],
+    "skin": [],
+}
 
 
 @pytest.fixture
@@ -73,6 +86,29 @@ def test_a_bad_start_ends_with_one_line_and_status_2(name, parameters, reason, c
     assert status == 2
     assert len(complaints) == 1 and reason in complaints[0]
     assert complaints[0].startswith(f"{name}: ")
+
+
+@pytest.mark.parametrize("name", CONFIGURED)
+def test_help_names_every_parameter(name, call_main, capfd, monkeypatch):
+    monkeypatch.setattr(rclpy, "init", lambda *_, **__: pytest.fail("help starts no ROS"))
+    monkeypatch.setattr("sys.argv", [name])
+    assert import_module(f"tomotactile_ros.nodes.{name}").main(["--help"]) == 0
+    said = capfd.readouterr().out
+    assert said.startswith(f"usage: {name} [--ros-args")
+    for node in CONFIGURED[name]:
+        file = Path(get_package_share_directory("tomotactile_ros"), "config", f"{node}.yaml")
+        (settings,) = yaml.safe_load(file.read_text()).values()
+        assert f"\nparameters of {node}" in said
+        for parameter in settings["ros__parameters"]:
+            assert f"\n  {parameter}:=" in said
+    assert ("  autostart:=false" in said) == name.endswith("_lifecycle")
+    assert max(map(len, said.splitlines())) <= 100
+
+
+def test_a_parameter_that_is_given_like_an_option_is_refused(call_main):
+    status, (line,) = call_main("driver", ["--device", "serial"])
+    assert status == 2
+    assert line.startswith("driver: '--device' is not known") and "-p NAME:=VALUE" in line
 
 
 def test_a_bad_start_is_the_exit_status_of_the_program(domain):
@@ -109,7 +145,9 @@ def test_every_parameter_is_described(probe, tactile):
         assert len(own) >= 10
         assert all(d.description for d in described.descriptors)
         read_only = {d.name for d in described.descriptors if d.read_only}
-        assert read_only == {"layout", "frame_id", "allow_path_changes"}
+        assert read_only - {"tare_file", "sensor", "learn"} == {
+            "layout", "frame_id", "hardware_id", "allow_path_changes"
+        }  # fmt: skip
     get = GetParameters.Request(names=["excluded"])
     (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
     assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
@@ -139,7 +177,7 @@ def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
     assert probe.set_parameter("/driver", "rate", 50).successful
     assert probe.set_parameter("/driver", "scene", scene).successful
     largest = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: np.nanmax(m.voltages) > 0.1)
-    assert largest.layout_id == "equal-8x8"
+    assert largest.layout_id.startswith("equal-8x8#")
 
     assert probe.set_parameter("/driver", "streaming", False).successful
     ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.WARN, "stopped")

@@ -1,5 +1,7 @@
 """The driver node with hardware that comes, goes and misbehaves: the emulator as a process."""
 
+from itertools import pairwise
+
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
@@ -10,15 +12,19 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_support import Process, ends_cleanly, program
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
+from tomotactile_ros.layout import load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 
 PROMISED = {
     "state", "frames", "rate_wanted", "rate_device", "rate_seen", "packets_lost", "crc_errors",
-    "resynchronisations", "reconnects", "latency_mean", "latency_p99", "latency_max",
-    "dead_channels", "clock_jumps", "low_latency",
+    "resynchronisations", "reconnects", "latency_mean_ms", "latency_p99_ms",
+    "latency_max_ms", "age_ms",
+    "dead_channels", "clock_jumps",
+    "low_latency",
 }  # fmt: skip
 
 
@@ -60,7 +66,7 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     )
     sensor = plug()
     frame = probe.wait_for(VoltageFrame, "/voltage_frame")
-    assert (frame.layout_id, frame.electrodes) == ("equal-8x8", 64)
+    assert (frame.layout_id, frame.electrodes) == (load_layout("equal-8x8").id, 64)
     voltages = np.reshape(frame.voltages, (64, 64))
     assert np.array_equal(np.isnan(voltages), np.eye(64, dtype=bool))
     assert np.nanmax(voltages) > 0.1
@@ -86,6 +92,48 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     ends_cleanly(driver)
 
 
+def test_rows_an_order_and_the_temperature_come_through_the_driver(probe, start, plug, tmp_path):
+    plug("--temperature", "31.5")
+    capture = tmp_path / "line.raw"
+    start(
+        "driver",
+        {
+            "device": "serial",
+            "port": plug.port,
+            "delivery": "rows",
+            "rows_per_message": 5,
+            "scan": "[9, 0, 63, 9, 27, 54, 1]",
+            "capture": capture,
+        },
+    )
+    order = [9, 0, 63, 9, 27, 54, 1]
+    frame = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: len(m.grounded) == 7)
+    assert list(frame.grounded) == order
+    rows = probe.listen(VoltageFrame, "/voltage_rows", 1000)
+    probe.until(lambda: len(rows) >= 20, "rows")
+    assert {tuple(m.grounded) for m in rows} == {tuple(order[:5]), tuple(order[5:])}
+    for message in rows:
+        assert len(message.voltages) == 64 * len(message.grounded)
+        assert message.row_period == pytest.approx(1e-3, rel=0.05)
+
+    def distances():
+        """From the first message of each of the last frames to the second, s."""
+        pairs = [(a, b) for a, b in pairwise(rows) if a.sequence == b.sequence]
+        return [stamp_of(b.header) - stamp_of(a.header) for a, b in pairs[-10:]]
+
+    # on a busy machine the first rows come late, and the device's clock is not yet known well
+    probe.until(lambda: distances() == pytest.approx([5e-3] * 10, abs=1e-3), "rows 5 ms apart")
+    told = probe.wait_for(Temperature, "/temperature")
+    assert told.temperature == 31.5 and told.header.frame_id == "tactile_link"
+    refused = probe.set_parameter("/driver", "scan", [0, 64])
+    assert not refused.successful and "electrode 64 does not exist" in refused.reason
+    assert probe.set_parameter("/driver", "scan", [3]).successful
+    probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: list(m.grounded) == [3])
+    refused = probe.set_parameter("/driver", "capture", "/tmp/other.raw")
+    assert not refused.successful and "read-only" in refused.reason
+    assert capture.read_bytes().startswith(b"tomotactile-raw/1\n")
+
+
 def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
     plug("--rate", "100")
     start("driver", {"device": "serial", "port": plug.port, "use_sim_time": "true"})
@@ -104,6 +152,15 @@ def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
         frames.clear()
         probe.until(lambda: len(frames) >= 50, "frames")
         assert stamps() == sorted(stamps())
+
+
+def test_a_restart_without_a_device_says_that_there_is_none(probe, start, tmp_path):
+    driver = start("driver", {"device": "serial", "port": tmp_path / "none"})
+    ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.ERROR, "none")
+    answer = probe.call(Trigger, "/driver/restart")
+    assert not answer.success
+    assert "disconnected" in answer.message and str(tmp_path / "none") in answer.message
+    ends_cleanly(driver)
 
 
 def test_somebody_else_on_the_topic_is_told_by_the_driver(probe, start):

@@ -7,6 +7,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+import ros_checks
 from geometry_msgs.msg import Point
 from ros_support import ends_cleanly
 from std_msgs.msg import Header
@@ -57,14 +58,40 @@ def test_touches_are_pressed_moved_and_let_go(probe, start, press):
     found = probe.wait_for(ContactArray, "contacts", are_at(FIRST))
     (contact,) = found.contacts
     assert contact.force == pytest.approx(2.0, rel=0.25)
+    probe.wait_for(
+        ContactArray, "contacts", lambda m: any(c.id and c.age > 0.3 for c in m.contacts)
+    )
     press(message((*FIRST, 2.0, 0.006), (*SECOND, 1.5, 0.006)))
-    probe.wait_for(ContactArray, "contacts", are_at(FIRST, SECOND))
+    both = probe.wait_for(ContactArray, "contacts", are_at(FIRST, SECOND))
+    assert len({contact.id for contact in both.contacts} - {0}) == 2
     press(message((*SECOND, 1.5, 0.006)))
     probe.wait_for(ContactArray, "contacts", are_at(SECOND))
     press(None)  # the publisher dies: nothing presses for ever
     probe.wait_for(ContactArray, "contacts", are_at())
     ends_cleanly(reconstruction)
     ends_cleanly(driver)
+
+
+def test_a_touch_on_a_curved_sensor_is_given_and_found_in_space(probe, start, press, tmp_path):
+    layout = ros_checks.write_curved_layout(tmp_path)
+    start("driver", {"scene": "live", "layout": layout})
+    start("reconstruction", {"profile": "accurate", "layout": layout})
+    angle, bend = FIRST[0] / ros_checks.BEND, ros_checks.BEND
+    outwards = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    place = bend * outwards + [0.0, FIRST[1], -bend]
+    touch = Contact(force=2.0, radius=0.006)
+    above = place + 0.004 * outwards  # the nearest point of the sheet is meant
+    touch.position.x, touch.position.y, touch.position.z = above.tolist()
+    press(ContactArray(contacts=[touch]))
+
+    def is_there(found):
+        at = [np.array([c.position.x, c.position.y, c.position.z]) for c in found.contacts]
+        return len(at) == 1 and np.linalg.norm(at[0] - place) < NEAR
+
+    (contact,) = probe.wait_for(ContactArray, "contacts", is_there).contacts
+    assert contact.force == pytest.approx(2.0, rel=0.25)
+    normal = [contact.normal.x, contact.normal.y, contact.normal.z]
+    assert np.dot(normal, outwards) > np.cos(NEAR / bend)
 
 
 def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):

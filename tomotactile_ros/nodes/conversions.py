@@ -6,20 +6,16 @@ be checked element by element. Images have row 0 at the +y edge, as everywhere i
 
 import sys
 from array import array
-from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
-from tomotactile_ros.reconstruction import ContactEstimate
-from tomotactile_ros.touches import Touch
+from tomotactile_ros.msg import VoltageFrame
 
 _BIG_ENDIAN = sys.byteorder == "big"
 _NANO = 1_000_000_000
@@ -118,53 +114,6 @@ def message_to_image(message: Image) -> np.ndarray:
     if message.encoding == "rgb8":
         return np.frombuffer(message.data, np.uint8).reshape(message.height, message.width, 3)
     raise InputError(f"encoding {message.encoding!r} is none of 32FC1, rgb8")
-
-
-def contacts_to_message(
-    contacts: Sequence[ContactEstimate], header: Header, reason: str = ""
-) -> ContactArray:
-    """Contact estimates, sorted strongest first; with a `reason`, they are withheld."""
-    return ContactArray(
-        header=header,
-        state=ContactArray.WITHHELD if reason else ContactArray.VALID,
-        reason=reason,
-        contacts=[
-            Contact(
-                position=Point(x=float(c.x), y=float(c.y)),
-                force=float(c.force),
-                pressure=float(c.pressure),
-                area=float(c.area),
-                radius=float(c.radius),
-                position_covariance=[float(each) for each in c.position_covariance],
-                force_std=float(c.force_std),
-                probability=float(c.probability),
-            )
-            for c in sorted(contacts, key=lambda c: c.force, reverse=True)
-        ],
-    )
-
-
-def message_to_contacts(message: ContactArray) -> list[ContactEstimate]:
-    """Contact estimates of a message, in its order."""
-    return [
-        ContactEstimate(
-            c.position.x,
-            c.position.y,
-            c.force,
-            c.pressure,
-            c.area,
-            c.radius,
-            tuple(float(each) for each in c.position_covariance),
-            c.force_std,
-            c.probability,
-        )
-        for c in message.contacts
-    ]
-
-
-def message_to_touches(message: ContactArray) -> list[Touch]:
-    """Position, force and radius of each contact of a message."""
-    return [Touch(c.position.x, c.position.y, c.force, c.radius) for c in message.contacts]
 
 
 def cloud_to_message(points: np.ndarray, pressure: np.ndarray, header: Header) -> PointCloud2:

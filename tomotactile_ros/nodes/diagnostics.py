@@ -1,6 +1,9 @@
 """/diagnostics of a node, once a second, without per-frame cost.
 
 A status is named ``<node>: <task>`` with the node's full name, as diagnostic aggregators expect.
+
+This is what `diagnostic_updater` does in a full ROS 2. It is not used: it does not come with the
+wheels that the package also runs on, its timer follows simulated time, and stands still with it.
 """
 
 from collections.abc import Callable
@@ -12,6 +15,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.nodes.stopping import unless_stopped
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -35,6 +39,18 @@ def level_of(trouble: Trouble) -> bytes:
     return ERROR if trouble.serious else WARN
 
 
+def in_milliseconds(figures: dict[str, float]) -> dict[str, float]:
+    """Figures whose times, ages and latencies in s become ms, with names that say so."""
+    return {
+        f"{key}_ms" if _is_time(key) else key: 1e3 * value if _is_time(key) else value
+        for key, value in figures.items()
+    }
+
+
+def _is_time(key: str) -> bool:
+    return key == "age" or key.startswith("latency")
+
+
 class Diagnostics:
     """Asks for a report every second and publishes it.
 
@@ -42,11 +58,13 @@ class Diagnostics:
     ----------
     node : publishes.
     task : what the status is about.
-    hardware_id : which sensor.
+    hardware_id : gives the name of the sensor.
     report : gives the present report.
     """
 
-    def __init__(self, node: Node, task: str, hardware_id: str, report: Callable[[], Report]):
+    def __init__(
+        self, node: Node, task: str, hardware_id: Callable[[], str], report: Callable[[], Report]
+    ):
         self._node = node
         self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {task}"
         self._hardware_id = hardware_id
@@ -68,12 +86,13 @@ class Diagnostics:
             level=report.level,
             name=self._name,
             message=report.message,
-            hardware_id=self._hardware_id,
+            hardware_id=self._hardware_id(),
             values=[KeyValue(key=key, value=_text(v)) for key, v in report.values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        with unless_stopped(self._node):
+            self._publisher.publish(message)
 
 
 def _text(value: float | str) -> str:

@@ -6,8 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -18,9 +20,10 @@ from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
+from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import PlainNode, run
-from tomotactile_ros.nodes.parameters import PATH_CHANGES, Parameters, Spec
+from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.sheet import MODELS
@@ -28,6 +31,7 @@ from tomotactile_ros.sheet import MODELS
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
+    HARDWARE_ID,
     Spec("device", "fake", "Where the frames come from", choices=KINDS),
     Spec(
         "scene",
@@ -44,6 +48,20 @@ SPECS = (
     ),
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
+    Spec(
+        "scan",
+        (),
+        "Electrodes to ground, row after row, any of them and as often as wanted; []: each in turn",
+        low=0,
+        high=65534,
+    ),
+    Spec(
+        "delivery",
+        "frames",
+        "What is published: whole frames, or also rows of them on voltage_rows at once",
+        choices=("frames", "rows"),
+    ),
+    Spec("rows_per_message", 8, "For delivery rows: rows in a message", low=1, high=65535),
     Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
     Spec(
         "max_age",
@@ -53,26 +71,28 @@ SPECS = (
         high=3600.0,
     ),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
+    Spec("address", 0, "For serial: of the device on a bus; 0: it has none", low=0, high=254),
+    Spec(
+        "capture",
+        "",
+        "For serial: a new file for all that comes from the line, for `tomotactile replay --raw`",
+        path=True,
+    ),
     Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
+    Spec("topic", "", "For replay: of a bag with frames of several sensors", path=True),
     Spec("loop", False, "For replay: start over at the end"),
     Spec("drive_voltage", 3.3, "For replay: V, where the recording names none", low=1e-3, high=1e3),
     PATH_CHANGES,
 )
 
-_LEVELS = {
-    "streaming": diagnostics.OK,
-    "finished": diagnostics.OK,
-    "stopped": diagnostics.WARN,
-    "identifying": diagnostics.WARN,
-    "closed": diagnostics.WARN,
-}
+ROWS_DEPTH = 256  # messages of rows that may wait: a quarter of a second of single rows at 1 kHz
 
 
 class Driver:
     """What the driver does, in whichever node it is put.
 
     `listeners` are called with each frame, its layout's id and its header, in the device's thread,
-    before it is published.
+    before it is published; so are `row_listeners` with rows of frames, where delivery is `rows`.
     """
 
     name = "driver"
@@ -82,23 +102,31 @@ class Driver:
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, self._change)
         self.listeners: list[Callable[[Frame, str, Header], None]] = []
+        self.row_listeners: list[Callable[[Frame, str, Header], None]] = []
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
         self._said: tuple = ()
-        self._simulated_now = self._simulated_stamp = 0.0
-        self._publisher = node.create_publisher(
-            VoltageFrame,
-            "voltage_frame",
-            QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._simulated: dict[str, SimulatedTime] = {}
+        self._temperature_stamp = 0.0
+        self._publisher = self._create_publisher(VoltageFrame, "voltage_frame", 2)
+        self._rows_publisher = self._create_publisher(VoltageFrame, "voltage_rows", ROWS_DEPTH)
+        self._temperature_publisher = self._create_publisher(Temperature, "temperature", 2)
         self._touches = TouchListener(
             node, self.parameters["frame_id"], lambda touches: self._device.press(touches)
         )
         node.create_service(Trigger, "~/restart", self._restart)
-        self._diagnostics = Diagnostics(node, "device", self.parameters["frame_id"], self.report)
+        hardware_id = self.parameters["hardware_id"] or self.parameters["frame_id"]
+        self._diagnostics = Diagnostics(node, "device", lambda: hardware_id, self.report)
         self.parameters.warn_of_typos()
+
+    def _create_publisher(self, message: type, topic: str, depth: int):
+        return self._node.create_publisher(
+            message,
+            topic,
+            QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
 
     def configure(self) -> None:
         """Read the layout and make the device."""
@@ -108,11 +136,13 @@ class Driver:
     def activate(self) -> None:
         """Open the device."""
         self._active = True
-        self._device.open(self._on_frame)
+        self._open(self.parameters.values)
         self._log.info(
             f"{self.parameters['device']} device, layout {self._layout.id} with "
             f"{self._layout.electrodes} electrodes"
         )
+        if nature(self.parameters.values):
+            self._log.warning(f"{nature(self.parameters.values)}, no sensor is read")
 
     def deactivate(self) -> None:
         """Close the device; no frame comes afterwards."""
@@ -131,9 +161,12 @@ class Driver:
         if device is None:
             return Report(diagnostics.WARN, "not configured")
         status = device.status()
-        level = _LEVELS.get(status.state, diagnostics.ERROR)
+        self._publish_temperature(device)
+        level = level_of(status)
         own = self._own_troubles(status.dead)
-        message = "; ".join([status.message, *(trouble.text for trouble in own)])
+        kind = nature(self.parameters.values)
+        words = [*([kind] if kind else []), status.message, *(trouble.text for trouble in own)]
+        message = "; ".join(words)
         troubles = (*status.troubles, *own)
         for trouble in troubles:
             level = max(level, diagnostics.level_of(trouble))
@@ -141,7 +174,12 @@ class Driver:
         if status.state != "closed" and said != self._said:
             self._said = said
             self._say(level, f"{status.state}: {message}")
-        return Report(level, message, {"state": status.state, **status.counters})
+        figures = diagnostics.in_milliseconds(status.counters)
+        return Report(
+            level,
+            message,
+            {"state": status.state, "device": self.parameters["device"], **figures},
+        )
 
     def _own_troubles(self, dead: tuple[int, ...]) -> list[Trouble]:
         found = []
@@ -168,13 +206,15 @@ class Driver:
         named["layout"] = self._layout
         device = make_device(DeviceSettings(**named))
         device.set_streaming(values["streaming"])
-        self._touches.listen(fake and named["scene"].live)
+        self._touches.listen(fake and named["scene"].live, self._layout)
         return device
 
     def _change(self, changed: set[str], values: dict[str, Any]) -> None:
         if self._device is None:
             return
-        if changed <= {"rate", "streaming"}:
+        if changed <= {"rate", "streaming", "scan"}:
+            if "scan" in changed:
+                self._device.set_scan(values["scan"])
             if "rate" in changed:
                 self._device.set_rate(values["rate"])
             if "streaming" in changed:
@@ -184,7 +224,11 @@ class Driver:
         self._device.close()
         self._device = device
         if self._active:
-            self._device.open(self._on_frame)
+            self._open(values)
+
+    def _open(self, values: dict[str, Any]) -> None:
+        """Open the device, for frames or rows of them, too."""
+        self._device.open(self._on_frame, self._on_rows if values["delivery"] == "rows" else None)
 
     def _restart(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._active:
@@ -195,32 +239,56 @@ class Driver:
             self._device = self._make_device(self.parameters.values)
         except InputError as error:
             response.message = str(error)
-        else:
-            response.success, response.message = True, "the device was opened anew"
-        self._device.open(self._on_frame)
+            self._open(self.parameters.values)
+            return response
+        self._open(self.parameters.values)
+        response.success, response.message = outcome(self._device, lambda: not self._active)
         return response
 
     def _on_frame(self, frame: Frame) -> None:
-        if self._node.get_clock().ros_time_is_active:
-            frame = replace(frame, stamp=self._simulated(frame.stamp))
+        self._hand_on(frame, self.listeners, self._publisher)
+
+    def _on_rows(self, rows: Frame) -> None:
+        self._hand_on(rows, self.row_listeners, self._rows_publisher)
+
+    def _hand_on(self, frame: Frame, listeners: list[Callable], publisher: Publisher) -> None:
+        clock = self._node.get_clock()
+        if clock.ros_time_is_active:
+            simulated = self._simulated.setdefault(publisher.topic_name, SimulatedTime())
+            now = clock.now().nanoseconds * 1e-9
+            frame = replace(frame, stamp=simulated.of(frame.stamp, now))
         header = make_header(frame.stamp, self.parameters["frame_id"])
-        for listener in self.listeners:
+        for listener in listeners:
             listener(frame, self._layout.id, header)
-        if self._publisher.get_subscription_count() > 0:
-            self._publisher.publish(frame_to_message(frame, self._layout.id, header))
+        if publisher.get_subscription_count() > 0:
+            publisher.publish(frame_to_message(frame, self._layout.id, header))
 
-    def _simulated(self, stamp: float) -> float:
-        """The stamp in simulated time: as long ago there as it is in real time, if it was begun.
+    def _publish_temperature(self, device: Device) -> None:
+        """Publish what a device with a thermometer has told since the last time."""
+        told = getattr(device, "temperature", None)
+        if told is not None and told[1] != self._temperature_stamp:
+            self._temperature_stamp = told[1]
+            header = make_header(told[1], self.parameters["frame_id"])
+            self._temperature_publisher.publish(Temperature(header=header, temperature=told[0]))
 
-        Not before the last one, though simulated time goes on in steps, unless it was set back.
-        """
-        now = self._node.get_clock().now().nanoseconds * 1e-9
-        earliest = self._simulated_stamp if now >= self._simulated_now else 0.0
-        self._simulated_now = now
-        self._simulated_stamp = max(earliest, now - (time.time() - stamp))
-        return self._simulated_stamp
+
+class SimulatedTime:
+    """Stamps in simulated time, of one topic: as long ago there as in real time, if it was begun.
+
+    None before the one before, though simulated time goes on in steps, unless it was set back.
+    """
+
+    def __init__(self) -> None:
+        self._now = self._stamp = 0.0
+
+    def of(self, stamp: float, now: float) -> float:
+        """What a Unix time, s, is in simulated time, in which it is `now`."""
+        earliest = self._stamp if now >= self._now else 0.0
+        self._now = now
+        self._stamp = max(earliest, now - (time.time() - stamp))
+        return self._stamp
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(Driver)], args)
+    return run(lambda: [PlainNode(Driver)], args, __doc__, {Driver.name: SPECS})

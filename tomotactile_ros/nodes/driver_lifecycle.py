@@ -1,9 +1,10 @@
 """Node `driver` as a managed node: configure, activate, deactivate, cleanup by services."""
 
-from tomotactile_ros.nodes.driver import Driver
-from tomotactile_ros.nodes.life import ManagedNode, run
+from tomotactile_ros.nodes.driver import SPECS, Driver
+from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [ManagedNode(Driver)], args)
+    specs = {Driver.name: (AUTOSTART, *SPECS)}
+    return run(lambda: [ManagedNode(Driver)], args, __doc__, specs)

@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -19,8 +19,10 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
+from tomotactile_ros.command_line import say_doubts
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.usage import asks_for_help, usage
 
 BAD_INPUT = 2
 _THREADS = 4  # parameters and services, diagnostics and frames of a node; two nodes in a process
@@ -48,9 +50,9 @@ class Part(Protocol):
 class PlainNode(Node):
     """A node that works from its creation to its destruction."""
 
-    def __init__(self, make_part: Callable[[Node], Part]):
+    def __init__(self, make_part: Callable[[Node], Part], namespace: str | None = None):
         with _settings_of_ros():
-            super().__init__(make_part.name)
+            super().__init__(make_part.name, namespace=namespace)
         self.part: Part | None = None
         try:
             with _settings_of_ros():
@@ -157,44 +159,79 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
 
-def run(make_nodes: Callable[[], Iterable[Node]], args: list[str] | None = None) -> int:
+def run(
+    make_nodes: Callable[[], Iterable[Node]],
+    args: list[str] | None,
+    about: str,
+    specs: Mapping[str, Sequence[Spec]],
+) -> int:
     """Run nodes until they are asked to stop (Ctrl-C, SIGTERM, shutdown).
 
     Parameters
     ----------
     make_nodes : makes the nodes, one by one, once ROS is there.
     args : command line; None for this process's own.
+    about, specs : for `--help`: what the program is, and the parameters of its nodes.
 
     Returns
     -------
     Exit status: 0 after a stop, 2 after bad input, which is said in one line.
     """
     nodes: list[Node] = []
+    interrupt, started = _Interrupt(), False
+    say_doubts(_program())
     try:
+        for number in (signal.SIGINT, signal.SIGTERM):  # before rclpy's own, which call these
+            signal.signal(number, interrupt)
+        if asks_for_help(sys.argv[1:] if args is None else args):
+            print(usage(_program(), about, specs))
+            return 0
         _init(args)
+        started = True
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = MultiThreadedExecutor(_THREADS)
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
+        interrupt.wanted = False
         executor.spin()
     except InputError as error:
-        print(f"{sys.argv[0].rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        print(f"{_program()}: {error}", file=sys.stderr)
         return BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception:
-        if rclpy.ok():
+        if rclpy.ok() or not started:
             raise
         return 0  # stopped while the nodes were being made
     finally:
         # a launch file's Ctrl-C comes twice: from the terminal and from the launch process
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+class _Interrupt:
+    """A signal ends what is computed at once while it is `wanted`: while nodes are made.
+
+    Later rclpy ends the spinning. An exception there can come between the start of a thread of the
+    executor's pool and its entry in the pool's list: it would be waited for, and never told to end.
+    """
+
+    def __init__(self) -> None:
+        self.wanted = True
+
+    def __call__(self, number: int, frame: object) -> None:
+        if self.wanted:
+            raise KeyboardInterrupt
+
+
+def _program() -> str:
+    return sys.argv[0].rsplit("/", 1)[-1]
 
 
 def _init(args: list[str] | None) -> None:

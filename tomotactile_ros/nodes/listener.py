@@ -9,8 +9,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from tomotactile_ros.errors import printable
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.conversions import message_to_contacts, message_to_image, stamp_of
+from tomotactile_ros.nodes.contact_messages import message_to_contacts
+from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
 from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")
@@ -24,10 +26,12 @@ class Listener(Node):
     Parameters
     ----------
     rate : of the simulated sensor, frames/s: frame k begins k / rate into the scene.
+    layout : of the sensor.
     """
 
-    def __init__(self, rate: float):
+    def __init__(self, rate: float, layout: Layout):
         super().__init__("live")
+        self._layout = layout
         self._rate = rate
         self._parts: OrderedDict[float, dict] = OrderedDict()
         self._arrivals: deque[float] = deque(maxlen=32)
@@ -58,7 +62,7 @@ class Listener(Node):
         self._add(message.header, "pressure", message_to_image(message))
 
     def _on_contacts(self, message: ContactArray) -> None:
-        self._add(message.header, "contacts", message_to_contacts(message))
+        self._add(message.header, "contacts", message_to_contacts(message, self._layout))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

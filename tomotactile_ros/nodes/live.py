@@ -2,16 +2,14 @@
 
 import argparse
 import json
-import math
 import os
 import random
 import socket
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
-from tomotactile_ros.command_line import Parser, end_of_pipe
+from tomotactile_ros.command_line import Parser, end_of_pipe, positive
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
 from tomotactile_ros.processes import Child, stop_all
@@ -21,6 +19,7 @@ from tomotactile_ros.view.display import Display
 
 DEFAULT_RATE = 15.625  # frames/s
 PATIENCE = 10.0  # s without the first image until it is said why
+LEARNING = ("worn-sensor",)  # scenes that are there to be learned
 LIMIT = 60.0  # s without the first image until it is given up
 
 
@@ -47,21 +46,13 @@ def main(args: list[str] | None = None) -> int:
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = Parser(prog="live", description=__doc__)
-    parser.add_argument("--duration", type=_positive, default=20.0, help="s after the first image")
+    parser.add_argument("--duration", type=positive, default=20.0, help="s after the first image")
     parser.add_argument("--layout", default="equal-8x8", help="layout file or installed name")
     parser.add_argument("--scene", default="default", help="scene file or installed name")
     parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
-    parser.add_argument("--rate", type=_positive, default=DEFAULT_RATE, help="frames/s")
+    parser.add_argument("--rate", type=positive, default=DEFAULT_RATE, help="frames/s")
     parser.add_argument("--out", default="out/pressure.png", help="picture written at the end")
     return parser.parse_args(args)
-
-
-def _positive(text: str) -> float:
-    with suppress(ValueError):
-        value = float(text)
-        if math.isfinite(value) and value > 0:
-            return value
-    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
 def _use_own_domain() -> None:
@@ -87,6 +78,8 @@ def _free_domain() -> int:
 def _start(options: argparse.Namespace) -> list[Child]:
     driver = {"layout": options.layout, "scene": options.scene, "rate": options.rate}
     reconstruction = {"layout": options.layout, "profile": options.profile}
+    if options.scene in LEARNING:
+        reconstruction["learn"] = "all"
     return [_node("driver", driver), _node("reconstruction", reconstruction)]
 
 
@@ -114,9 +107,13 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
     problem = ""
     try:
         rclpy.init(args=[])
-        problem = _show(children, Listener(options.rate), display, options.duration)
+        problem = _show(children, Listener(options.rate, layout), display, options.duration)
     except (KeyboardInterrupt, ExternalShutdownException):
         display.say("stopped")
+    except Exception:
+        if rclpy.ok():
+            raise
+        display.say("stopped")  # while rclpy was making something
     finally:
         rclpy.try_shutdown()
         display.close()

@@ -14,6 +14,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.spatial import SpatialContacts
 
 METRES_PER_NEWTON = 0.01  # length of an arrow
 _LIFETIME = Duration(sec=1)
@@ -28,13 +29,12 @@ _UPRIGHT = Quaternion(w=1.0)
 class ContactMarkers:
     """Makes the markers of each frame; remembers how many the last one had."""
 
-    def __init__(self, layout: Layout):
-        self._layout = layout
+    def __init__(self):
         self._shown = 0
 
-    def of(self, contacts: Sequence, header: Header) -> MarkerArray:
+    def of(self, contacts: Sequence, placed: SpatialContacts, header: Header) -> MarkerArray:
         """Arrows as long as the force, onto discs of the contacts' radius."""
-        places, normals = place(self._layout, [(c.x, c.y) for c in contacts])
+        places, normals = placed.positions, placed.frames[:, :, 2]
         markers = []
         for k, contact in enumerate(contacts):
             markers.append(_arrow(header, k, places[k], normals[k], float(contact.force)))
@@ -52,9 +52,11 @@ def layout_markers(layout: Layout, header: Header) -> MarkerArray:
     for k, ring in enumerate([layout.outline.shell, *layout.outline.holes]):
         line = _marker(header, "outline", k, Marker.LINE_STRIP, _GREY)
         line.scale.x = _FLAT
-        line.points = [_point(p) for p in place(layout, _dense(np.vstack([ring, ring[:1]])))[0]]
+        places = layout.surface.to_3d(_dense(np.vstack([ring, ring[:1]])))
+        line.points = [_point(p) for p in places]
         markers.append(line)
-    places, normals = place(layout, layout.positions)
+    places = layout.surface.to_3d(layout.positions)
+    normals = layout.surface.normals(layout.positions)
     for k, (position, normal) in enumerate(zip(places, normals, strict=True)):
         disc = _disc(header, k, position, normal, layout.radius)
         disc.ns, disc.color, disc.lifetime = "electrode", _GREY, Duration()
@@ -65,15 +67,6 @@ def layout_markers(layout: Layout, header: Header) -> MarkerArray:
         text.text = str(k)
         markers.append(text)
     return MarkerArray(markers=markers)
-
-
-def place(layout: Layout, points: Sequence) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) positions and (P, 3) unit normals in space of (P, 2) points of the sheet, m."""
-    points = np.asarray(points, dtype=float).reshape(-1, 2)
-    if layout.surface is not None:
-        return layout.surface.to_3d(points), layout.surface.normals(points)
-    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    return np.column_stack([points, np.zeros(len(points))]), up
 
 
 def _dense(ring: np.ndarray) -> np.ndarray:

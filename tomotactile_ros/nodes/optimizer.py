@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_folder
+from tomotactile_ros.files import YAML, check_out
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
@@ -64,13 +64,13 @@ class Optimizer:
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         layout = self.parameters["layout"]
-        self._diagnostics = Diagnostics(node, "optimization", layout, self.report)
+        self._diagnostics = Diagnostics(node, "optimization", lambda: layout, self.report)
         self.parameters.warn_of_typos()
 
     def configure(self) -> None:
         """Read the layout to start from, and see that there is a place for the best one."""
         values = self.parameters
-        check_folder(values["out"])
+        check_out(values["out"], *YAML)
         layout = load_layout(values["layout"])
         replace(layout, name=values["name"])  # refuses a name that the best layout cannot have
         steps = values["steps"] or None
@@ -176,5 +176,5 @@ def main(args: list[str] | None = None) -> int:
         return parts[0]
 
     make_part.name = Optimizer.name
-    status = run(lambda: [PlainNode(make_part)], args)
+    status = run(lambda: [PlainNode(make_part)], args, __doc__, {Optimizer.name: SPECS})
     return status or (parts[0].status if parts else 0)

@@ -1,4 +1,4 @@
-"""What the reconstruction publishes: image, picture, contacts, markers, curved surface.
+"""What the reconstruction publishes: image, picture, contacts, wrench, markers, curved surface.
 
 Whatever takes time and nobody listens to is not made.
 """
@@ -6,6 +6,7 @@ Whatever takes time and nobody listens to is not made.
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -16,30 +17,38 @@ from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.msg import ContactArray
-from tomotactile_ros.nodes.conversions import (
-    cloud_to_message,
+from tomotactile_ros.msg import ContactArray, SensorLayout
+from tomotactile_ros.nodes.contact_messages import (
     contacts_to_message,
-    image_to_message,
+    layout_to_message,
+    withheld_message,
+    wrench_to_message,
 )
-from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers, place
+from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message
+from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
+from tomotactile_ros.spatial import in_space
 from tomotactile_ros.view.colours import Overlay, colour, full_scale, palette
 
 LEAST_SCALE = 1000.0  # Pa, of an automatic range
+_UNKNOWN = np.full(3, np.nan)
 
 
 class Outputs:
-    """Publishers of one reconstruction node."""
+    """Publishers of one reconstruction node; `frame_id` is the frame of what they publish."""
 
     def __init__(self, node: Node):
         self._node = node
         self._pressure = self._publisher(Image, "pressure")
         self._view = self._publisher(Image, "pressure_view")
         self._contacts = self._publisher(ContactArray, "contacts")
+        self._wrench = self._publisher(WrenchStamped, "wrench")
+        self._layout_message = self._publisher(SensorLayout, "layout", latched=True)
         self._markers = self._publisher(MarkerArray, "contact_markers")
         self._layout_markers = self._publisher(MarkerArray, "layout_markers", latched=True)
         self._surface: Publisher | None = None
-        self._frame_id = "tactile_link"
+        self.frame_id = "tactile_link"
+        self._layout: Layout | None = None
+        self._grid: Grid | None = None
 
     def configure(self, layout: Layout, grid: Grid, values: dict[str, Any]) -> None:
         """Prepare for images of this layout and grid, drawn as the parameters say."""
@@ -47,22 +56,27 @@ class Outputs:
         zoom = max(1, round(values["view_size"] / max(grid.shape)))
         self._overlay = Overlay(grid, zoom, layout.positions, layout.radius)
         palette()  # loads the colours now and not with the first frame
-        self._contact_markers = ContactMarkers(layout)
-        self._layout, self._grid, self._points = layout, grid, None
-        self._show_layout(values["frame_id"] or self._frame_id)
-        if layout.surface is not None:
+        self._contact_markers = ContactMarkers()
+        frame_id = values["frame_id"] or self.frame_id
+        if layout is not self._layout or grid is not self._grid or frame_id != self.frame_id:
+            self._layout, self._grid, self._points = layout, grid, None
+            self._show_layout(frame_id)
+        if layout.surface.kind != "flat":
             if self._surface is None:
                 self._surface = self._publisher(PointCloud2, "surface")
-            self._points = place(layout, grid.pixels)[0]
+            self._points = layout.surface.to_3d(grid.pixels)
 
     def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
-        """Publish an (H, W) image, Pa, and its contacts, strongest first."""
+        """Publish an (H, W) image, Pa, and its contacts."""
         self._pressure.publish(image_to_message(pressure, header))
-        self._contacts.publish(contacts_to_message(contacts, header))
-        if header.frame_id != self._frame_id:  # the driver has another than was thought
+        contacts = sorted(contacts, key=lambda contact: contact.force, reverse=True)
+        placed = in_space(self._layout.surface, contacts)
+        self._contacts.publish(contacts_to_message(contacts, placed, header))
+        self._wrench.publish(wrench_to_message(*placed.wrench(), header))
+        if header.frame_id != self.frame_id:  # the driver has another than was thought
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
-            self._markers.publish(self._contact_markers.of(contacts, header))
+            self._markers.publish(self._contact_markers.of(contacts, placed, header))
         if self._view.get_subscription_count() > 0:
             self._view.publish(image_to_message(self._picture(pressure, contacts), header))
         if self._points is not None and self._surface.get_subscription_count() > 0:
@@ -71,11 +85,13 @@ class Outputs:
 
     def withhold(self, reason: str, header: Header) -> None:
         """Say that the contacts of a frame are not known; no image is published."""
-        self._contacts.publish(contacts_to_message([], header, reason))
+        self._contacts.publish(withheld_message(header, reason))
+        self._wrench.publish(wrench_to_message(_UNKNOWN, _UNKNOWN, header))
 
     def _show_layout(self, frame_id: str) -> None:
-        self._frame_id = frame_id
+        self.frame_id = frame_id
         header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=frame_id)
+        self._layout_message.publish(layout_to_message(self._layout, self._grid, header))
         self._layout_markers.publish(layout_markers(self._layout, header))
 
     def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:

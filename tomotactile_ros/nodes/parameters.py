@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 
 from tomotactile_ros.errors import InputError
 
+OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
 _TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
 
@@ -34,24 +35,26 @@ class Spec:
     Parameters
     ----------
     name : as in the YAML file.
-    default : its type is the parameter's type; a tuple stands for an array of whole numbers.
+    default : its type is the parameter's type; a tuple stands for an array of `items`.
     description : one line, with the unit.
     low, high : range of a number, ends included.
     choices : the words allowed for a text.
     read_only : cannot be changed while the node runs.
+    items : `int` or `str`, what an array holds.
     path : names a file or a port; cannot be changed while the node runs either, unless it was
         started with `allow_path_changes`: whoever may set parameters could else let the node open
         what he must not open himself.
     """
 
     name: str
-    default: bool | int | float | str | tuple[int, ...]
+    default: bool | int | float | str | tuple[int, ...] | tuple[str, ...]
     description: str
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
     path: bool = False
+    items: type = int
 
     def descriptor(self) -> ParameterDescriptor:
         """What `ros2 param describe` shows."""
@@ -59,7 +62,7 @@ class Spec:
             name=self.name,
             description=self.description,
             read_only=self.read_only,
-            dynamic_typing=isinstance(self.default, (float, tuple)),
+            dynamic_typing=isinstance(self.default, (float, tuple)) or OFF in self.choices,
         )
         if self.choices:
             descriptor.additional_constraints = "one of " + ", ".join(self.choices)
@@ -81,6 +84,8 @@ class Spec:
             return self._convert_array(value)
         if isinstance(self.default, float):
             return self._convert_number(value)
+        if value is False and OFF in self.choices:
+            return OFF
         if self.choices and value not in self.choices:
             raise InputError(
                 f"{self.name}: {reprlib.repr(value)} is none of {', '.join(self.choices)}"
@@ -93,10 +98,10 @@ class Spec:
         self._check_range(value)
         return float(value)
 
-    def _convert_array(self, value: Any) -> tuple[int, ...]:
-        whole = isinstance(value, (list, array)) and all(type(v) is int for v in value)
-        if not whole:
-            raise InputError(f"{self.name}: {reprlib.repr(value)} is not a list of whole numbers")
+    def _convert_array(self, value: Any) -> tuple[int, ...] | tuple[str, ...]:
+        if not isinstance(value, (list, array)) or any(type(v) is not self.items for v in value):
+            kind = "whole numbers" if self.items is int else "texts"
+            raise InputError(f"{self.name}: {reprlib.repr(value)} is not a list of {kind}")
         for v in value:
             self._check_range(v)
         return tuple(value)
@@ -108,6 +113,9 @@ class Spec:
             )
 
 
+HARDWARE_ID = Spec(
+    "hardware_id", "", "Name of the sensor in diagnostics; empty: frame_id", read_only=True
+)
 PATH_CHANGES = Spec(
     ALLOW_PATH_CHANGES, False, "Paths and ports can be changed while the node runs", read_only=True
 )
@@ -162,7 +170,12 @@ class Parameters:
         except InputError as error:
             raise InputError(f"parameter {error}") from None
         if value == ():  # in YAML it sets nothing, and rclpy takes it for one of bytes
-            self._node.set_parameters([Parameter(spec.name, Parameter.Type.INTEGER_ARRAY, [])])
+            kind = (
+                Parameter.Type.INTEGER_ARRAY if spec.items is int else Parameter.Type.STRING_ARRAY
+            )
+            self._node.set_parameters([Parameter(spec.name, kind, [])])
+        if value == OFF and parameter.value is False:
+            self._node.set_parameters([Parameter(spec.name, Parameter.Type.STRING, OFF)])
         return value
 
     def _check_paths(self, changed: set[str]) -> None:

@@ -2,26 +2,29 @@
 
 import threading
 import time
-from collections import deque
 from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layout_ids import is_bare, matches
+from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import check_frame
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames
+from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, SPECS, settings_of
+from tomotactile_ros.nodes.stopping import unless_stopped
+from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 
@@ -46,51 +49,69 @@ class Reconstruction:
         self._lock = threading.Lock()  # guards the pipeline against frames from another thread
         self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None
-        self._recent: deque[Frame] = deque(maxlen=self.parameters["tare_frames"])
         self._active = False
         self._said: set[tuple[str, bool]] = set()
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
+        self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
         if subscribe:
             subscribe_to_frames(node, self.accept, self.refuse, self._watch.incompatible_qos)
-        node.create_service(Trigger, "~/tare", self._tare)
-        self._diagnostics = Diagnostics(node, "reconstruction", topic, self.report)
+        self._taring = Taring(
+            node,
+            lambda: self.parameters.values,
+            self._lock,
+            lambda: self._pipeline if self._active else None,
+            self._watch.complaint,
+        )
+        self._learning = Learning(
+            node, lambda: self.parameters.values, self._use_sensor, lambda: self._outputs.frame_id
+        )
+        self._diagnostics = Diagnostics(node, "reconstruction", self._hardware_id, self.report)
         self.parameters.warn_of_typos()
 
     def configure(self) -> None:
         """Read the layout and prepare the reconstruction."""
         self._layout = load_layout(self.parameters["layout"])
-        pipeline = Pipeline(self._layout, settings_of(self.parameters.values))
+        self._learning.configure(self._layout)
+        pipeline = Pipeline(
+            self._layout, settings_of(self.parameters.values), sensor=self._learning.known
+        )
+        self._taring.restore(pipeline)
         self._use(pipeline, self.parameters.values)
 
     def activate(self) -> None:
         """Begin to process frames."""
         self._watch.restart()
+        self._learning.start()
         self._active = True
 
     def deactivate(self) -> None:
         """Stop processing frames."""
         with self._lock:
             self._active = False
+        self._learning.stop()
 
     def cleanup(self) -> None:
         """Forget layout, pipeline and frames."""
         with self._lock:
             self._layout = self._pipeline = None
-            self._recent.clear()
+            self._taring.forget()
 
     def accept(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Process a frame and publish what comes out, or refuse it with a warning."""
-        with self._lock:
+        with self._lock, unless_stopped(self._node):
             if not self._active:
                 return
             try:
                 self._process(frame, layout_id, header)
             except InputError as error:
                 self.refuse(str(error))
+            except Exception:
+                if self._node.context.ok():  # otherwise a stop came in between
+                    raise
 
     def refuse(self, reason: str) -> None:
         """Count a frame that is not used, and say why."""
@@ -102,20 +123,32 @@ class Reconstruction:
         pipeline = self._pipeline  # another thread may take it away
         if not self._active or pipeline is None:
             return Report(diagnostics.WARN, "not active")
-        figures = {"profile": pipeline.profile, **self._watch.figures()}
+        figures = {
+            "profile": pipeline.profile,
+            **self._watch.figures(),
+            **self._taring.figures(),
+            **self._learning.figures(),
+        }
         complaint = self._watch.complaint()
         if complaint and self._lock.locked():  # a thread of its own makes the images
             complaint = "an image takes seconds: profile or resolution are too much here"
         if complaint:
             self._log.warning(complaint, throttle_duration_sec=_EVERY)
             return Report(diagnostics.ERROR, complaint, figures)
-        troubles = self._watch.troubles()
+        troubles = [
+            *self._watch.troubles(),
+            *self._taring.troubles(),
+            *self._learning.troubles(),
+        ]
         if self._excluded:
             electrodes = ", ".join(map(str, self._excluded))
             text = f"electrodes left out: {electrodes}"
             troubles.append(Trouble(f"excluded {electrodes}", False, text))
         if self._withheld:
             troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
+        if self._bare:
+            text = f"frames name their layout without its hash, it should be {self._layout.id}"
+            troubles.append(Trouble("bare layout", False, text))
         begun = {(trouble.name, trouble.serious) for trouble in troubles}
         for trouble in troubles:
             if (trouble.name, trouble.serious) not in self._said:
@@ -127,23 +160,33 @@ class Reconstruction:
 
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
-        if layout_id != self._layout.id:
+        if not matches(layout_id, self._layout.id):
             raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
         check_frame(frame, self._layout)
-        result = self._pipeline.process(frame.voltages, frame.grounded, frame.drive_voltage)
+        result = self._pipeline.process(
+            frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
+        )
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
+        self._taring.remember(frame)
+        self._learning.offer(frame)
         self._withheld = result.reason
         if result.reason:
             self._outputs.withhold(result.reason, header)
-            return
-        if not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
+        elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
-        self._outputs.publish(result.pressure, result.contacts, header)
-        self._recent.append(frame)
+        else:
+            self._outputs.publish(result.pressure, result.contacts, header)
         self._excluded = result.excluded
+        self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         self._watch.accepted(frame.sequence, now - frame.stamp, time.monotonic() - start)
+
+    def _use_sensor(self, sensor: SensorState) -> None:
+        """Go on with what was learned."""
+        with self._lock:
+            if self._pipeline is not None:
+                self._pipeline.use_sensor(sensor)
 
     def _change(self, changed: set[str], values: dict[str, Any]) -> None:
         if self._pipeline is None:
@@ -158,26 +201,13 @@ class Reconstruction:
         if pipeline is not self._pipeline:
             self._log.info(pipeline.report)
         self._pipeline = pipeline
-        self._recent = deque(self._recent, maxlen=values["tare_frames"])
         self._outputs.configure(self._layout, pipeline.grid, values)
 
-    def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            frames = [(frame.voltages, frame.grounded) for frame in self._recent]
-            try:
-                if not self._active:
-                    raise InputError("the reconstruction is not active")
-                if not frames:
-                    raise InputError(self._watch.complaint() or "no frame has arrived yet")
-                self._pipeline.tare(frames)
-            except InputError as error:
-                response.message = str(error)
-            else:
-                response.success = True
-                response.message = f"zero is now the mean of the last {len(frames)} frames"
-        return response
+    def _hardware_id(self) -> str:
+        """Which sensor: as the parameters say, otherwise by the frame of its messages."""
+        return self.parameters["hardware_id"] or self._outputs.frame_id
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(Reconstruction)], args)
+    return run(lambda: [PlainNode(Reconstruction)], args, __doc__, {Reconstruction.name: SPECS})

@@ -1,9 +1,11 @@
 """Node `reconstruction` as a managed node: configure, activate, deactivate, cleanup by services."""
 
-from tomotactile_ros.nodes.life import ManagedNode, run
+from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
 from tomotactile_ros.nodes.reconstruction import Reconstruction
+from tomotactile_ros.nodes.reconstruction_parameters import SPECS
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [ManagedNode(Reconstruction)], args)
+    specs = {Reconstruction.name: (AUTOSTART, *SPECS)}
+    return run(lambda: [ManagedNode(Reconstruction)], args, __doc__, specs)

@@ -3,7 +3,8 @@
 from typing import Any
 
 from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.nodes.parameters import PATH_CHANGES, Spec
+from tomotactile_ros.nodes import learning, tare
+from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
@@ -12,13 +13,14 @@ from tomotactile_ros.sheet import MODELS
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec("frame_id", "", "Frame in all headers; empty: that of the voltage frame", read_only=True),
+    HARDWARE_ID,
     Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
     Spec("deadline", 0.05, "For auto: s, what a frame may take", low=1e-4, high=10.0),
     Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
     Spec(
         "regularization",
         0.0,
-        "lambda_J^2 of eq. 1; 0: chosen from the noise",
+        "lambda_J^2 of the image, eq. 1; contacts do not depend on it; 0: chosen from the noise",
         low=0.0,
         high=1e30,
     ),
@@ -37,7 +39,8 @@ SPECS = (
         "model", "auto", "Of the sheet; auto: the cheapest that the layout allows", choices=MODELS
     ),
     Spec("excluded", (), "Electrodes that are never used", low=0, high=65535),
-    Spec("tare_frames", 16, "Frames that ~/tare averages", low=1, high=1000),
+    *tare.SPECS,
+    *learning.SPECS,
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
     Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
     Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),

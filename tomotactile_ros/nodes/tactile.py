@@ -7,18 +7,21 @@ those of the two nodes.
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from queue import SimpleQueue
 
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
+from tomotactile_ros.nodes.driver import SPECS as DRIVER_SPECS
 from tomotactile_ros.nodes.driver import Driver
-from tomotactile_ros.nodes.life import PlainNode, run
+from tomotactile_ros.nodes.life import ManagedNode, PlainNode, run
 from tomotactile_ros.nodes.reconstruction import Reconstruction
+from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
+PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
 
 class DirectReconstruction(Reconstruction):
@@ -45,6 +48,8 @@ class DirectReconstruction(Reconstruction):
 
     def hand_over(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Leave a frame to be processed next; those that still wait are dropped."""
+        if not self._active:
+            return
         self._queue.put((frame, layout_id, header))
 
     def _work(self) -> None:
@@ -56,15 +61,16 @@ class DirectReconstruction(Reconstruction):
                 return
             try:
                 self.accept(*item)
-            except Exception as error:  # noqa: BLE001 - publishing fails while ROS shuts down
-                self._log.error(f"{type(error).__name__}: {error}", throttle_duration_sec=5.0)
+            except Exception as error:  # noqa: BLE001 - a defect must not end the thread
+                if self._node.context.ok():  # otherwise ROS shuts down and nothing can be published
+                    self._log.error(f"{type(error).__name__}: {error}", throttle_duration_sec=5.0)
 
 
-def make_nodes() -> Iterator[Node]:
-    """Both nodes, connected."""
-    reconstruction = PlainNode(DirectReconstruction)
+def make_nodes(make: Callable[..., PlainNode | ManagedNode] = PlainNode) -> Iterator[Node]:
+    """Both nodes of one sensor, connected; `make` makes each of what it does."""
+    reconstruction = make(DirectReconstruction)
     yield reconstruction
-    driver = PlainNode(Driver)
+    driver = make(Driver)
     driver.part.listeners.append(reconstruction.part.hand_over)
     yield driver
 
@@ -72,4 +78,4 @@ def make_nodes() -> Iterator[Node]:
 def main(args: list[str] | None = None) -> int:
     """Run both nodes."""
     sys.setswitchinterval(PATIENCE)
-    return run(make_nodes, args)
+    return run(make_nodes, args, __doc__, PARAMETERS)

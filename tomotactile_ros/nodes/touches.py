@@ -7,8 +7,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.msg import ContactArray
-from tomotactile_ros.nodes.conversions import message_to_touches
+from tomotactile_ros.nodes.contact_messages import message_to_touches
 from tomotactile_ros.touches import Touch
 
 _PATIENCE = 5.0  # s between two complaints
@@ -26,10 +27,12 @@ class TouchListener:
 
     def __init__(self, node: Node, frame_id: str, press: Callable[[list[Touch]], list[str]]):
         self._node, self._frame_id, self._press = node, frame_id, press
+        self._layout: Layout | None = None
         self._subscription: Subscription | None = None
 
-    def listen(self, wanted: bool) -> None:
-        """Listen from now on, or no longer."""
+    def listen(self, wanted: bool, layout: Layout | None = None) -> None:
+        """Listen from now on for touches of the sheet of a layout, or no longer."""
+        self._layout = layout
         if wanted == (self._subscription is not None):
             return
         if not wanted:
@@ -49,7 +52,7 @@ class TouchListener:
         if frame_id not in ("", self._frame_id):
             complaints = [f"touches: in frame '{frame_id}', the sensor's is '{self._frame_id}'"]
         else:
-            complaints = self._press(message_to_touches(message))
+            complaints = self._press(message_to_touches(message, self._layout))
         if complaints:
             more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
             self._node.get_logger().warning(

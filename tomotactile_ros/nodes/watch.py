@@ -10,7 +10,8 @@ from tomotactile_ros.devices.health import Recent, Trouble
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
 _RESTART = 2**16
-_SOME = 0.01  # of the frames
+_SOME, _MANY = 0.01, 0.1  # of the frames
+_WINDOW = 10  # s
 _OLD = 1.0  # s from a frame's stamp to its image
 _PATIENCE = 2.0  # s without a frame before it is said
 
@@ -35,9 +36,9 @@ class FrameWatch:
 
     def restart(self) -> None:
         """Begin to wait anew."""
-        self._since = time.monotonic()
+        self._since = self._begun = time.monotonic()
         self._refusal = self._incompatible = ""
-        self._recent = Recent(3)  # frames processed, missed, refused
+        self._recent = Recent(3, _WINDOW)  # frames processed, missed, refused
 
     def accepted(self, sequence: int, latency: float, duration: float) -> None:
         """Note a processed frame: s from its stamp to its image, s of work."""
@@ -73,9 +74,13 @@ class FrameWatch:
             share = 100 * refused / (processed + refused)
             text = f"{share:.0f} % of the frames are refused: {self._refusal}"
             found.append(Trouble("refused", share > 50, text))
-        if missed > 0.5 * (processed + missed):
+        if missed > _MANY * (processed + missed):
             share = 100 * missed / (processed + missed)
-            text = f"{share:.0f} % of the frames are missed: images or network are too slow"
+            text = (
+                f"{share:.0f} % of the frames are missed, {processed / self._span():.3g} of "
+                f"{(processed + missed) / self._span():.3g} images/s are made: images or network "
+                "are too slow"
+            )
             found.append(Trouble("missed", False, text))
         age = float(np.median(self._latencies)) if self._latencies else 0.0
         if age > _OLD:
@@ -85,16 +90,23 @@ class FrameWatch:
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""
+        processed, missed, _ = self._recent.sums()
         figures = {
             "frames_processed": self.processed,
             "frames_refused": self.refused,
             "frames_missed": self.missed,
+            "rate_wanted": float(processed + missed) / self._span(),
+            "rate_reached": float(processed) / self._span(),
         }
         for name, values in (("latency", self._latencies), ("processing", self._durations)):
             if values:
                 p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
                 figures |= {f"{name}_p50_ms": 1e3 * p50, f"{name}_p99_ms": 1e3 * p99}
         return figures
+
+    def _span(self) -> float:
+        """s over which the recent frames were counted."""
+        return min(max(time.monotonic() - self._begun, 1.0), float(_WINDOW))
 
     def complaint(self) -> str:
         """Why there are no frames, or nothing while there are some."""

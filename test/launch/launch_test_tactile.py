@@ -1,4 +1,4 @@
-"""launch/tactile.launch.py, plain and managed: what test_nodes_chain.py checks, under launch."""
+"""launch/tactile.launch.py, plain, managed, in one process: what test_nodes_chain.py checks, under launch."""
 
 import os
 import signal
@@ -7,12 +7,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-import pytest
-
-for package in ("launch", "launch_ros", "launch_testing"):
-    pytest.importorskip(package, reason=f"{package} comes with a full ROS 2")
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path[:0] = [str(folder) for folder in Path(__file__).resolve().parents[:2]]
 
 import launch_testing.actions
 import launch_testing.asserts
@@ -23,33 +18,35 @@ from ros_support import Probe, processes_of
 import launch
 
 
-@pytest.mark.launch_test
-@launch_testing.parametrize("lifecycle", ["false", "true"])
-def generate_test_description(lifecycle):
+@launch_testing.parametrize(
+    "kind", [{}, {"lifecycle": "true"}, {"composed": "true", "lifecycle": "true"}]
+)
+def generate_test_description(kind):
     domain = reserve_domain()
     scene = ros_checks.write_scene(Path(tempfile.mkdtemp()))
-    arguments = {"scene": scene, "namespace": "skin", "lifecycle": lifecycle}
+    arguments = {"scene": scene, "namespace": "skin", "frame_id": "skin_frame", **kind}
     actions = [
         *include("tactile.launch.py", domain, arguments),
         launch_testing.actions.ReadyToTest(),
     ]
-    return launch.LaunchDescription(actions), {"domain": domain}
+    programs = ["tactile"] if "composed" in kind else ["driver", "reconstruction"]
+    return launch.LaunchDescription(actions), {"domain": domain, "programs": programs}
 
 
 class TestWhileRunning(unittest.TestCase):
-    def test_topics_contact_recovery_and_tare(self, domain):
+    def test_topics_contact_recovery_and_tare(self, domain, programs):
         probe = Probe(domain)
         self.addCleanup(probe.close)
-        ros_checks.check_topics(probe, "/skin")
+        ros_checks.check_topics(probe, "/skin", "skin_frame")
         ros_checks.check_contact(probe, "/skin")
-        for name in ("driver", "reconstruction"):
+        for name in programs:
             (victim,) = processes_of(name, domain)
             os.kill(victim, signal.SIGKILL)
             probe.until(
                 lambda name=name, victim=victim: processes_of(name, domain) not in ([], [victim]),
                 f"new {name}",
             )
-            ros_checks.check_topics(probe, "/skin")
+            ros_checks.check_topics(probe, "/skin", "skin_frame")
             ros_checks.check_contact(probe, "/skin")
         ros_checks.check_tare(probe, "/skin")
 

@@ -1,0 +1,68 @@
+"""Starts a program and stops it after a moment, over and over; what does not end well is shown.
+
+    scripts/setup python3 benchmark/start_stop.py reconstruction --times 200
+
+The moment is drawn anew each time, from before the first import to well after the start; the signal
+is SIGINT or SIGTERM, once or twice as under a launch. Ends with status 1 if any run did not end with
+status 0, wrote an error, or took longer than launch waits (5 s).
+"""
+
+import argparse
+import collections
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
+
+PATIENCE = 5.0  # s from SIGINT to launch's SIGTERM
+BAD = ("Traceback", "ERROR", "Fatal", "terminate called", "Exception")
+
+
+def main() -> int:
+    """Run, and print a table of exit statuses."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("program", help="of this package")
+    parser.add_argument("--times", type=int, default=200)
+    parser.add_argument("--longest", type=float, default=5.0, help="s until the signal")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    program = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", options.program)
+    # in the background a shell lets it be ignored, and so would the program while it starts
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    rng = random.Random(options.seed)
+    statuses, durations, bad = collections.Counter(), [], 0
+    for number in range(options.times):
+        wait, kind, twice = (
+            rng.uniform(0.05, options.longest), rng.choice(["INT", "INT", "TERM"]), rng.random() < 0.5
+        )  # fmt: skip
+        process = subprocess.Popen([program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        time.sleep(wait)
+        begin = time.monotonic()
+        process.send_signal(getattr(signal, f"SIG{kind}"))
+        if twice:
+            time.sleep(0.01)
+            process.send_signal(getattr(signal, f"SIG{kind}"))
+        output = process.communicate()[0].decode(errors="replace")
+        durations.append(time.monotonic() - begin)
+        statuses[process.returncode] += 1
+        if process.returncode or any(word in output for word in BAD) or durations[-1] > PATIENCE:
+            bad += 1
+            print(
+                f"{number}: SIG{kind}{' twice' if twice else ''} after {wait:.2f} s, status "
+                f"{process.returncode} after {durations[-1]:.2f} s\n{output}",
+                flush=True,
+            )
+    durations.sort()
+    print(
+        f"{options.times} starts and stops of {options.program}: statuses {dict(statuses)}, {bad} bad; "
+        f"end after {durations[len(durations) // 2]:.2f} s (median), {durations[-1]:.2f} s (longest)"
+    )
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,161 @@
+"""Every launch argument of tactile.launch.py, with a right and with a wrong value; nothing is started."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+for package in ("launch", "launch_ros"):
+    pytest.importorskip(package, reason=f"{package} comes with a full ROS 2")
+
+import yaml
+from launch.actions import ExecuteLocal, LogInfo, OpaqueFunction
+from launch_ros.actions import Node
+from launch_support import FOLDER
+
+from launch import LaunchContext
+
+spec = importlib.util.spec_from_file_location("tactile_launch", FOLDER / "tactile.launch.py")
+tactile = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(tactile)
+
+
+def actions_of(**arguments: str) -> tuple[list, LaunchContext]:
+    """What the launch file would start with these arguments."""
+    context = LaunchContext()
+    context.launch_configurations.update(arguments)
+    *declared, function = tactile.generate_launch_description().entities
+    assert isinstance(function, OpaqueFunction)
+    for argument in declared:
+        argument.execute(context)
+    return tactile.start(context), context
+
+
+@pytest.fixture
+def nodes_of(monkeypatch):
+    """Executable of each node that would be started -> its command line and parameters."""
+    commands = []
+
+    def note(process, context):
+        process.prepare(context)
+        commands.append(process.process_details["cmd"])
+
+    monkeypatch.setattr(ExecuteLocal, "execute", note)
+
+    def nodes_of(**arguments: str) -> dict[str, dict]:
+        del commands[:]
+        actions, context = actions_of(**arguments)
+        for action in actions:
+            if isinstance(action, Node):
+                Node.execute(action, context)  # that of a LifecycleNode would join ROS
+        found = {}
+        for words in commands:
+            parameters = {}
+            for file in (words[i + 1] for i, word in enumerate(words) if word == "--params-file"):
+                for values in yaml.safe_load(Path(file).read_text()).values():
+                    parameters |= values["ros__parameters"]
+            found[words[0].rsplit("/", 1)[-1]] = {"words": words, **parameters}
+        return found
+
+    return nodes_of
+
+
+RIGHT = [
+    ({}, "driver", {"device": "fake", "layout": "equal-8x8"}),
+    ({"namespace": "left"}, "driver", {}),
+    ({"layout": "equal-4x4"}, "reconstruction", {"layout": "equal-4x4"}),
+    ({"scene": "slide"}, "driver", {"scene": "slide"}),
+    ({"device": "serial", "port": "/dev/x"}, "driver", {"device": "serial", "port": "/dev/x"}),
+    (
+        {"device": "replay", "recording": "b", "topic": "/l", "loop": "true"},
+        "driver",
+        {"recording": "b", "topic": "/l", "loop": True},
+    ),
+    ({"rate": "20"}, "driver", {"rate": 20.0}),
+    ({"profile": "accurate"}, "reconstruction", {"profile": "accurate"}),
+    ({"frame_id": "left"}, "driver", {"frame_id": "left"}),
+    ({"frame_id": "left"}, "reconstruction", {"frame_id": "left"}),
+    ({"hardware_id": "no7"}, "reconstruction", {"hardware_id": "no7"}),
+    ({"use_sim_time": "true"}, "driver", {"use_sim_time": True}),
+    ({"use_sim_time": "True"}, "reconstruction", {"use_sim_time": True}),
+    ({"lifecycle": "true"}, "driver_lifecycle", {"autostart": True}),
+    ({"lifecycle": "true", "autostart": "false"}, "reconstruction_lifecycle", {"autostart": False}),
+    ({"composed": "true", "profile": "fast"}, "tactile", {"profile": "fast", "device": "fake"}),
+    ({"composed": "true", "lifecycle": "true"}, "tactile_lifecycle", {"autostart": True}),
+    ({"on_refusal": "ignore"}, "driver", {}),
+]
+
+
+@pytest.mark.parametrize("arguments, program, parameters", RIGHT)
+def test_a_right_value_reaches_its_node(nodes_of, arguments, program, parameters):
+    found = nodes_of(**arguments)
+    assert {key: found[program][key] for key in parameters} == parameters
+
+
+WRONG = [
+    ({"device": "seriel"}, "device:=seriel is none of fake, serial, replay, none"),
+    ({"port": "/dev/x"}, "port:=/dev/x needs device:=serial, it is fake: data would be simulated"),
+    ({"recording": "b"}, "recording:=b needs device:=replay, it is fake: data would be simulated"),
+    ({"topic": "/l"}, "topic:=/l needs device:=replay"),
+    ({"loop": "true"}, "loop:=true needs device:=replay"),
+    ({"device": "serial", "scene": "slide"}, "scene:=slide needs device:=fake, it is serial"),
+    ({"device": "none", "scene": "slide"}, "scene:=slide needs device:=fake, it is none"),
+    ({"device": "none", "rate": "5"}, "rate:=5 is the driver's"),
+    ({"rate": "quick"}, "rate:=quick is no number from 0 on"),
+    ({"rate": "-1"}, "rate:=-1 is no number from 0 on"),
+    ({"device": "replay", "recording": "b", "loop": "yes"}, "loop:=yes is neither true nor false"),
+    ({"use_sim_time": "1"}, "use_sim_time:=1 is neither true nor false"),
+    ({"composed": "maybe"}, "composed:=maybe is neither"),
+    ({"lifecycle": "on"}, "lifecycle:=on is neither"),
+    ({"autostart": "true"}, "autostart:=true needs lifecycle:=true"),
+    ({"viz": "rviz"}, "viz:=rviz is neither"),
+    ({"on_refusal": "retry"}, "on_refusal:=retry is neither stop nor ignore"),
+    ({"params_file": "/none.yaml"}, "params_file:=/none.yaml no such file"),
+]
+
+
+@pytest.mark.parametrize("arguments, complaint", WRONG)
+def test_a_wrong_value_is_refused_in_one_line(arguments, complaint):
+    with pytest.raises(RuntimeError) as error:
+        actions_of(**arguments)
+    assert str(error.value).startswith(complaint)
+    assert "\n" not in str(error.value)
+
+
+def test_every_argument_is_tried_with_a_right_and_a_wrong_value():
+    # what is wrong with these only the node can tell: test_tactile_refusal.py
+    of_the_node = {"layout", "profile", "frame_id", "hardware_id", "namespace"}
+    declared = {a.name for a in tactile.generate_launch_description().get_launch_arguments()}
+    tried = {name for arguments, *_ in RIGHT for name in arguments}
+    assert declared == tried | {"viz", "params_file", "namespace"}  # those in the tests below
+    assert declared - of_the_node <= {name for arguments, _ in WRONG for name in arguments}
+
+
+def test_a_device_named_in_a_parameter_file_counts(nodes_of, tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text("/**/driver: {ros__parameters: {device: serial}}\n")
+    found = nodes_of(params_file=str(file), port="/dev/x")
+    assert (found["driver"]["device"], found["driver"]["port"]) == ("serial", "/dev/x")
+    with pytest.raises(RuntimeError, match="recording:=b needs device:=replay, it is serial"):
+        actions_of(params_file=str(file), recording="b")
+
+
+def test_without_a_device_there_is_the_reconstruction_alone(nodes_of):
+    assert set(nodes_of(device="none", composed="true")) == {"reconstruction"}
+
+
+def test_nodes_are_in_the_namespace_and_keep_their_names(nodes_of):
+    for words in (node["words"] for node in nodes_of(namespace="left").values()):
+        assert "__ns:=/left" in words
+    assert {"__node:=driver"} <= set(nodes_of()["driver"]["words"])
+    assert not any("__node" in word for word in nodes_of(composed="true")["tactile"]["words"])
+
+
+def test_simulated_data_are_announced():
+    def said(**arguments):
+        actions, context = actions_of(**arguments)
+        logs = [a for a in actions if isinstance(a, LogInfo)]
+        return " ".join("".join(s.perform(context) for s in log.msg) for log in logs)
+
+    assert "/left: SIMULATED data" in said(namespace="left", scene="slide")
+    assert said(device="serial", port="/dev/x") == ""

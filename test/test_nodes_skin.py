@@ -1,0 +1,208 @@
+"""Several sensors: in one process, and their contacts as one list in a robot's frame."""
+
+import itertools
+import sys
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import numpy as np
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3, WrenchStamped
+from ros_support import ends_cleanly, ros_arguments
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.msg import Contact, ContactArray
+from tomotactile_ros.nodes.conversions import make_header
+from tomotactile_ros.nodes.life import PlainNode
+from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.skin import SkinPart
+
+POSES = """
+format: tomotactile-poses/1
+frame_id: base_link
+poses:
+  left_link: {xyz: [0.1, 0.0, 0.5]}
+  right_link: {xyz: [0.0, -0.2, 0.5], rpy: [1.5707963267948966, 0.0, 0.0]}
+"""
+
+
+@pytest.fixture
+def poses(tmp_path):
+    file = tmp_path / "poses.yaml"
+    file.write_text(POSES)
+    return file
+
+
+class Sensor:
+    """Publishes the same contact over and over, until it is told to be silent."""
+
+    def __init__(self, probe, name, frame_id, **changes):
+        self._publisher = probe.node.create_publisher(ContactArray, f"/{name}/contacts", 2)
+        self._frame_id, self._changes, self._numbers = frame_id, changes, itertools.count()
+        self._contact = Contact(
+            position=Point(x=0.01, y=0.02),
+            normal=Vector3(z=1.0),
+            tangent=Vector3(x=1.0),
+            velocity=Vector3(y=0.5),
+            force=2.0,
+            id=7,
+        )
+        self.timer = probe.node.create_timer(0.05, self._publish)
+
+    def _publish(self):
+        header = make_header(1000.0 + 0.05 * next(self._numbers), self._frame_id)
+        message = ContactArray(header=header, contacts=[self._contact])
+        for key, value in self._changes.items():
+            setattr(message, key, value)
+        self._publisher.publish(message)
+
+
+def merged(probe, suits):
+    return probe.wait_for(ContactArray, "/skin/contacts", suits)
+
+
+def test_contacts_of_two_sensors_become_one_list_in_the_robots_frame(probe, start, poses):
+    left, right = Sensor(probe, "left", "left_link"), Sensor(probe, "right", "right_link")
+    skin = start("skin", {"sensors": "[left, right]", "poses": poses})
+    both = merged(probe, lambda m: m.state == ContactArray.VALID and len(m.contacts) == 2)
+    assert both.header.frame_id == "base_link" and both.header.stamp.sec >= 1000
+    by_id = {c.id: c for c in both.contacts}
+    assert set(by_id) == {(1 << 24) + 7, (2 << 24) + 7}
+    places = [by_id[k].position for k in sorted(by_id)]
+    np.testing.assert_allclose(
+        [(p.x, p.y, p.z) for p in places], [(0.11, 0.02, 0.5), (0.01, -0.2, 0.52)], atol=1e-12
+    )
+    turned = by_id[max(by_id)]
+    normal, velocity = turned.normal, turned.velocity
+    np.testing.assert_allclose((normal.x, normal.y, normal.z), (0, -1, 0), atol=1e-12)
+    np.testing.assert_allclose((velocity.x, velocity.y, velocity.z), (0, 0, 0.5), atol=1e-12)
+
+    wrench = probe.wait_for(WrenchStamped, "/skin/wrench", lambda m: m.wrench.force.x == 0).wrench
+    force = np.array([wrench.force.x, wrench.force.y, wrench.force.z])
+    np.testing.assert_allclose(force, [0, 2, -2], atol=1e-12)
+    torque = np.array([wrench.torque.x, wrench.torque.y, wrench.torque.z])
+    by_hand = np.cross([0.11, 0.02, 0.5], [0, 0, -2]) + np.cross([0.01, -0.2, 0.52], [0, 2, 0])
+    np.testing.assert_allclose(torque, by_hand, atol=1e-12)
+
+    ros_checks.check_diagnostics(probe, "skin: sensors", DiagnosticStatus.OK, "all sensors")
+    right.timer.cancel()
+    left_only = merged(probe, lambda m: m.state == ContactArray.STALE)
+    assert [c.id >> 24 for c in left_only.contacts] == [1]
+    assert left_only.reason.startswith("right: no contacts for")
+    probe.wait_for(WrenchStamped, "/skin/wrench", lambda m: np.isnan(m.wrench.force.z))
+    left.timer.cancel()
+    merged(probe, lambda m: "left: no contacts" in m.reason and not m.contacts)
+    ros_checks.check_diagnostics(
+        probe, "skin: sensors", DiagnosticStatus.ERROR, "right: no contacts for"
+    )
+    ends_cleanly(skin)
+
+
+def test_a_sensor_whose_contacts_are_withheld_or_nowhere_is_named(probe, start, poses):
+    Sensor(probe, "left", "left_link", state=ContactArray.WITHHELD, reason="torn")
+    Sensor(probe, "right", "elsewhere")
+    start("skin", {"sensors": "[left, right]", "poses": poses})
+    message = merged(probe, lambda m: "elsewhere" in m.reason and "torn" in m.reason)
+    assert message.state == ContactArray.STALE and not message.contacts
+    assert "left: torn" in message.reason and "none of frame 'elsewhere'" in message.reason
+
+
+@pytest.mark.parametrize(
+    "parameters, complaint",
+    [
+        ({}, "sensors: needs 1 to 255 different namespaces"),
+        ({"sensors": "[left, left]", "poses": "POSES"}, "different namespaces"),
+        ({"sensors": "[1, 2]"}, "sensors"),
+        ({"sensors": "[left]", "poses": "none.yaml"}, "none.yaml"),
+        (
+            {"sensors": "[left]", "poses": "POSES", "frame_id": "arm"},
+            "is not that of the skin, arm",
+        ),
+    ],
+)
+def test_a_skin_that_cannot_be_is_refused(domain, poses, parameters, complaint):
+    given = {key: poses if value == "POSES" else value for key, value in parameters.items()}
+    rclpy.init(args=ros_arguments(given), domain_id=domain)
+    try:
+        with pytest.raises(InputError, match=complaint):
+            PlainNode(SkinPart)
+    finally:
+        rclpy.shutdown()
+
+
+def test_without_tf2_and_without_poses_it_says_what_is_missing(domain, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_ros", None)
+    rclpy.init(args=ros_arguments({"sensors": "[left]"}), domain_id=domain)
+    try:
+        with pytest.raises(InputError, match="tf2_ros is not installed here: name a file"):
+            PlainNode(SkinPart)
+    finally:
+        rclpy.shutdown()
+
+
+class StandIn:
+    """The part of tf2_ros that is used: transforms of base_link that are known, by their time."""
+
+    class TransformException(Exception):
+        pass
+
+    def __init__(self):
+        self.known = {}
+        self.TransformListener = lambda buffer, node: (buffer, node)
+
+    def Buffer(self, node):
+        return self
+
+    def lookup_transform(self, target, source, time):
+        if target != "base_link" or source not in self.known:
+            raise self.TransformException(f"{source} does not exist")
+        if time.nanoseconds and time.nanoseconds > 1e9 * self.known[source][0]:
+            raise self.TransformException("extrapolation into the future")
+        transform = TransformStamped(child_frame_id=source)
+        transform.transform.translation.z = self.known[source][1]
+        transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5
+        return transform
+
+
+def test_transforms_are_taken_at_the_stamp_or_the_newest_or_missed(monkeypatch):
+    tf2 = StandIn()
+    monkeypatch.setitem(sys.modules, "tf2_ros", tf2)
+    locate = make_locator(None, "base_link", "")
+    with pytest.raises(InputError, match="no transform from left_link to base_link: left_link"):
+        locate(make_header(5.0, "left_link"))
+    tf2.known["left_link"] = (10.0, 0.5)
+    for stamp in (5.0, 20.0):  # the second is after the newest transform
+        pose = locate(make_header(stamp, "left_link"))
+        np.testing.assert_allclose(pose.positions([0.1, 0.0, 0.0]), [0.0, 0.1, 0.5], atol=1e-12)
+
+
+def test_a_sensors_place_comes_from_tf2(probe, start):
+    tf2_ros = pytest.importorskip("tf2_ros", reason="tf2_ros comes with a full ROS 2")
+    Sensor(probe, "left", "left_link")
+    start("skin", {"sensors": "[left]"})
+    transform = TransformStamped(header=make_header(0.0, "base_link"), child_frame_id="left_link")
+    transform.transform.translation = Vector3(z=0.5)
+    transform.transform.rotation = Quaternion(w=1.0)
+    tf2_ros.StaticTransformBroadcaster(probe.node).sendTransform(transform)
+    (contact,) = merged(probe, lambda m: m.state == ContactArray.VALID).contacts
+    assert contact.position.z == pytest.approx(0.5)
+
+
+def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
+    probe, start, scene, tmp_path
+):
+    file = tmp_path / "two.yaml"
+    file.write_text(
+        f"/left/driver: {{ros__parameters: {{scene: {scene}, frame_id: left_link}}}}\n"
+        "/right/**: {ros__parameters: {layout: equal-4x4, scene: idle, frame_id: right_link}}\n"
+    )
+    sensors = start("sensors", {"sensors": "[left, right]"}, files=[file])
+    ros_checks.check_contact(probe, "/left")
+    idle = probe.wait_for(ContactArray, "/right/contacts")
+    assert (idle.header.frame_id, list(idle.contacts)) == ("right_link", [])
+    ends_cleanly(sensors)
+    refused = start("sensors", {"sensors": "[left, left]"})
+    assert refused.wait() == 2 and "different namespaces" in refused.output

@@ -1,0 +1,101 @@
+"""The tare: kept over a crash, undone, refused while frames are stale, told of in diagnostics."""
+
+import itertools
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+import numpy as np
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros_support import ends_cleanly
+from std_srvs.srv import Trigger
+
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.msg import ContactArray
+from tomotactile_ros.reconstruction.tare_file import Tare
+
+STATUS = "reconstruction: reconstruction"
+
+
+def tare_is(probe, text: str) -> None:
+    """Wait until the diagnostics say so of the tare."""
+    probe.wait_for(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda m: any(
+            v.key == "tare" and text in v.value
+            for s in m.status
+            if s.name == STATUS
+            for v in s.values
+        ),
+    )
+
+
+def pressed(probe, wanted: bool) -> None:
+    probe.wait_for(ContactArray, "/contacts", lambda m: bool(m.contacts) == wanted)
+
+
+def files(tmp_path) -> list:
+    return list((tmp_path / "ros").glob("tomotactile_ros/*.tare.npz"))
+
+
+def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, scene, tmp_path):
+    start("driver", {"scene": scene, "rate": 30})
+    first = start("reconstruction")
+    pressed(probe, True)
+    tare_is(probe, "none")
+    assert probe.call(Trigger, "/reconstruction/tare").success
+    pressed(probe, False)
+    first.kill()
+    second = start("reconstruction")
+    tare_is(probe, "restored")
+    pressed(probe, False)
+    assert "restored from" in second.output
+    answer = probe.call(Trigger, "/reconstruction/untare")
+    assert answer.success and "zero is 0 V again" in answer.message
+    pressed(probe, True)
+    assert files(tmp_path) == []
+    assert "there was no tare" in probe.call(Trigger, "/reconstruction/untare").message
+
+    assert probe.call(Trigger, "/reconstruction/tare").success
+    assert len(files(tmp_path)) == 1
+    ends_cleanly(second)
+    assert files(tmp_path) == []  # a clean end is no crash
+
+
+def test_a_tare_that_cannot_be_used_again_is_told(probe, start, scene, tmp_path):
+    file = tmp_path / "kept.npz"
+    Tare("other#00000000", np.zeros((64, 64)), 16, 0.0, "").save(file)
+    start("driver", {"scene": scene})
+    start("reconstruction", {"tare_file": file})
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.WARN, "restarted without its tare: "
+    )
+    assert probe.call(Trigger, "/reconstruction/tare").success
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.OK, "images are made")
+
+
+def test_a_named_tare_is_kept_from_start_to_start(probe, start, scene, tmp_path):
+    file, layout = tmp_path / "kept.npz", load_layout("equal-8x8")
+    Tare(layout.id, np.full((64, 64), 0.5), 16, 0.0, "another boot").save(file)
+    reconstruction = start("reconstruction", {"tare_file": file})
+    tare_is(probe, "16 frames at 1970-01-01")
+    ends_cleanly(reconstruction)
+    assert file.exists()
+
+
+def test_a_tare_of_stale_frames_is_refused(probe, start, scene):
+    driver = start("driver", {"scene": scene})
+    start("reconstruction")
+    pressed(probe, True)
+    driver.kill()
+    asked = itertools.count()
+
+    def refused():
+        next(asked)
+        answer = probe.call(Trigger, "/reconstruction/tare")
+        return not answer.success and "s old: " in answer.message
+
+    probe.until(refused, "refusal")

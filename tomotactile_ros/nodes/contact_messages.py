@@ -1,0 +1,112 @@
+"""Between contacts and their messages: places on the flat sheet here, positions in space there."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Point32, Vector3, Wrench, WrenchStamped
+from std_msgs.msg import Header
+
+from tomotactile_ros.grid import Grid
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.msg import Contact, ContactArray, SensorLayout
+from tomotactile_ros.reconstruction import ContactEstimate
+from tomotactile_ros.spatial import SpatialContacts
+from tomotactile_ros.touches import Touch
+
+
+def contacts_to_message(
+    contacts: Sequence[ContactEstimate], placed: SpatialContacts, header: Header
+) -> ContactArray:
+    """Contact estimates, strongest first, and where they are."""
+    return ContactArray(
+        header=header,
+        state=ContactArray.VALID,
+        contacts=[_contact(c, placed, i) for i, c in enumerate(contacts)],
+    )
+
+
+def withheld_message(header: Header, reason: str) -> ContactArray:
+    """Contacts that are not known, and why."""
+    return ContactArray(header=header, state=ContactArray.WITHHELD, reason=reason)
+
+
+def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> Contact:
+    position, frame = placed.positions[number], placed.frames[number]
+    return Contact(
+        position=_vector(Point, position),
+        force=float(contact.force),
+        pressure=float(contact.pressure),
+        area=float(contact.area),
+        radius=float(contact.radius),
+        position_covariance=placed.covariances[number].ravel(),
+        force_std=float(contact.force_std),
+        probability=float(contact.probability),
+        id=int(contact.id),
+        age=float(contact.age),
+        velocity=_vector(Vector3, placed.velocities[number]),
+        normal=_vector(Vector3, frame[:, 2]),
+        tangent=_vector(Vector3, frame[:, 0]),
+    )
+
+
+def message_to_contacts(message: ContactArray, layout: Layout) -> list[ContactEstimate]:
+    """Contact estimates on the flat sheet of a message, in its order; without what only space has."""
+    return [
+        ContactEstimate(
+            float(x),
+            float(y),
+            c.force,
+            c.pressure,
+            c.area,
+            c.radius,
+            force_std=c.force_std,
+            probability=c.probability,
+            id=c.id,
+            age=c.age,
+        )
+        for (x, y), c in zip(_on_sheet(message, layout), message.contacts, strict=True)
+    ]
+
+
+def message_to_touches(message: ContactArray, layout: Layout) -> list[Touch]:
+    """Place on the flat sheet, force and radius of each contact of a message."""
+    return [
+        Touch(float(x), float(y), c.force, c.radius)
+        for (x, y), c in zip(_on_sheet(message, layout), message.contacts, strict=True)
+    ]
+
+
+def _on_sheet(message: ContactArray, layout: Layout) -> np.ndarray:
+    positions = [(c.position.x, c.position.y, c.position.z) for c in message.contacts]
+    return layout.surface.nearest(np.reshape(positions, (-1, 3)), layout.outline.size)
+
+
+def wrench_to_message(force: np.ndarray, torque: np.ndarray, header: Header) -> WrenchStamped:
+    """Force (3,), N, and torque (3,), N m."""
+    wrench = Wrench(force=_vector(Vector3, force), torque=_vector(Vector3, torque))
+    return WrenchStamped(header=header, wrench=wrench)
+
+
+def layout_to_message(layout: Layout, grid: Grid, header: Header) -> SensorLayout:
+    """The cells of an image and the electrodes, in metres."""
+    width, height = grid.cell_size
+    x, y = grid.centres[0]
+    return SensorLayout(
+        header=header,
+        layout_id=layout.id,
+        surface=layout.surface.kind,
+        height=grid.height,
+        width=grid.width,
+        cell_width=width,
+        cell_height=height,
+        first_x=float(x),
+        first_y=float(y),
+        cells=[_vector(Point32, place) for place in layout.surface.to_3d(grid.centres)],
+        electrodes=[_vector(Point32, place) for place in layout.surface.to_3d(layout.positions)],
+        electrode_radius=float(layout.radius),
+    )
+
+
+def _vector(kind: type, values: np.ndarray):
+    x, y, z = values.tolist()
+    return kind(x=x, y=y, z=z)

@@ -1,0 +1,69 @@
+"""Where a sensor is: from tf2 where it is installed, or from a file of fixed poses."""
+
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.skin import load_poses
+from tomotactile_ros.spatial import Pose
+
+Locate = Callable[[Header], Pose]
+
+
+def make_locator(node: Node, frame_id: str, file: str) -> Locate:
+    """What says where the frame of a header is in `frame_id`; it raises InputError if it is not known.
+
+    Parameters
+    ----------
+    node : listens to transforms.
+    frame_id : of the skin.
+    file : of fixed poses; empty for tf2.
+    """
+    if file:
+        return _fixed(load_poses(file, frame_id), frame_id)
+    try:
+        from tf2_ros import Buffer, TransformException, TransformListener
+    except ImportError:
+        raise InputError(
+            "poses: tf2_ros is not installed here: name a file of poses, or install it"
+        ) from None
+    buffer = Buffer(node=node)
+    listener = TransformListener(buffer, node)
+
+    def locate(header: Header) -> Pose:
+        source = header.frame_id
+        try:
+            try:
+                found = buffer.lookup_transform(frame_id, source, Time.from_msg(header.stamp))
+            except TransformException:  # newer than the last transform: that one, then
+                found = buffer.lookup_transform(frame_id, source, Time())
+        except TransformException as error:
+            raise InputError(f"no transform from {source} to {frame_id}: {error}") from None
+        return _pose(found.transform)
+
+    locate.listener = listener  # lives as long as what it serves
+    return locate
+
+
+def _fixed(poses, frame_id: str) -> Locate:
+    here = Pose(np.zeros(3), Rotation.identity())
+
+    def locate(header: Header) -> Pose:
+        if header.frame_id == frame_id:
+            return here
+        if header.frame_id not in poses:
+            known = ", ".join(poses) or "none"
+            raise InputError(f"poses: none of frame '{header.frame_id}', only of {known}")
+        return poses[header.frame_id]
+
+    return locate
+
+
+def _pose(transform) -> Pose:
+    t, r = transform.translation, transform.rotation
+    return Pose(np.array([t.x, t.y, t.z]), Rotation.from_quat([r.x, r.y, r.z, r.w]))

@@ -1,0 +1,61 @@
+"""Several sensors in one process: driver and reconstruction of each, in a namespace of its own.
+
+    ros2 run tomotactile_ros sensors --ros-args -p sensors:="[left, right]" --params-file two.yaml
+
+The node `sensors` only holds the list. Frames go from driver to reconstruction without DDS, as in
+`tactile`. Parameters are those of /left/driver, /left/reconstruction and so on.
+"""
+
+import sys
+from collections.abc import Iterator
+
+from rclpy.node import Node
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.nodes.life import PlainNode, run
+from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.tactile import PATIENCE, make_nodes
+
+SPECS = (
+    Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
+)
+
+
+class Sensors:
+    """Holds the list of the sensors."""
+
+    name = "sensors"
+
+    def __init__(self, node: Node):
+        self._node = node
+        self.parameters = Parameters(node, SPECS, lambda changed, values: None)
+
+    def configure(self) -> None:
+        """Refuse a list that cannot be."""
+        names = self.namespaces()
+        if not names or len(set(names)) < len(names):
+            raise InputError("sensors: needs different namespaces, e.g. [left, right]")
+
+    def activate(self) -> None:
+        """Nothing to do."""
+
+    deactivate = cleanup = activate
+
+    def namespaces(self) -> list[str]:
+        """Full namespaces, below that of this node."""
+        own = self._node.get_namespace().rstrip("/")
+        return [n if n.startswith("/") else f"{own}/{n}" for n in self.parameters["sensors"]]
+
+
+def make_all() -> Iterator[Node]:
+    """The list, then both nodes of each sensor."""
+    sensors = PlainNode(Sensors)
+    yield sensors
+    for namespace in sensors.part.namespaces():
+        yield from make_nodes(lambda part, ns=namespace: PlainNode(part, namespace=ns))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run all nodes."""
+    sys.setswitchinterval(PATIENCE)
+    return run(make_all, args, __doc__, {Sensors.name: SPECS})

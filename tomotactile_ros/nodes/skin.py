@@ -1,0 +1,180 @@
+"""Node `skin`: contacts of several sensors as one list, and their wrench, in a robot's frame.
+
+It publishes with every message of a sensor, and goes on to say who is silent when none come.
+"""
+
+import time
+from copy import copy
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3, WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Header
+
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.msg import Contact, ContactArray
+from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.contact_messages import wrench_to_message
+from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
+from tomotactile_ros.nodes.life import PlainNode, run
+from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.stopping import unless_stopped
+from tomotactile_ros.skin import Skin
+from tomotactile_ros.spatial import Pose, wrench_of
+
+SPECS = (
+    Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
+    Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True),
+    Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
+    Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
+)
+MOST = 255  # sensors: the number of one is in the ids of its contacts
+_ID_BITS = 24
+_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+_HEARING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class SkinPart:
+    """What the skin does."""
+
+    name = "skin"
+
+    def __init__(self, node: Node):
+        self._node, self._log = node, node.get_logger()
+        self.parameters = Parameters(node, SPECS, self._change)
+        self._skin = Skin((), 1.0)
+        self._locate = None
+        self._active = False
+        self._published = 0.0
+        overrides = QoSOverridingOptions.with_default_policies()
+        self._contacts = node.create_publisher(
+            ContactArray, "~/contacts", _QOS, qos_overriding_options=overrides
+        )
+        self._wrench = node.create_publisher(
+            WrenchStamped, "~/wrench", _QOS, qos_overriding_options=overrides
+        )
+        frame_id = self.parameters["frame_id"]
+        self._diagnostics = Diagnostics(node, "sensors", lambda: frame_id, self.report)
+        self.parameters.warn_of_typos()
+
+    def configure(self) -> None:
+        """Listen to the sensors."""
+        values = self.parameters
+        names = values["sensors"]
+        if not 1 <= len(names) <= MOST or len(set(names)) < len(names):
+            raise InputError(f"sensors: needs 1 to {MOST} different namespaces, e.g. [left, right]")
+        self._skin = Skin(names, values["timeout"])
+        self._locate = make_locator(self._node, values["frame_id"], values["poses"])
+        for name in names:
+            self._listen(name)
+
+    def activate(self) -> None:
+        """Begin to publish."""
+        self._active = True
+        self._node.create_timer(0.1, self._go_on)
+
+    def deactivate(self) -> None:
+        """Publish nothing any more."""
+        self._active = False
+
+    def cleanup(self) -> None:
+        """Nothing is left to do."""
+
+    def report(self) -> Report:
+        """Which sensors are silent, for /diagnostics."""
+        problems = self._skin.problems(time.monotonic())
+        figures = {"sensors": len(self._skin.members), "silent": len(problems)}
+        if problems:
+            return Report(diagnostics.ERROR, _reason(problems), figures)
+        return Report(diagnostics.OK, "all sensors are felt", figures)
+
+    def _listen(self, name: str) -> None:
+        self._node.create_subscription(
+            ContactArray,
+            f"{name.rstrip('/')}/contacts",
+            lambda message: self._on_contacts(name, message),
+            _HEARING,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def _on_contacts(self, name: str, message: ContactArray) -> None:
+        member = self._skin.members[name]
+        member.arrival, member.contacts = time.monotonic(), []
+        member.complaint = "" if message.state == ContactArray.VALID else message.reason
+        try:
+            member.contacts = moved(message.contacts, self._locate(message.header))
+            member.force, member.torque = wrench_of(
+                [_array(c.position) for c in member.contacts],
+                [_array(c.normal) for c in member.contacts],
+                [c.force for c in member.contacts],
+            )
+        except InputError as error:
+            member.complaint = str(error)
+            self._log.warning(f"{name}: {error}", throttle_duration_sec=5.0)
+        self._publish(message.header.stamp)
+
+    def _go_on(self) -> None:
+        """Say who is silent while nobody sends."""
+        if time.monotonic() - self._published > self._skin.timeout:
+            self._publish(self._node.get_clock().now().to_msg())
+
+    def _publish(self, stamp) -> None:
+        if not self._active:
+            return
+        now = self._published = time.monotonic()
+        header = Header(stamp=stamp, frame_id=self.parameters["frame_id"])
+        problems = self._skin.problems(now)
+        message = ContactArray(header=header, state=ContactArray.VALID)
+        message.contacts = [numbered(c, number) for number, c in self._skin.contacts(now)]
+        message.contacts.sort(key=lambda contact: contact.force, reverse=True)
+        if problems:
+            message.state, message.reason = ContactArray.STALE, _reason(problems)
+        with unless_stopped(self._node):
+            self._contacts.publish(message)
+            self._wrench.publish(wrench_to_message(*self._skin.wrench(now), header))
+
+    def _change(self, changed: set[str], values: dict) -> None:
+        self._skin.timeout = values["timeout"]
+
+
+def moved(contacts: list[Contact], pose: Pose) -> list[Contact]:
+    """The same contacts in another frame; what lies along the surface stays as it is."""
+    if not contacts:
+        return []
+    positions = pose.positions([_array(c.position) for c in contacts])
+    turned = {
+        key: pose.directions([_array(getattr(c, key)) for c in contacts])
+        for key in ("velocity", "normal", "tangent")
+    }
+    result = []
+    for i, contact in enumerate(contacts):
+        other = copy(contact)
+        other.position = Point(**dict(zip("xyz", positions[i].tolist(), strict=True)))
+        for key, vectors in turned.items():
+            setattr(other, key, Vector3(**dict(zip("xyz", vectors[i].tolist(), strict=True))))
+        result.append(other)
+    return result
+
+
+def numbered(contact: Contact, number: int) -> Contact:
+    """The contact with the sensor's number in the upper bits of its id; 0 stays 0."""
+    if contact.id:
+        contact = copy(contact)
+        contact.id = (number + 1) << _ID_BITS | contact.id % (1 << _ID_BITS)
+    return contact
+
+
+def _reason(problems: dict[str, str]) -> str:
+    return "; ".join(f"{name}: {problem}" for name, problem in problems.items())
+
+
+def _array(vector) -> np.ndarray:
+    return np.array([vector.x, vector.y, vector.z])
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(lambda: [PlainNode(SkinPart)], args, __doc__, {SkinPart.name: SPECS})

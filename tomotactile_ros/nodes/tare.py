@@ -1,0 +1,187 @@
+"""The services `~/tare` and `~/untare`, and the file by which a tare survives a crash.
+
+A crash leaves the file behind, and the next start takes the tare from it; a clean end removes it,
+unless the parameter `tare_file` names it: then it is kept. A start that finds a tare which it cannot
+use says so for as long as there is none.
+"""
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.tare_file import Tare, load_tare, this_boot
+
+SPECS = (
+    Spec("tare_frames", 16, "Frames that ~/tare averages", low=1, high=1000),
+    Spec(
+        "tare_file",
+        "",
+        "Keeps the tare from start to start; empty: a crash is survived, no more",
+        read_only=True,
+    ),
+)
+_STALE = 1.0  # s without a frame
+_PERIODS = 3.0  # or times as long as usual from one to the next
+
+
+class Taring:
+    """The tare of a reconstruction node.
+
+    Parameters
+    ----------
+    node : the node.
+    parameters : its parameters, `tare_frames` and `tare_file` among them.
+    lock : guards the pipeline.
+    pipeline : gives the pipeline in use, if the node is active.
+    complaint : gives the reason for which there are no frames, if it is known.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        values: Callable[[], dict],
+        lock: AbstractContextManager,
+        pipeline: Callable[[], Pipeline | None],
+        complaint: Callable[[], str],
+    ):
+        self._log = node.get_logger()
+        self._values, self._lock, self._complaint = values, lock, complaint
+        self._pipeline = pipeline
+        self._named = bool(values()["tare_file"])
+        self._file = Path(values()["tare_file"] or _own_file(node))
+        self._frames: deque[tuple[float, Frame]] = deque(maxlen=values()["tare_frames"])
+        self._tare: Tare | None = None
+        self._lost = ""  # why there is none although there was one
+        self._note = ""  # where it comes from, or why it is not kept
+        node.create_service(Trigger, "~/tare", self._on_tare)
+        node.create_service(Trigger, "~/untare", self._on_untare)
+
+    def remember(self, frame: Frame) -> None:
+        """Keep a frame that was processed."""
+        if self._frames.maxlen != self._values()["tare_frames"]:
+            self._frames = deque(self._frames, maxlen=self._values()["tare_frames"])
+        now = time.monotonic()
+        if self._frames and now - self._frames[-1][0] > self._patience():
+            self._frames.clear()  # what was before a gap is not how the sheet is now
+        self._frames.append((now, frame))
+
+    def restore(self, pipeline: Pipeline) -> None:
+        """Take the tare from the file, if there is one, and say what became of it."""
+        self._tare, self._lost, self._note = None, "", ""
+        if not self._file.exists():
+            return
+        try:
+            found = load_tare(self._file, pipeline.layout.id, pipeline.layout.electrodes)
+            if not self._named and found.boot != this_boot():
+                raise InputError(f"{self._file}: is of before the machine was started")
+        except InputError as error:
+            self._lost = f"restarted without its tare: {error}; tare again, or untare"
+            self._log.warning(self._lost)
+            return
+        pipeline.use_baseline(found.baseline)
+        self._tare, self._note = found, "restored"
+        self._log.info(f"tare of {_clock(found.stamp)} restored from {self._file}")
+
+    def forget(self) -> None:
+        """The clean end: a file that nobody named goes, too."""
+        self._frames.clear()
+        if self._tare is not None and not self._named:
+            self._remove()
+        self._tare = None
+
+    def troubles(self) -> list[Trouble]:
+        """What is wrong with the tare."""
+        text = self._lost or (self._note if self._note != "restored" else "")
+        return [Trouble("tare", False, text)] if text else []
+
+    def figures(self) -> dict[str, str]:
+        """What zero is."""
+        if self._tare is None:
+            return {"tare": "none"}
+        restored = ", restored" if self._note == "restored" else ""
+        return {"tare": f"{self._tare.frames} frames at {_clock(self._tare.stamp)}{restored}"}
+
+    def _on_tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            try:
+                frames = self._fresh()
+                self._pipeline().tare(frames)
+            except InputError as error:
+                response.message = str(error)
+            else:
+                response.success = True
+                response.message = f"zero is now the mean of the last {len(frames)} frames"
+                self._keep(len(frames))
+                response.message += f"; {self._note}" if self._note else ""
+        return response
+
+    def _on_untare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            pipeline = self._pipeline()
+            if pipeline is None:
+                response.message = "the reconstruction is not active"
+                return response
+            there_was = pipeline.baseline is not None
+            pipeline.untare()
+            self._tare, self._lost, self._note = None, "", ""
+            self._remove()
+        response.success = True
+        response.message = "zero is 0 V again" if there_was else "there was no tare"
+        return response
+
+    def _fresh(self) -> list:
+        """The last frames; InputError, with the reason, where they are not of now."""
+        if self._pipeline() is None:
+            raise InputError("the reconstruction is not active")
+        if not self._frames:
+            raise InputError(self._complaint() or "no frame has arrived yet")
+        age = time.monotonic() - self._frames[-1][0]
+        if age > self._patience():
+            reason = self._complaint() or "none has come since"
+            raise InputError(f"the last frame is {age:.1f} s old: {reason}")
+        return [(frame.voltages, frame.grounded) for _, frame in self._frames]
+
+    def _patience(self) -> float:
+        """s after which the last frame is stale."""
+        times = [at for at, _ in self._frames]
+        usual = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
+        return max(_STALE, _PERIODS * usual)
+
+    def _keep(self, frames: int) -> None:
+        pipeline = self._pipeline()
+        self._lost = self._note = ""
+        self._tare = Tare(pipeline.layout.id, pipeline.baseline, frames, time.time(), this_boot())
+        try:
+            self._tare.save(self._file)
+        except InputError as error:
+            self._note = f"the tare would not survive a crash: {error}"
+            self._log.warning(self._note)
+
+    def _remove(self) -> None:
+        try:
+            self._file.unlink(missing_ok=True)
+        except OSError as error:
+            self._log.warning(f"{self._file}: cannot be removed: {error.strerror}")
+
+
+def _own_file(node: Node) -> Path:
+    """A place in ROS's folder that only this node has: its full name and its domain say which."""
+    home = Path(os.environ.get("ROS_HOME") or Path("~/.ros").expanduser())
+    name = node.get_fully_qualified_name().strip("/").replace("/", "-")
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    return home / "tomotactile_ros" / f"{name}-{domain}.tare.npz"
+
+
+def _clock(stamp: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))

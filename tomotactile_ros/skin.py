@@ -1,0 +1,101 @@
+"""Several sensors as one skin: what each felt last, in one frame; who is silent is named.
+
+Times are stamps where they belong to data, and times of arrival (s, monotonic) where it is asked
+who still sends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tomotactile_ros.spatial import Pose
+from tomotactile_ros.yamlio import Reader
+
+FORMAT = "tomotactile-poses/1"
+
+
+@dataclass
+class Member:
+    """One sensor of the skin.
+
+    Attributes
+    ----------
+    arrival : of its last contacts, s; None before the first.
+    complaint : why its contacts are not known; empty where they are.
+    contacts : in the skin's frame, of whatever kind.
+    force, torque : (3,) of these contacts, N and N m, in the skin's frame.
+    """
+
+    arrival: float | None = None
+    complaint: str = ""
+    contacts: list = field(default_factory=list)
+    force: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    torque: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+
+    def problem(self, now: float, timeout: float) -> str:
+        """Why nothing is known of it now, or nothing."""
+        if self.arrival is None:
+            return self.complaint or "no contacts yet"
+        if now - self.arrival > timeout:
+            return f"no contacts for {now - self.arrival:.1f} s"
+        return self.complaint
+
+
+class Skin:
+    """The members of a skin, by name.
+
+    Parameters
+    ----------
+    names : of the sensors, in an order that stays.
+    timeout : s without contacts after which a sensor is silent.
+    """
+
+    def __init__(self, names: Sequence[str], timeout: float):
+        self.members = {name: Member() for name in names}
+        self.timeout = timeout
+
+    def problems(self, now: float) -> dict[str, str]:
+        """Why nothing is known of a sensor, of those for which it is so."""
+        found = {name: m.problem(now, self.timeout) for name, m in self.members.items()}
+        return {name: problem for name, problem in found.items() if problem}
+
+    def contacts(self, now: float) -> list[tuple[int, object]]:
+        """(number of the sensor, contact) of all sensors that are known, sensor by sensor."""
+        problems = self.problems(now)
+        return [
+            (number, contact)
+            for number, (name, member) in enumerate(self.members.items())
+            if name not in problems
+            for contact in member.contacts
+        ]
+
+    def wrench(self, now: float) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of all forces (3,), N, and torques (3,), N m; NaN unless all sensors are known."""
+        if self.problems(now):
+            return np.full(3, np.nan), np.full(3, np.nan)
+        members = self.members.values()
+        return sum(m.force for m in members), sum(m.torque for m in members)
+
+
+def load_poses(path: Path, frame_id: str) -> Mapping[str, Pose]:
+    """Where frames are in `frame_id`, from a file; frame -> pose. InputError for anything else.
+
+    Angles are roll, pitch and yaw about fixed axes, rad, as in URDF.
+    """
+    reader = Reader.open(path, FORMAT)
+    reader.only("format", "frame_id", "poses")
+    if reader.text("frame_id") != frame_id:
+        reader.refuse("frame_id", reader.text("frame_id"), f"is not that of the skin, {frame_id}")
+    poses = reader.section("poses")
+    found = {}
+    for name in poses.mapping:
+        entry = poses.section(name)
+        entry.only("xyz", "rpy")
+        rotation = Rotation.from_euler("xyz", entry.numbers("rpy", 3, (0.0, 0.0, 0.0)))
+        found[name] = Pose(np.array(entry.numbers("xyz", 3)), rotation)
+    return found
