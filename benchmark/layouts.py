@@ -27,7 +27,8 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import scans
-from tomotactile_ros.optimizer.request import Request, processes, start_layout
+from tomotactile_ros.optimizer.request import Request, start_layout
+from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.sheet import make_sheet
 
 COUNTS = (4, 8)
@@ -231,7 +232,7 @@ def times():
         taken.append(time.perf_counter() - start)
     print(f"\nequalize 8 x 8, five updates: {statistics.median(taken):.2f} s", file=sys.stderr)
     start = time.perf_counter()
-    with processes(2) as executor:
+    with Workers(2) as executor:
         list(Request(start_layout(8, 8, SIZE), "free").steps_of(executor))
     print(f"free 8 x 8, two processes: {time.perf_counter() - start:.1f} s", file=sys.stderr)
 

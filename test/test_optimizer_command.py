@@ -1,6 +1,7 @@
 """`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -15,9 +16,11 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
+from tomotactile_ros.optimizer import workers
 from tomotactile_ros.optimizer.equalize import equalize
-from tomotactile_ros.optimizer.request import Request, processes
+from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -42,9 +45,59 @@ def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
 
 def test_an_interrupt_is_for_the_program_alone_and_not_for_its_workers():
     before = signal.getsignal(signal.SIGINT)
-    with processes(2) as pool:
+    with Workers(2) as pool:
         assert pool.submit(signal.getsignal, signal.SIGINT).result() == signal.SIG_IGN
         assert signal.getsignal(signal.SIGINT) == before
+
+
+class Startled(Exception):
+    pass
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_workers_start_is_not_lost_and_leaves_nobody_behind(monkeypatch, number):
+    starting, start = [], workers.ProcessPoolExecutor.submit
+
+    def interrupted(*arguments):
+        starting.append(True)
+        os.kill(os.getpid(), number)
+        future = start(*arguments)
+        starting.pop()
+        return future
+
+    def startle(*_):
+        assert not starting, "in the midst of it"
+        raise Startled
+
+    monkeypatch.setattr(workers.ProcessPoolExecutor, "submit", interrupted)
+    before = signal.signal(number, startle)
+    try:
+        with pytest.raises(Startled), Workers(2) as pool:
+            pool.submit(time.sleep, 1000)
+        assert signal.getsignal(number) == startle
+    finally:
+        signal.signal(number, before)
+    assert not multiprocessing.active_children()
+
+
+def endless():
+    while True:
+        try:
+            while True:
+                time.sleep(0.01)
+        except Exception:  # noqa: S110 - as a callback of a library may swallow it, once
+            pass
+        time.sleep(1000)
+
+
+def test_work_that_is_dropped_ends_even_where_it_swallows_exceptions():
+    with Workers(2) as pool:
+        dropped = pool.submit(endless)
+        assert pool.submit(int).result() == 0
+        assert not dropped.done()
+    assert not multiprocessing.active_children()
+    with pytest.raises(Exception, match=""):
+        dropped.result(0)
 
 
 def test_free_in_processes_improves_the_layout(tmp_path):
@@ -196,10 +249,10 @@ def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monk
 
 def test_the_picture_never_takes_the_place_of_the_layout(tmp_path, capsys):
     out = str(tmp_path / "x.png")
-    for more in ([], ["--report", str(tmp_path / "." / "x.png")]):
+    for more in ([], ["--report", str(tmp_path / "y.png")]):
         command = ["optimize", "--rows", "3", "--cols", "3", "--method", "equalize", *more]
         assert main([*command, "--out", out]) == 2
-        assert "the picture goes there" in capsys.readouterr().err
+        assert "x.png: this file is written as .yaml" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

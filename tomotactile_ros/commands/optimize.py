@@ -10,18 +10,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from tomotactile_ros import checks
+from tomotactile_ros.commands.layout import DEFAULT_SIZE, add_grid, insist_on_usual_size
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS, RESOLUTION
-from tomotactile_ros.files import check_folder
+from tomotactile_ros.files import YAML, check_out, check_picture
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS
-from tomotactile_ros.optimizer.request import METHODS, Request, processes, start_layout
+from tomotactile_ros.optimizer.request import METHODS, Request, start_layout
 from tomotactile_ros.optimizer.step import best_of, finished, ratio
+from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.progress import Progress, track
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 
+_ALIASES = {"paper": "equalize"}
 _RECORDED = (  # options that decide what comes out
     "rows",
     "cols",
@@ -30,6 +33,7 @@ _RECORDED = (  # options that decide what comes out
     "method",
     "radius",
     "sheet_resistance",
+    "unusual_size",
     "steps",
     "regularization",
     "resolution",
@@ -45,15 +49,12 @@ _RECORDED = (  # options that decide what comes out
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("--rows", type=int, help="electrodes along y")
-    parser.add_argument("--cols", type=int, help="electrodes along x")
-    parser.add_argument(
-        "--size", type=float, nargs=2, default=(0.2, 0.2), metavar=("A", "B"), help="sheet, m"
-    )
+    add_grid(parser)
     parser.add_argument("--layout", help="start from this layout instead of an equal grid")
     parser.add_argument(
         "--method",
         choices=(*METHODS, "grounding"),
+        type=lambda name: _ALIASES.get(name, name),
         required=True,
         help="equalize: the paper's; free: least blur; grounding: which electrodes to ground",
     )
@@ -122,12 +123,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     start = _given_layout(args) if args.layout else _grid(args)
     report = args.report or Path(args.out).with_suffix(".png")
-    for path in (args.out, report):
-        check_folder(path)
-    if os.path.realpath(args.out) == os.path.realpath(report):
-        raise InputError(
-            f"--out: {args.out}: the picture goes there; give the layout another name, or --report"
-        )
+    check_out(args.out, *YAML)
+    check_picture(report)
     if args.method == "grounding":
         _choose_grounding(args, start, report)
     else:
@@ -138,6 +135,9 @@ def _move_electrodes(args, start, report):
     from tomotactile_ros.optimizer.report import save_report
 
     request = _request(args, start)
+    if not args.layout and args.size is None:
+        a, b = start.outline.size
+        print(f"tomotactile optimize: no --size, taken as {a:g} m x {b:g} m", file=sys.stderr)
     try:
         history, best = _search(args, request)
     except KeyboardInterrupt:
@@ -146,7 +146,8 @@ def _move_electrodes(args, start, report):
     name = args.name or Path(args.out).stem
     settings = {"command": _command(args)} | request.settings()
     finished(best.layout, name, args.method, settings, history, best).save(args.out)
-    save_report(report, history, best, f"{start.name} -> {name}, method {args.method}")
+    title = f"{start.name} -> {name}, method {args.method}"
+    save_report(report, history, best, title, request.keep_out)
     if len(history) - 1 < request.total:
         print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
     print("\n".join(_summary(history[0], best)))
@@ -154,6 +155,8 @@ def _move_electrodes(args, start, report):
 
 
 def _request(args, start):
+    if args.workers < 1:
+        raise InputError(f"--workers: {args.workers} is not a positive number")
     return Request(
         start,
         args.method,
@@ -172,10 +175,8 @@ def _request(args, start):
 
 def _search(args, request):
     """All steps, and the best; with progress."""
-    if args.workers < 1:
-        raise InputError(f"--workers: {args.workers} is not a positive number")
     several = args.method == "free" and args.workers > 1
-    pool = processes(args.workers) if several else nullcontext()
+    pool = Workers(args.workers) if several else nullcontext()
     with pool as executor, Progress(args.method, request.total) as progress:
         return best_of(
             request.steps_of(executor), lambda step: progress.update(step.iteration, _note(step))
@@ -192,7 +193,10 @@ def _given_layout(args):
 def _grid(args):
     if args.rows is None or args.cols is None:
         raise InputError("--rows and --cols, or --layout, are needed")
-    return start_layout(args.rows, args.cols, args.size, args.radius, args.sheet_resistance)
+    size = args.size or DEFAULT_SIZE
+    layout = start_layout(args.rows, args.cols, size, args.radius, args.sheet_resistance)
+    insist_on_usual_size(args, layout)
+    return layout
 
 
 def _command(args):

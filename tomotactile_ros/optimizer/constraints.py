@@ -96,6 +96,14 @@ class Constraints:
                 f"spacing: {self.spacing:g} m lets electrodes of {radius:g} m radius overlap, "
                 f"it must be above {2 * radius:g} m"
             )
+        for i, region in enumerate(self.keep_out):
+            if not self.outline.overlaps(region.shell[None])[0] > 0:
+                x, y = region.shell.mean(axis=0)
+                xmin, ymin, xmax, ymax = self.outline.bounds
+                raise InputError(
+                    f"keep_out[{i}]: the disc around ({x:g}, {y:g}) m is nowhere on the sheet, which "
+                    f"goes from ({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; the origin is its middle"
+                )
         a, b = self.outline.size
         if 2 * self.margin >= min(a, b):
             raise InputError(

@@ -10,14 +10,38 @@ import numpy as np
 from tomotactile_ros.files import save_figure
 from tomotactile_ros.optimizer.step import Step, ratio
 
+_LEGEND = (
+    "Each cell of a map is a contact that was put there alone. HWHM: half width at half maximum of its "
+    "image. Position error: from the contact to the middle of its image.\n"
+    "Blur: root mean square distance of the image from the contact. Noise gain: noise of an image cell "
+    "over noise of a reading. Worst tenth: mean over the tenth of all contacts with the largest values.\n"
+    "Less is better everywhere. White discs: electrodes, to scale"
+)
+_GROUNDING_LEGEND = (
+    "Left: what a frame costs that grounds fewer electrodes, mean over contacts all over the sheet "
+    "(less is better). Right: the number at an electrode is the smallest scan that still grounds it."
+)
 
-def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, title: str) -> None:
-    """Write a PNG: the start above, the best step below, the history beside them."""
+
+def save_report(
+    path: str | os.PathLike,
+    history: Sequence[Step],
+    best: Step,
+    title: str,
+    keep_out: Sequence[tuple[float, float, float]] = (),
+) -> None:
+    """Write a picture: the start above, the best step below, the history beside them.
+
+    `keep_out` are discs (x, y, radius) without electrode centres, m.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14, 8.2), layout="constrained")
+    a, b = best.layout.outline.size
+    figure = Figure(figsize=(14.5, float(np.clip(8.6 * b / a, 6.6, 9.6))), layout="constrained")
     figure.suptitle(f"{title}\n{_settings(best)}", fontsize=11)
-    axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.8])
+    axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.85])
+    zones = "; hatched: no electrode allowed." if keep_out else "."
+    figure.supxlabel(_LEGEND + zones, fontsize=8.5)
     start = history[0]
     for column, (label, pick) in enumerate(
         (("HWHM", "hwhm_map"), ("position error", "position_error_map"))
@@ -27,9 +51,10 @@ def save_report(path: str | os.PathLike, history: Sequence[Step], best: Step, ti
         for row, (step, values) in enumerate(zip((start, best), maps)):
             when = "before" if row == 0 else f"after (step {best.iteration})"
             mean = np.nanmean(values)
-            image = _map(axes[row, column], step.layout, values, top)
+            image = _map(axes[row, column], step.layout, values, top, keep_out)
+            bar = axes[row, column].inset_axes([1.02, 0.0, 0.04, 1.0])
+            figure.colorbar(image, cax=bar, label=f"{label} / mm")
             axes[row, column].set_title(f"{label} {when}: mean {mean:.1f} mm", fontsize=10)
-        figure.colorbar(image, ax=list(axes[:, column]), label=f"{label} by contact position / mm")
     _history(axes[0, 2], history, best)
     _table(axes[1, 2], start, best)
     save_figure(figure, path)
@@ -43,7 +68,7 @@ def _settings(step):
     )
 
 
-def _map(axes, layout, values, top):
+def _map(axes, layout, values, top, keep_out):
     xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
     image = axes.imshow(
         values, extent=(xmin, xmax, ymin, ymax), origin="upper", cmap="viridis", vmin=0, vmax=top
@@ -51,6 +76,7 @@ def _map(axes, layout, values, top):
     for ring in (layout.outline.shell, *layout.outline.holes):
         axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
     _discs(axes, layout)
+    _zones(axes, keep_out)
     pad = 0.04 * max(xmax - xmin, ymax - ymin)
     axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad), aspect="equal")
     axes.set_xlabel("x / mm")
@@ -67,6 +93,15 @@ def _discs(axes, layout):
     axes.add_collection(PatchCollection(discs, facecolor="white", edgecolor="black", linewidth=0.6))
 
 
+def _zones(axes, keep_out):
+    """Where no electrode may be."""
+    from matplotlib.patches import Circle
+
+    for x, y, radius in keep_out:
+        zone = Circle((1e3 * x, 1e3 * y), 1e3 * radius, fill=False, hatch="///", edgecolor="white")
+        axes.add_patch(zone)
+
+
 def _history(axes, history, best):
     lines = (
         ("mean HWHM", lambda m: m["hwhm"]["mean"], "o-"),
@@ -77,12 +112,13 @@ def _history(axes, history, best):
     steps = [step.iteration for step in history]
     for label, pick, style in lines:
         values = np.array([pick(step.metrics) for step in history])
-        axes.plot(steps, values / values[0], style, label=label, markersize=4)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of a figure that was 0
+            axes.plot(steps, values / values[0], style, label=label, markersize=4)
     axes.axvline(best.iteration, color="0.6", linestyle=":", label="best score")
-    axes.set(xlabel="step", ylabel="relative to the start", title="history")
+    axes.set(ylabel="relative to the start", title="history, step by step")
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
 
 
 def _table(axes, start, best):
@@ -92,8 +128,8 @@ def _table(axes, start, best):
         ("HWHM mean", "hwhm", "mean"),
         ("HWHM worst tenth", "hwhm", "worst_tenth"),
         ("HWHM worst region", "hwhm", "worst_region"),
-        ("position error mean", "position_error", "mean"),
-        ("position error worst tenth", "position_error", "worst_tenth"),
+        ("pos. error mean", "position_error", "mean"),
+        ("pos. error worst tenth", "position_error", "worst_tenth"),
         ("blur mean", "blur", "mean"),
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
@@ -109,11 +145,12 @@ def _table(axes, start, best):
     table = axes.table(
         rows,
         colLabels=["mm", "before", "after", "ratio"],
-        colWidths=[0.62, 0.15, 0.15, 0.13],
+        colWidths=[0.52, 0.16, 0.16, 0.16],
+        cellLoc="right",
         loc="center",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize(8.5)
+    table.set_fontsize(8)
     table.scale(1, 1.5)
 
 
@@ -123,6 +160,7 @@ def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     figure.suptitle(f"{found[0].quality.layout.name}: ground conditions to scan")
+    figure.supxlabel(_GROUNDING_LEGEND, fontsize=8.5)
     axes = figure.subplots(1, 2, width_ratios=[1.4, 1])
     counts = [len(scan.grounded) for scan in found]
     for label, group, key, style in (

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
 
 from tomotactile_ros import checks
 from tomotactile_ros.arrangements import usual_radius
@@ -21,49 +17,10 @@ from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step
-from tomotactile_ros.processes import die_with_parent
 from tomotactile_ros.region import Region, regular_polygon
 
 METHODS = ("equalize", "free")
 _UPDATES = 5  # of equalize
-_ENVIRONMENT = {  # of processes that search
-    "OMP_NUM_THREADS": "1",  # matrices are small
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "MALLOC_MMAP_THRESHOLD_": str(2**25),  # glibc keeps the memory of large temporaries:
-    "MALLOC_TRIM_THRESHOLD_": str(2**30),  # a fifth of the time went into page faults
-}
-
-
-@contextmanager
-def processes(workers: int) -> Iterator[Executor]:
-    """A pool of processes for searches, which end with it, and with this process whatever ends it.
-
-    For the main thread. A worker that a Ctrl-C ends while it starts would leave the pool waiting.
-    """
-    for variable, value in _ENVIRONMENT.items():
-        os.environ.setdefault(variable, value)  # read by new processes when they start
-    before = active_children()
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_end_with, initargs=(os.getpid(),)
-    )
-    interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:  # all start now, and inherit this
-        list(pool.map(int, range(workers)))
-        signal.signal(signal.SIGINT, interrupted)
-        yield pool
-    finally:
-        signal.signal(signal.SIGINT, interrupted)
-        for child in active_children():
-            if child not in before:
-                child.terminate()  # what it still does is not wanted any more
-        pool.shutdown(cancel_futures=True)
-
-
-def _end_with(parent: int) -> None:
-    """In a worker: end when the parent does."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    die_with_parent(parent)
 
 
 def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
