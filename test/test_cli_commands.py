@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.cli import COMMANDS
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -95,7 +97,8 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
         contacts = json.loads(str(file["contacts"]))
     assert len(contacts) == 3
     for contact in contacts[0]:
-        assert set(contact) == {"x", "y", "force", "pressure", "area", "radius"}
+        figures = {"x", "y", "force", "pressure", "area", "radius"}
+        assert set(contact) == figures | {"id", "age", "vx", "vy"}
     assert run("inspect", out).returncode == 0
 
 
@@ -177,9 +180,7 @@ def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
         ({"contact_law": ["a", "b"]}, "contact_law"),
         ({"contact_law": [-1.0, 1.0]}, "contact_law"),
         ({"drive_voltage": [3.3, 3.3]}, "drive_voltage"),
-        ({"truth": "[1, 2]"}, "truth"),
-        ({"truth": "no JSON"}, "truth"),
-        ({"voltages": np.full((1, 16, 16), np.inf)}, "voltages: one is infinite"),
+        ({"voltages": np.full((3, 16, 16), np.inf)}, "voltages: one of frame 0 is infinite"),
         ({"voltages": np.empty((0, 16, 16))}, "voltages"),
         ({"grounded": np.zeros(3, int)}, "grounded"),
         ({"grounded": np.arange(16) + 1}, "grounded"),
@@ -192,6 +193,14 @@ def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said):
     done = run("reconstruct", bad, "--layout", "equal-4x4", "--out", out)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and f"bad.npz: {said}" in done.stderr
+
+
+@pytest.mark.parametrize("truth", ["[1, 2]", "no JSON"])
+def test_a_truth_that_is_none_is_refused(frames, tmp_path, truth):
+    with np.load(frames) as file:
+        np.savez(tmp_path / "bad.npz", **{**file, "truth": truth})
+    with pytest.raises(InputError, match="bad.npz: truth: "):
+        load_frames(tmp_path / "bad.npz")
 
 
 @pytest.mark.parametrize("name", ["zip", "npy", "text", "truth", "contacts"])

@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.scene import load_scene
-from tomotactile_ros.view.colours import OUTSIDE, Overlay, colour, full_scale, palette
+from tomotactile_ros.view.colours import (
+    OUTSIDE,
+    Overlay,
+    SteadyScale,
+    colour,
+    full_scale,
+    palette,
+    round_up,
+)
 from tomotactile_ros.view.contacts import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import save_pressure
@@ -110,13 +118,98 @@ def test_contacts_are_paired_with_the_nearest_truth():
     assert pair([here, there], truth[:1]) == [None, 0]
     lines = contact_lines([here, there], truth[:1])
     assert "nothing is there" in lines[0]
-    assert lines[1].endswith("  off by 10.0 mm, true 1.00 N 10.0 kPa") and len(lines[1]) < 100
+    assert lines[1].endswith("  off by 10.0 mm, true 1.00 N 10.0 kPa")
     assert (
         contact_lines([here], truth)[-1] == "not found: ( +90.0,  +70.0) mm, true 1.00 N 10.0 kPa"
     )
     bare = [{"x": 0.0, "y": 0.07, "force": None, "pressure": None}]
     assert contact_lines([here], bare)[0].endswith("  off by  0.0 mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
+
+
+def test_lines_end_between_words_and_never_within_a_number():
+    truth = [{"x": 0.04, "y": 0.07, "force": 2.5, "pressure": 1e5}]
+    (whole,) = contact_lines([UPPER_RIGHT], truth)
+    for width in range(20, len(whole) + 1):
+        (line,) = contact_lines([UPPER_RIGHT], truth, width=width)
+        assert len(line) <= width and whole.startswith(line)
+        assert not whole[len(line) :] or whole[len(line)] in " ,"
+    assert contact_lines([UPPER_RIGHT], truth, width=79)[0].endswith("true 2.50 N")
+
+
+def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
+    contact = SimpleNamespace(**{**vars(UPPER_RIGHT), "x": 0.0, "y": 0.0})
+    display = Display(LAYOUT, load_scene("experiment-centre"))
+    display.show(Shot(pressed(contact), [contact], scene_time=1.0, rate=15.0, age=0.01))
+    display.save(str(tmp_path / "bare.svg"))
+    assert (
+        capsys.readouterr()
+        .out.splitlines()[0]
+        .endswith("contact 1: (  +0.0,   +0.0) mm  off by  0.0 mm")
+    )
+    lines = picture(pressed(contact), LAYOUT.outline.bounds, 1e4, 80, 20, calibrated=False)
+    assert "100 %" in lines[0] and not any("Pa" in line for line in lines)
+
+
+def test_an_idle_picture_is_dark_and_its_scale_begins_at_nothing(tmp_path):
+    from PIL import Image
+
+    save_pressure(tmp_path / "idle.png", GRID.fill(np.zeros(len(GRID.pixels))), LAYOUT)
+    with Image.open(tmp_path / "idle.png") as figure:
+        pixels = np.array(figure.convert("RGB"), dtype=int)
+    height, width = pixels.shape[:2]
+    middle = pixels[height // 3 : height // 2, width // 3 : width // 2]
+    dark = (abs(middle - palette()[0]) < 3).all(axis=2)
+    assert dark.mean() > 0.9
+
+
+@pytest.mark.parametrize(("rows", "cols", "size"), [(6, 10, (0.3, 0.18)), (3, 9, (0.6, 0.1))])
+def test_the_colour_bar_of_a_wide_sheet_is_as_high_as_its_map(tmp_path, rows, cols, size):
+    from PIL import Image
+
+    wide = equal_grid(rows, cols, size, 0.002, 1e4)
+    grid = Grid.for_outline(wide.outline, 40)
+    values = grid.fill(np.full(len(grid.pixels), 1e4))
+    values[:, : values.shape[1] // 2] = 0.0
+    save_pressure(tmp_path / "wide.png", values, wide)
+    with Image.open(tmp_path / "wide.png") as figure:
+        pixels = np.array(figure.convert("RGB"), dtype=int)
+    violet = (abs(pixels - palette()[0]) < 3).all(axis=2)
+    column = int(violet.sum(axis=0).argmax())
+    map_rows = np.flatnonzero(violet[:, column])
+    middle = abs(pixels - palette()[128]).max(axis=2) < 8  # a colour of the bar alone
+    rows_, columns_ = np.nonzero(middle)
+    assert rows_.mean() == pytest.approx(map_rows.mean(), abs=3)
+    drawn = np.flatnonzero((pixels[:, int(np.median(columns_))] < 250).any(axis=1))
+    assert np.ptp(drawn) == pytest.approx(np.ptp(map_rows), abs=8)  # and its frame
+
+
+def test_electrodes_are_marked_in_the_terminal_picture_where_they_are():
+    grid = equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4)
+    image = np.zeros((20, 40))
+    lines = picture(image, grid.outline.bounds, 1e3, 80, 24, grid.positions)
+    plain = picture(image, grid.outline.bounds, 1e3, 80, 24)
+    changed = [i for i, (one, other) in enumerate(zip(lines, plain)) if one != other]
+    assert changed == [0, 9]
+    light = ";".join(str(c // 2 + 128) for c in palette()[0])
+    assert lines[0].count(f"38;2;{light}") == 3 and lines[9].count(f"48;2;{light}") == 3
+
+
+def test_the_scale_of_a_live_picture_is_steady():
+    assert [round_up(x) for x in (0.0, 1.0, 1.01, 4.9, 5.0, 5.1, 2e3)] == [0, 1, 2, 5, 5, 10, 2e3]
+    scale = SteadyScale(1e3, hold=5.0)
+    assert scale(0.0, 0.0) == 1e3
+    assert scale(3.2e3, 1.0) == 5e3  # grows at once
+    assert [scale(p, t) for p, t in ((4e3, 2.0), (1.2e3, 3.0), (4.9e3, 4.0))] == [5e3] * 3
+    assert [scale(1.2e3, t) for t in (5.0, 6.5, 12.0)] == [5e3, 5e3, 2e3]  # and falls later
+
+
+def test_the_terminal_ends_with_the_picture_that_is_saved(monkeypatch, capsys):
+    display = Display(LAYOUT, load_scene("idle"))
+    for number in range(3):
+        display.show(Shot(np.zeros((8, 8)), [], scene_time=float(number), rate=15.0, age=0.01))
+    display.close()
+    assert capsys.readouterr().out.splitlines()[-1].startswith("  2.00 s")
 
 
 def test_more_contacts_than_lines_leave_room_for_the_picture(monkeypatch):

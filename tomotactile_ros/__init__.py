@@ -1,0 +1,83 @@
+"""Large-area tactile sensing by electrical impedance tomography.
+
+The names that a program usually needs, for ``import tomotactile_ros as tt``:
+
+    layout, scene = tt.load_layout("equal-8x8"), tt.load_scene("default")
+    simulator = tt.Simulator(layout, scene)
+    pipeline = tt.Pipeline(layout, tt.Settings("balanced", contact_law=scene.contact_law))
+    result = pipeline.process(simulator.frame(0.0), simulator.grounded, scene.drive_voltage)
+    tt.plot(result, layout).savefig("pressure.png")
+
+Each is imported when it is first used: this package also holds the generated ROS messages, which
+must load without numpy's relatives.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_MODULES = {
+    "InputError": "errors",
+    "Layout": "layout",
+    "Outline": "outline",
+    "Pipeline": "reconstruction.pipeline",
+    "Request": "optimizer.request",
+    "Result": "reconstruction.settings",
+    "Scene": "scene",
+    "Settings": "reconstruction.settings",
+    "Simulator": "simulation",
+    "best_of": "optimizer.step",
+    "equal_grid": "layout",
+    "load_calibration": "reconstruction.calibration",
+    "load_frames": "frames_file",
+    "load_layout": "layout",
+    "load_scene": "scene",
+    "plot": "view.figure",
+}
+
+__all__ = [
+    "InputError",
+    "Layout",
+    "Outline",
+    "Pipeline",
+    "Request",
+    "Result",
+    "Scene",
+    "Settings",
+    "Simulator",
+    "best_of",
+    "equal_grid",
+    "load_calibration",
+    "load_frames",
+    "load_layout",
+    "load_scene",
+    "plot",
+]
+
+if TYPE_CHECKING:
+    from tomotactile_ros.errors import InputError
+    from tomotactile_ros.frames_file import load_frames
+    from tomotactile_ros.layout import Layout, equal_grid, load_layout
+    from tomotactile_ros.optimizer.request import Request
+    from tomotactile_ros.optimizer.step import best_of
+    from tomotactile_ros.outline import Outline
+    from tomotactile_ros.reconstruction.calibration import load_calibration
+    from tomotactile_ros.reconstruction.pipeline import Pipeline
+    from tomotactile_ros.reconstruction.settings import Result, Settings
+    from tomotactile_ros.scene import Scene, load_scene
+    from tomotactile_ros.simulation import Simulator
+    from tomotactile_ros.view.figure import plot
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command `tomotactile`: everything that the package does, without ROS."""
 
 from __future__ import annotations
@@ -5,18 +6,29 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 
-from tomotactile_ros.command_line import Parser, end_of_pipe, stop_like_ctrl_c
+from tomotactile_ros import __version__
+from tomotactile_ros.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
 from tomotactile_ros.errors import InputError
 
 COMMANDS = (
+    "run",
+    "watch",
+    "record",
+    "tare",
     "simulate",
+    "replay",
+    "conform",
+    "emulate",
     "reconstruct",
-    "evaluate",
+    "calibrate",
+    "learn",
+    "inspect",
     "layout",
     "optimize",
-    "calibrate",
-    "inspect",
+    "evaluate",
     "bench",
 )
 
@@ -27,13 +39,19 @@ def main(argv: list[str] | None = None) -> int:
     # blocks of a hundred unknowns: threads of the linear algebra only wait for each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = Parser(prog="tomotactile", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"tomotactile {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in _wanted(sys.argv[1:] if argv is None else argv):
         module = importlib.import_module(f"tomotactile_ros.commands.{name}")
         command = commands.add_parser(name, help=module.HELP, description=module.HELP)
         module.add_arguments(command)
         command.set_defaults(run=module.run)
+    with suppress(ImportError):
+        import argcomplete
+
+        argcomplete.autocomplete(parser)
     args = parser.parse_args(argv)
+    say_doubts(f"tomotactile {args.command}")
     try:
         stop_like_ctrl_c()
         status = args.run(args) or 0
@@ -50,6 +68,12 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"tomotactile {args.command}: stopped", file=sys.stderr)
         return 130
+
+
+def _wanted(argv: list[str]) -> Sequence[str]:
+    """The command that is named, so that no other has to be imported; all where none is."""
+    words = os.environ["COMP_LINE"].split()[1:] if "COMP_LINE" in os.environ else argv
+    return words[:1] if words and words[0] in COMMANDS else COMMANDS
 
 
 def _one_line(error: Exception) -> str:

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
+import warnings
+from contextlib import suppress
 from typing import NoReturn
+
+from tomotactile_ros.errors import Doubt
+
+
+def positive(text: str) -> float:
+    """Type of an option: a finite number above 0."""
+    with suppress(ValueError):
+        value = float(text)
+        if math.isfinite(value) and value > 0:
+            return value
+    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
 class Parser(argparse.ArgumentParser):
@@ -26,6 +40,19 @@ def stop_like_ctrl_c() -> None:
 def _interrupt(number: int, frame: object) -> None:
     signal.signal(number, signal.SIG_IGN)  # once is enough: the end is not to be interrupted
     raise KeyboardInterrupt
+
+
+def say_doubts(program: str) -> None:
+    """From now on a doubt about the input is one line on stderr; other warnings stay as they are."""
+    usual = warnings.showwarning
+
+    def show(message, category, *where, **more):
+        if issubclass(category, Doubt):
+            print(f"{program}: {message}", file=sys.stderr)
+        else:
+            usual(message, category, *where, **more)
+
+    warnings.showwarning = show
 
 
 def end_of_pipe() -> int:

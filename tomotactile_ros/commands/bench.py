@@ -25,8 +25,9 @@ def add_arguments(parser):
     mode.add_argument(
         "--parts",
         nargs="+",
-        choices=("time", "channels", "sheets", "layouts", "crowd"),
-        help="only these, of the sensor as it is: ghosts, misses, places and forces, every press",
+        choices=("time", "channels", "sheets", "layouts", "crowd", "stability"),
+        help="only these, of the sensor as it is: ghosts, misses, places and forces, every press; or "
+        "every extreme of stability",
     )
     parser.add_argument(
         "--methods",
@@ -87,26 +88,35 @@ def load(path):
 
 def _measure_parts(args):
     """Tables of single parts; the file has the same rows."""
+    from tomotactile_ros.bench import report, stability
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.sensor import tables
     from tomotactile_ros.bench.sensor.run import run
     from tomotactile_ros.bench.sensor.trial import find_methods, profiles
-    from tomotactile_ros.files import check_folder, write_atomic
+    from tomotactile_ros.files import check_out, write_atomic
     from tomotactile_ros.yamlio import plain
 
     use_one_thread()
     out = Path(args.out)
     out.parent.mkdir(parents=True, exist_ok=True)
-    check_folder(out)
+    check_out(out, ".json")
     methods = [profiles, *map(find_methods, args.methods)]
-    found = {}
+    found, extremes = {}, []
     for part in dict.fromkeys(args.parts):
         print(f"{part} ...", file=sys.stderr, flush=True)
-        found[part] = run(part, methods=methods)
+        if part == "stability":
+            extremes = list(stability.run())
+        else:
+            found[part] = run(part, methods=methods)
     content = {"format": "tomotactile-bench-parts/1", "sensor": plain(found)}
+    if extremes:
+        content["stability"] = plain(extremes)
     write_atomic(out, json.dumps(content, indent=1, allow_nan=False).encode())
     width = shutil.get_terminal_size((0, 0)).columns or inf
-    print("\n".join(tables.markdown(found) if args.markdown else tables.text(found, width)))
+    if found:
+        print("\n".join(tables.markdown(found) if args.markdown else tables.text(found, width)))
+    if extremes:
+        print("\n".join(report.stability_lines(extremes, width)))
     print(f"\n{out}", file=sys.stderr)
     return 0
 
@@ -116,14 +126,14 @@ def _measure(args):
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.run import measure, parts
     from tomotactile_ros.bench.store import Store
-    from tomotactile_ros.files import check_folder, write_atomic
+    from tomotactile_ros.files import check_out, write_atomic
     from tomotactile_ros.yamlio import plain
 
     use_one_thread()
     mode = "full" if args.full else "quick"
     out = Path(args.out)
     out.parent.mkdir(parents=True, exist_ok=True)
-    check_folder(out)
+    check_out(out, ".json")
     store = Store(out.with_suffix(f".{mode}.part.json"))
     count = len(parts(mode))
     if store.parts:

@@ -7,13 +7,15 @@ from argparse import ArgumentParser, Namespace
 from tomotactile_ros import checks
 from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import check_folder
+from tomotactile_ros.files import YAML, check_out
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.reconstruction.calibration import (
     fit_contact_law,
     measure_conductance,
     save_calibration,
 )
+from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
+from tomotactile_ros.reconstruction.settings import Settings
 
 HELP = "fit the contact law to presses of known force"
 
@@ -29,16 +31,17 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--out", required=True, help="file to write (.yaml), parameters of the node"
     )
+    parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
 
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
-    check_folder(args.out)
+    check_out(args.out, *YAML)
     forces, conductances, areas = [], [], []
     for press in args.presses:
         path, force = _split(press)
-        recorded = load_recording(path, layout)
+        recorded = load_recording(path, layout, topic=args.topic)
         force = _true_force(path, recorded.truth) if force is None else force
         conductance, area = _measure(path, layout, recorded)
         print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")
@@ -54,10 +57,10 @@ def run(args: Namespace) -> None:
 
 
 def _measure(path, layout, recorded):
+    frames = recorded.voltages, recorded.grounded, recorded.drive_voltage
     with complaints_at(f"{path}: "):
-        return measure_conductance(
-            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage
-        )
+        refuse_mistakes(layout, *frames, Settings().noise)
+        return measure_conductance(layout, *frames)
 
 
 def _split(press):

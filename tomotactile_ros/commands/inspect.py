@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 import zipfile
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
@@ -25,6 +26,9 @@ from tomotactile_ros.scene import load_scene
 from tomotactile_ros.yamlio import read_mapping
 
 HELP = "show what a layout, scene, frames or result file holds"
+_WIDTH = 79  # of a line; longer ones go on in the next, between words
+_LONGEST = 400  # characters of a value
+_PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
 _SHADES = " .:-=+*#%@"
 
@@ -56,7 +60,12 @@ def run(args: Namespace) -> None:
 
 
 def _show(lines):
-    print("\n".join(map(printable, lines)))
+    for line in lines:
+        text = printable(line)
+        if len(text) <= _WIDTH or text.startswith(_PICTURE):
+            print(text)
+        else:
+            print(textwrap.fill(text, _WIDTH, subsequent_indent=" " * 6, break_long_words=False))
 
 
 def _find(name):
@@ -73,6 +82,9 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     a, b = (f"{1e3 * side:g} mm" for side in layout.outline.size)
     pitches = layout.pitches
     yield f"layout {layout.name}: {layout.electrodes} electrodes, {layout.outline.kind}"
+    yield f"  id                {layout.id}"
+    if layout.surface.kind != "flat":
+        yield f"  surface           {layout.surface.kind}"
     yield f"  outline           {a} x {b}, {layout.outline.area * 1e4:.4g} cm2"
     yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
@@ -176,8 +188,9 @@ def _describe_contacts(key, frames):
     last = frames[-1] if frames else []
     yield f"  {key} of the last frame:" if last else f"  {key}: none in the last frame"
     for contact in last:
+        x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f})"
         force = "" if contact["force"] is None else f", {contact['force']:.3g} N"
-        yield f"    ({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm{force}"
+        yield f"    {x_y} mm{force}"
 
 
 def _shade(image):
@@ -188,7 +201,7 @@ def _shade(image):
     small[~np.isfinite(small)] = 0.0
     level = small / (small.max() or 1.0)
     for line in np.clip(level * (len(_SHADES) - 1), 0, len(_SHADES) - 1).round().astype(int):
-        yield "    " + "".join(_SHADES[i] for i in line)
+        yield _PICTURE + "".join(_SHADES[i] for i in line)
 
 
 class _Canvas:
@@ -223,14 +236,26 @@ class _Canvas:
 
     def lines(self):
         for line in self._text:
-            yield "    " + "".join(line)
+            yield _PICTURE + "".join(line)
 
 
 def _short(value):
+    """Text of a value on one line, shortened between words."""
+    return textwrap.shorten(_text(value), _LONGEST, placeholder=" …")
+
+
+def _text(value):
     if hasattr(value, "__dict__"):
         value = vars(value)
     if isinstance(value, dict):
-        return ", ".join(f"{k} {_short(v)}" for k, v in value.items())[:120]
+        return ", ".join(
+            f"{k} ({_text(v)})" if isinstance(v, dict) else f"{k} {_text(v)}"
+            for k, v in value.items()
+        )
     if isinstance(value, list) and any(isinstance(each, dict) for each in value):
-        return "; ".join(map(_short, value))[:120]
-    return str(value)[:120]
+        return "; ".join(map(_text, value))
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_text, value))}]"
+    return str(value)

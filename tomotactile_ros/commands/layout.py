@@ -11,10 +11,11 @@ from tomotactile_ros import checks
 from tomotactile_ros.arrangements import electrode_ring, hexagonal_grid, usual_radius
 from tomotactile_ros.commands.inspect import describe_layout
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_folder
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.files import YAML, check_out
+from tomotactile_ros.layout import Layout, check_usual_size, equal_grid
 
 HELP = "write a layout file: an equal grid, a hexagonal one, or a ring"
+DEFAULT_SIZE = 0.2, 0.2  # m
 _FEW = 4  # rows and columns of the grid up to which electrodes are large
 _OPTIONS = (
     "rows",
@@ -26,20 +27,13 @@ _OPTIONS = (
     "margin",
     "radius",
     "sheet_resistance",
+    "unusual_size",
     "name",
 )
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("--rows", type=int, help="electrodes along y")
-    parser.add_argument("--cols", type=int, help="electrodes along x")
-    parser.add_argument(
-        "--size",
-        type=float,
-        nargs=2,
-        metavar=("A", "B"),
-        help="width and height of the sheet, m (default: 0.2 0.2)",
-    )
+    add_grid(parser)
     parser.add_argument(
         "--hex",
         action="store_true",
@@ -67,7 +61,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     name = args.name or Path(args.out).stem
     layout = _ring(args, name) if args.ring is not None else _grid(args, name)
-    check_folder(args.out)
+    insist_on_usual_size(args, layout)
+    check_out(args.out, *YAML)
     provenance = {
         "algorithm": _algorithm(args),
         "settings": {"command": _command(args)},
@@ -78,12 +73,35 @@ def run(args: Namespace) -> None:
     print(args.out)
 
 
+def add_grid(parser: ArgumentParser) -> None:
+    """Add the options of an equal grid: electrodes, and the sheet's size, which may be unusual."""
+    parser.add_argument("--rows", type=int, help="electrodes along y")
+    parser.add_argument("--cols", type=int, help="electrodes along x")
+    parser.add_argument(
+        "--size",
+        type=float,
+        nargs=2,
+        metavar=("A", "B"),
+        help="width and height of the sheet, m (default: 0.2 0.2)",
+    )
+    parser.add_argument(
+        "--unusual-size", action="store_true", help="the sheet is above 5 m or below 5 mm indeed"
+    )
+
+
+def insist_on_usual_size(args: Namespace, layout: Layout) -> None:
+    """Refuse millimetres unless the option says that the size is meant."""
+    if not args.unusual_size:
+        option = "--circle" if layout.outline.kind == "circle" else "--size"
+        check_usual_size(layout.outline.size, option, "add --unusual-size")
+
+
 def _grid(args: Namespace, name: str) -> Layout:
     if args.circle is not None:
         raise InputError("--circle: only a ring has one, --ring N is missing")
     if args.rows is None or args.cols is None:
         raise InputError("--rows and --cols, or --ring and --circle, are needed")
-    size = args.size or (0.2, 0.2)
+    size = args.size or DEFAULT_SIZE
     radius = _grid_radius(args, size) if args.radius is None else args.radius
     make = hexagonal_grid if args.hex else equal_grid
     return make(args.rows, args.cols, size, radius, args.sheet_resistance, args.margin, name)

@@ -5,18 +5,25 @@ from __future__ import annotations
 import json
 import time
 from argparse import ArgumentParser, Namespace
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import repeat
 
 import numpy as np
 
-from tomotactile_ros.devices.recording import load_recording
+from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
+from tomotactile_ros.devices.recording import open_recording
 from tomotactile_ros.errors import complaints_at
-from tomotactile_ros.files import check_folder
-from tomotactile_ros.frames_file import save_arrays
+from tomotactile_ros.files import check_out
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.learning.file import load_sensor
+from tomotactile_ros.npz_writer import npz_writer
 from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
 from tomotactile_ros.sheet import MODELS
 
@@ -34,16 +41,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--noise", type=float, default=0.001, help="of a reading, V rms")
     parser.add_argument("--contact-radius", type=float, default=0.005, help="typical, m")
+    add_tare_argument(parser)
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
+    parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
     parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
+    parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--deadline", type=float, default=0.05, help="of profile auto, s a frame")
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
-    recorded = load_recording(args.frames, layout, args.drive_voltage)
-    check_folder(args.out)
+    recorded = open_recording(args.frames, layout, args.drive_voltage, args.topic)
+    check_out(args.out, ".npz")
     law = load_calibration(args.calibration) if args.calibration else recorded.contact_law
     settings = Settings(
         args.profile,
@@ -55,40 +65,80 @@ def run(args: Namespace) -> None:
         deadline=args.deadline,
         model=args.model,
     )
-    pipeline = Pipeline(layout, settings)
-    results, latency = [], []
-    for voltages in track(recorded.voltages, "reconstructing frames"):
-        start = time.perf_counter()
-        with complaints_at(f"{args.frames}: "):
-            results.append(pipeline.process(voltages, recorded.grounded, recorded.drive_voltage))
-        latency.append(time.perf_counter() - start)
-    save_results(args.out, results, latency)
-    left_out = sorted({e for result in results for e in result.excluded})
+    with complaints_at(f"{args.frames}: "):
+        refuse_mistakes(
+            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage, args.noise
+        )
+    sensor = load_sensor(args.sensor, layout, args.model) if args.sensor else None
+    pipeline = Pipeline(layout, settings, sensor=sensor)
+    apply_tare(args.tare, pipeline)
+    latency: list[float] = []
+    left_out: dict[int, str] = {}
+    withheld: Counter[str] = Counter()
+    stamps = repeat(None) if recorded.stamps is None else recorded.stamps
+    frames = zip(recorded.voltages, stamps)
+    with results_writer(args.out) as take:
+        for voltages, stamp in track(frames, "reconstructing frames", len(recorded.voltages)):
+            start = time.perf_counter()
+            with complaints_at(f"{args.frames}: "):
+                result = pipeline.process(
+                    voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
+                )
+            latency.append(time.perf_counter() - start)
+            left_out.update(result.faults)
+            withheld.update([result.reason] * bool(result.reason))
+            take(result, latency[-1])
     print(
-        f"{args.out}: {len(results)} frames, {pipeline.report}, "
+        f"{args.out}: {len(latency)} frames, {pipeline.report}, "
         f"{1e3 * np.median(latency):.2f} ms a frame"
-        + (f", electrodes left out: {', '.join(map(str, left_out))}" if left_out else "")
     )
+    for reason, count in withheld.most_common():
+        print(f"{count} frames withheld: {reason}")
+    for electrode, why in sorted(left_out.items()):
+        print(f"electrode {electrode} left out: {why}")
+    if law is None:
+        print("no contact law: places are right, forces are not (see 'tomotactile calibrate')")
 
 
-def save_results(path: str, results: list[Result], latency: list[float]) -> None:
-    """pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s; where
-    contacts of some frame are withheld, reason (N,), empty for the others."""
-    contacts = [[contact_entry(contact) for contact in result.contacts] for result in results]
-    content = {
-        "pressure": np.array([result.pressure for result in results], np.float32),
-        "potential": np.array([result.potential for result in results], np.float32),
-        "contacts": json.dumps(contacts),
-        "latency": np.array(latency),
-    }
-    if any(result.reason for result in results):
-        content["reason"] = np.array([result.reason for result in results])
-    save_arrays(path, content)
+@contextmanager
+def results_writer(path: str) -> Iterator[Callable[[Result, float], None]]:
+    """A function that takes the result of each frame and its latency, s, into a file.
+
+    pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s; where
+    contacts of some frame are withheld, reason (N,), empty for the others. However many frames
+    there are, it takes little memory.
+    """
+    reasons: list[str] = []
+
+    def take(result: Result, latency: float) -> None:
+        writer.append(
+            pressure=np.asarray(result.pressure, np.float32),
+            potential=np.asarray(result.potential, np.float32),
+            latency=latency,
+        )
+        contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
+        writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
+        reasons.append(result.reason)
+
+    with npz_writer(path) as writer:
+        yield take
+        writer.append_text(contacts="]")
+        if any(reasons):
+            writer.put(reason=np.array(reasons))
 
 
 def contact_entry(contact: ContactEstimate) -> dict[str, float]:
-    """What a result file says of a contact; standard deviations (m, N) only where they were estimated."""
+    """What a result file says of a contact.
+
+    Standard deviations (m, N) only where they were estimated; id, age (s) and velocity (m/s) only
+    where contacts are followed.
+    """
     entry = asdict(contact)
+    vx, vy = entry.pop("velocity")
+    if contact.id:
+        entry |= {"vx": vx, "vy": vy}
+    else:
+        del entry["id"], entry["age"]
     covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
     if not np.isfinite(covariance).all():
         del entry["force_std"], entry["probability"]

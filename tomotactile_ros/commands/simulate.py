@@ -8,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_folder
+from tomotactile_ros.files import check_out
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.progress import track
@@ -42,7 +42,7 @@ def run(args: Namespace) -> None:
     if args.rate is not None and not 0 < args.rate < 1e6:
         raise InputError(f"--rate: {args.rate:g} is not between 0 and 1e6 frames per second")
     row_period, rate = _pace(args.row_period, args.rate, layout.electrodes)
-    check_folder(args.out)
+    check_out(args.out, ".npz")
     simulator = Simulator(layout, scene, args.model, row_period=row_period)
     stamps = np.arange(args.frames) / rate
     voltages = np.stack(

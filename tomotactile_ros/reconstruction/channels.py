@@ -37,6 +37,28 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
     return np.count_nonzero(valid, axis=0) < possible / 2
 
 
+def why_left_out(
+    frame: np.ndarray, bad: np.ndarray, excluded: np.ndarray, noise: float
+) -> dict[int, str]:
+    """{electrode: reason} for all electrodes of `bad` (E,), by what a frame (E, E), V, shows of them.
+
+    `excluded` (E,) are those that the settings leave out; `noise` of a reading, V rms.
+    """
+    dead = dead_channels(np.isfinite(frame))
+    stuck = stuck_channels(frame, noise)
+    found = {}
+    for electrode in np.flatnonzero(bad).tolist():
+        if excluded[electrode]:
+            found[electrode] = "excluded by the settings"
+        elif dead[electrode]:
+            found[electrode] = "no valid reading"
+        elif stuck[electrode]:
+            found[electrode] = "its reading never changes"
+        else:
+            found[electrode] = "its readings contradict all others, or its wire is swapped"
+    return found
+
+
 def is_doubtful(
     meter: AdmittanceMeter, frame: np.ndarray, measured: Grounded, noise: float
 ) -> bool:

@@ -9,9 +9,11 @@ have its sum.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from tomotactile_ros.outline import Outline
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.contacts import Blob
 from tomotactile_ros.reconstruction.discs import fit_discs, shares_of
@@ -28,6 +30,7 @@ _SEEN = 0.23  # radius from which on the image tells the size of a contact, in s
 _BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
 _PLACES = 40  # in a wide blob
+_POINTS = 400  # of a disc that is partly off the sheet
 
 
 @dataclass(frozen=True)
@@ -159,9 +162,10 @@ def contacts_and_pressure(blobs, values, found, law, grid):
     pressure = np.zeros(len(values))
     contacts = []
     for blob, strength in zip(blobs, found):
-        area = strength.area
+        area = strength.area * part_on_sheet(strength.position, strength.area, grid.outline)
         force = float(law.pressure(strength.conductance / area)) * area
-        radius = float(np.sqrt((area if strength.is_disc else blob.area) / np.pi))
+        shown_area = strength.area if strength.is_disc else blob.area
+        radius = float(np.sqrt(shown_area / np.pi))
         if strength.is_disc:
             pixels, shape = disc_cells(strength.position, radius, grid)
         else:
@@ -174,6 +178,26 @@ def contacts_and_pressure(blobs, values, found, law, grid):
             ContactEstimate(float(x), float(y), force, float(shown.max()), float(area), radius)
         )
     return sorted(contacts, key=lambda contact: -contact.force), pressure
+
+
+def part_on_sheet(position: np.ndarray, area: float, outline: Outline) -> float:
+    """How much of a disc of `area` (m^2) at `position` (2,), m, is on the sheet: nothing presses beside it."""
+    radius = np.sqrt(area / np.pi)
+    if (
+        outline.is_uniform_rectangle
+        and (np.abs(position) + radius <= np.divide(outline.size, 2)).all()
+    ):
+        return 1.0
+    points = position + radius * _disc_points()
+    return max(float(outline.contains(points).mean()), 1 / _POINTS)
+
+
+@lru_cache(maxsize=1)
+def _disc_points() -> np.ndarray:
+    """(`_POINTS`, 2) points spread evenly over a disc of radius 1, on a sunflower's spiral."""
+    number = np.arange(_POINTS) + 0.5
+    angle = np.pi * (1 + np.sqrt(5)) * number
+    return np.sqrt(number / _POINTS)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def disc_cells(position, radius, grid):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -11,14 +12,17 @@ import numpy as np
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.channels import (
     broken_channels,
     dead_channels,
     is_doubtful,
     is_doubtful_subset,
     swapped_channels,
+    why_left_out,
 )
 from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
 from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure, disc_cells
@@ -31,9 +35,9 @@ from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
 JOINT = "joint"  # the profile whose contacts are fitted to the readings, not read from an image
-_EXPLAINED = (
-    5e-3  # of the readings' sum of squares that an image of wide contacts may leave: 7 % of each
-)
+FEWEST = 9  # electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
+MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
+_NOTHING = 1e-9  # conductance of all contacts times the sheet resistance: a fit that came to nothing
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -43,18 +47,26 @@ class Pipeline:
     Attributes
     ----------
     layout, settings, grid : what it was made for
+    sensor : what was learned of this sensor (`learning.state.SensorState`), or None
     profile : the profile in use
     report : one line for the log
     """
 
-    def __init__(self, layout: Layout, settings: Settings, *, model: Model | None = None):
-        self.layout, self.settings = layout, settings
+    def __init__(
+        self,
+        layout: Layout,
+        settings: Settings,
+        *,
+        model: Model | None = None,
+        sensor: SensorState | None = None,
+    ):
+        self.layout, self.settings, self.sensor = layout, settings, sensor
         if max(settings.excluded, default=0) >= layout.electrodes:
             raise InputError(
                 f"excluded: electrode {max(settings.excluded)} does not exist, "
                 f"{layout.name} has 0 to {layout.electrodes - 1}"
             )
-        _check_memory(layout.electrodes, settings.resolution)
+        _check_size(layout, settings)
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
         self.profile = settings.profile
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
@@ -63,6 +75,11 @@ class Pipeline:
         left = int(np.count_nonzero(~self._excluded))
         if left < 2:
             raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
+        if left < FEWEST and settings.profile != JOINT:
+            raise InputError(
+                f"profile: {settings.profile} needs {FEWEST} electrodes, {layout.name} has {left} in "
+                f"use; {JOINT} takes fewer"
+            )
         self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
@@ -75,7 +92,8 @@ class Pipeline:
         kind = "accurate" if self.profile == JOINT else self.profile
         self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
-        if self.profile == JOINT and settings.regularization is None:
+        self._tracks = Tracks(float(np.median(layout.pitches)))
+        if self.profile == JOINT:
             self._estimator = self._make_estimator()
 
     def _make_estimator(self) -> Estimator:
@@ -87,14 +105,17 @@ class Pipeline:
             radius=settings.contact_radius,
             model=settings.model,
             excluded=settings.excluded,
+            sensor=self.sensor,
         )
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
         keys = ("resolution", "model", "noise")
         same = all(getattr(settings, key) == getattr(self.settings, key) for key in keys)
-        other = Pipeline(self.layout, settings, model=self._model if same else None)
+        model = self._model if same else None
+        other = Pipeline(self.layout, settings, model=model, sensor=self.sensor)
         other._baseline = self._baseline
+        other._tracks = self._tracks
         return other
 
     def tare(self, frames: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -112,12 +133,36 @@ class Pipeline:
         self._baseline = None
         self._forget()
 
+    @property
+    def baseline(self) -> np.ndarray | None:
+        """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None without."""
+        return self._baseline
+
+    def use_baseline(self, baseline: np.ndarray) -> None:
+        """Take up the tare of another pipeline of this layout."""
+        self._baseline = baseline
+        self._forget()
+
+    def use_sensor(self, sensor: SensorState | None) -> None:
+        """Go on with what is known of the sensor by now."""
+        self.sensor = sensor
+        if self._estimator is not None:
+            self._estimator.sensor = sensor
+        self._forget()
+
     def _forget(self) -> None:
         """Start the next frame from scratch."""
         self._make_image.forget()
         self._state.forget()
 
-    def process(self, voltages, grounded, drive_voltage: float) -> Result:
+    def process(
+        self,
+        voltages,
+        grounded,
+        drive_voltage: float,
+        row_period: float = 0.0,
+        stamp: float | None = None,
+    ) -> Result:
         """Reconstruct one frame.
 
         Parameters
@@ -125,23 +170,36 @@ class Pipeline:
         voltages : (L, E) V; NaN where there is no valid reading
         grounded : (L,) grounded electrode of each row, any subset in any order
         drive_voltage : V
+        row_period : s between rows, which are in the order of time; 0: all at once
+        stamp : s, time of the first row; with it contacts are followed from frame to frame
 
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
         if self._estimator is not None:
-            return self._estimated(voltages, grounded, drive_voltage)
-        return self._imaged(voltages, grounded, drive_voltage)
+            result = self._estimated(voltages, grounded, drive_voltage, row_period)
+        else:
+            result = self._imaged(voltages, grounded, drive_voltage)
+        if stamp is not None and not result.reason:
+            last = stamp + row_period * (len(grounded) - 1)
+            followed = self._tracks.follow(result.contacts, last)
+            result.contacts = [
+                replace(contact, id=number, age=age)
+                for contact, (number, age) in zip(result.contacts, followed)
+            ]
+        return result
 
-    def _estimated(self, voltages, grounded, drive_voltage) -> Result:
-        """What the estimator says; wide contacts as the image shows them, if that explains the readings."""
-        estimate = self._estimate(voltages, grounded, drive_voltage)
+    def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
+        """What the estimator says; with a regularization, beside the image of eq. 1."""
+        estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
         if estimate.state != "valid":
             estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
-            return self._wide(voltages, grounded, drive_voltage) or self._withheld(estimate, bad)
+            return self._withheld(
+                estimate.reason, bad, estimate.left_out, estimate.misfit, estimate.state
+            )
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
         pressure = np.zeros(len(self.grid.pixels))
@@ -151,15 +209,19 @@ class Pipeline:
             covered = covered / covered.sum()
             pressure[pixels] += each.force * covered / self.grid.cell_area
             conductance[pixels] += each.conductance * covered
-        typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
-        potential = drive_voltage * np.minimum(conductance * typical, 1.0)
+        level = self.settings.regularization
+        if level is None or idle:
+            typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
+            potential = drive_voltage * np.minimum(conductance * typical, 1.0)
+        else:
+            potential = self._one_step(self._without_baseline(voltages, grounded), bad)
         return Result(
             self.grid.fill(potential),
             self.grid.fill(pressure),
             contacts,
             _numbers(bad),
             idle,
-            0.0,
+            level or 0.0,
             misfit=estimate.misfit,
             faults=estimate.left_out,
         )
@@ -179,29 +241,19 @@ class Pipeline:
         again.left_out.update(dict.fromkeys(_numbers(bad), "its couplings contradict all others"))
         return again
 
-    def _wide(self, voltages, grounded, drive_voltage) -> Result | None:
-        """What the image shows of contacts that no few discs explain; None where it does not explain the readings either."""
-        frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        if measured is None or bad.any() or np.isnan(frame[~np.eye(len(frame), dtype=bool)]).any():
-            return None
-        image = self._make_image(local, measured)
-        if image.exact is None or not (image.exact > 0).any():
-            return None
-        left = frame / drive_voltage - local.meter.sheet.readings(image.exact)
-        np.fill_diagonal(left, 0.0)
-        np.fill_diagonal(frame, 0.0)
-        if (left**2).sum() > _EXPLAINED * ((frame / drive_voltage) ** 2).sum():
-            return None
-        return self._imaged(voltages, grounded, drive_voltage)
-
-    def _estimate(self, voltages, grounded, drive_voltage):
-        frame = ordered(self.layout, voltages, grounded)
-        if self._baseline is not None:
-            frame = frame - self._baseline
+    def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
+        frame = self._without_baseline(voltages, grounded)
+        if self._baseline is not None and self.sensor is not None:
+            frame = frame + self.sensor["offset"]  # expected of readings, and in the baseline
         rows = np.asarray(grounded, int)
-        return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state)
+        return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state, row_period)
 
-    def _withheld(self, estimate, bad) -> Result:
+    def _without_baseline(self, voltages, grounded):
+        """(E, E) ordered frame, V, with the tare taken off."""
+        frame = ordered(self.layout, voltages, grounded)
+        return frame if self._baseline is None else frame - self._baseline
+
+    def _withheld(self, reason, bad, faults, misfit=math.nan, state="withheld") -> Result:
         unknown = self.grid.fill(np.full(len(self.grid.pixels), np.nan))
         return Result(
             unknown,
@@ -210,31 +262,46 @@ class Pipeline:
             _numbers(bad),
             False,
             0.0,
-            state=estimate.state,
-            reason=estimate.reason,
-            misfit=estimate.misfit,
-            faults=estimate.left_out,
+            state=state,
+            reason=reason,
+            misfit=misfit,
+            faults=faults,
         )
 
     def _imaged(self, voltages, grounded, drive_voltage) -> Result:
-        """The image, and contacts from its blobs."""
+        """The image, and contacts from the blobs of the profile's own one.
+
+        A regularization that was given makes the image that is shown, and nothing else: eq. 1 has
+        ripples with a small one and one blob with a large one.
+        """
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
+        faults = why_left_out(frame, bad, self._excluded, self.settings.noise) if bad.any() else {}
+        left = np.count_nonzero(~bad)
+        if left < FEWEST:
+            self._make_image.forget()
+            reason = f"{left} electrodes can be read, profile {self.profile} needs {FEWEST}"
+            return self._withheld(reason, bad, faults)
         if measured is None:
             self._make_image.forget()
-            return self._idle(bad)
+            return self._idle(bad, faults)
         if not np.array_equal(bad, self._left_out):
             self._make_image.forget()
             self._left_out = bad
-        if self.settings.regularization is None:
-            image = self._make_image(local, measured)
+        image = self._make_image(local, measured)
+        if len(image.blobs) > left:
+            self._make_image.forget()
+            reason = f"{len(image.blobs)} contacts are seen, {left} electrodes tell {left} at most"
+            return self._withheld(reason, bad, faults)
+        conducts = sum(each.conductance for each in image.strengths)
+        if image.strengths and conducts * self.layout.sheet_resistance < _NOTHING:
+            self._make_image.forget()
+            return self._withheld("no contacts explain the readings", bad, faults)
+        level = self.settings.regularization
+        if level is None:
             level = local.regularization(local.level(measured))
             potential = drive_voltage * np.minimum(image.values * local.typical_impedance, 1.0)
         else:
-            frame[bad] = np.nan
-            frame[:, bad] = np.nan
-            potential = self._one_step(frame)
-            image = self._make_image.described(local, measured, potential)
-            level = self.settings.regularization
+            potential = self._one_step(frame, bad)
         contacts, pressure = contacts_and_pressure(
             image.blobs, image.values, image.strengths, self.settings.contact_law, self.grid
         )
@@ -245,6 +312,7 @@ class Pipeline:
             _numbers(bad),
             False,
             level,
+            faults=faults,
         )
 
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
@@ -257,8 +325,9 @@ class Pipeline:
                 for each in estimate.contacts
             ]
             return sorted(found, key=lambda strength: -strength.conductance)
-        _, _, local, measured = self._read(voltages, grounded, drive_voltage)
-        found = [] if measured is None else self._make_image(local, measured).strengths
+        _, bad, local, measured = self._read(voltages, grounded, drive_voltage)
+        few = np.count_nonzero(~bad) < FEWEST
+        found = [] if few or measured is None else self._make_image(local, measured).strengths
         return sorted(found, key=lambda strength: -strength.conductance)
 
     def _read(self, voltages, grounded, drive_voltage):
@@ -266,6 +335,8 @@ class Pipeline:
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
+        if self.sensor is not None:
+            frame = self.sensor.corrected(frame, tared=self._baseline is not None)
         bad = self._excluded.copy()
         missing = np.isnan(frame)
         if np.count_nonzero(missing) > len(frame):
@@ -328,14 +399,14 @@ class Pipeline:
             return measured, True
         return measured, is_doubtful_subset(part[scanned], measured, self.settings.noise)
 
-    def _idle(self, bad) -> Result:
+    def _idle(self, bad, faults) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))
-        level = self.settings.regularization
-        return Result(zero, zero.copy(), [], _numbers(bad), True, 0.0 if level is None else level)
+        level = self.settings.regularization or 0.0
+        return Result(zero, zero.copy(), [], _numbers(bad), True, level, faults=faults)
 
-    def _one_step(self, frame):
-        """(K,) image of eq. 1, V, of an ordered frame (E, E)."""
-        valid = np.isfinite(frame)
+    def _one_step(self, frame, bad):
+        """(K,) image of eq. 1, V, of an ordered frame (E, E) without the channels `bad` (E,)."""
+        valid = np.isfinite(frame) & ~bad & ~bad[:, None]
         missing = ~valid
         np.fill_diagonal(missing, False)
         linear = self._linear_for(np.flatnonzero(missing))
@@ -351,10 +422,23 @@ class Pipeline:
         return self._linear[key]
 
 
-def _check_memory(electrodes: int, resolution: int) -> None:
-    """Measured: 18 arrays of electrodes x cells and 100 of electrodes x electrodes."""
-    needed = 8.0 * electrodes * (18.0 * resolution**2 + 100.0 * electrodes)
-    memory.check(needed, f"layout: {electrodes} electrodes at resolution {resolution}")
+def _check_size(layout: Layout, settings: Settings) -> None:
+    """Refuse what takes minutes or more memory than there is, and contacts wider than the sheet.
+
+    Measured: 18 arrays of electrodes x cells and 100 of electrodes x electrodes.
+    """
+    count, resolution = layout.electrodes, settings.resolution
+    if count > MOST_ELECTRODES:
+        raise InputError(
+            f"layout: {layout.name} has {count} electrodes, at most {MOST_ELECTRODES} are reconstructed"
+        )
+    if 2 * settings.contact_radius > max(layout.outline.size):
+        raise InputError(
+            f"contact_radius: {settings.contact_radius:g} m: such a contact is wider than the sheet, "
+            f"{max(layout.outline.size):g} m"
+        )
+    needed = 8.0 * count * (18.0 * resolution**2 + 100.0 * count)
+    memory.check(needed, f"layout: {count} electrodes at resolution {resolution}")
 
 
 def _reported(contact) -> ContactEstimate:
@@ -369,6 +453,7 @@ def _reported(contact) -> ContactEstimate:
         contact.covariance,
         contact.force_std,
         contact.probability,
+        velocity=contact.velocity,
     )
 
 

@@ -27,8 +27,8 @@ class Settings:
         sheet and channels fitted together; 0.1 s to some s a frame), or `auto`: the most accurate of the first
         three that meets the deadline on this machine.
     resolution : image cells along the longer side of the sheet.
-    regularization : lambda_J^2 of Kojima et al. 2023, eq. 1, without unit, 0 to 1e30; None chooses
-        it from the noise.
+    regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0 to
+        1e30; None: the profile's own image. Contacts and pressure do not depend on it.
     noise : of a reading, V rms.
     contact_law : conductance per area against pressure, from calibration.
     contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact is.
@@ -80,6 +80,8 @@ class ContactEstimate:
 
     position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there. NaN where
         nothing was estimated of them.
+    id : of the same contact as long as it lasts, 0 where nobody follows it; age : s since it began; velocity : m/s
+        along x and y of the sheet.
     """
 
     x: float
@@ -91,6 +93,9 @@ class ContactEstimate:
     position_covariance: tuple[float, float, float, float] = (math.nan,) * 4
     force_std: float = math.nan
     probability: float = math.nan
+    id: int = 0
+    age: float = 0.0
+    velocity: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass

@@ -29,7 +29,35 @@ def full_scale(pressure: np.ndarray, fixed: float, least: float) -> float:
 
     An automatic scale never falls below `least`, so that noise alone is not blown up.
     """
-    return fixed if fixed > 0 else max(least, float(np.nanmax(pressure)))
+    return fixed if fixed > 0 else max(least, float(np.nanmax(pressure, initial=0.0)))
+
+
+class SteadyScale:
+    """Full scale of a live picture: 1, 2 or 5 times a power of ten, at least `least`, Pa.
+
+    It grows at once with a higher peak, and falls when peaks have been lower for `hold` s: colours
+    keep their meaning while forces play.
+    """
+
+    def __init__(self, least: float, hold: float = 5.0):
+        self._least, self._hold = least, hold
+        self._scale, self._highest, self._since = least, 0.0, -np.inf
+
+    def __call__(self, peak: float, now: float) -> float:
+        """Scale for an image with this peak (Pa) at the time `now` (s)."""
+        self._highest = max(self._highest, peak)
+        if self._highest > self._scale or now - self._since > self._hold:
+            self._scale = max(self._least, round_up(self._highest))
+            self._highest, self._since = peak, now
+        return self._scale
+
+
+def round_up(value: float) -> float:
+    """The least of 1, 2 and 5 times a power of ten that is not below the value; 0 for none."""
+    if not value > 0:
+        return 0.0
+    power = 10.0 ** np.floor(np.log10(value) + 1e-12)
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9)))
 
 
 def colour(pressure: np.ndarray, scale: float) -> np.ndarray:

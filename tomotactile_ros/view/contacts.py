@@ -17,43 +17,60 @@ def pair(contacts: Sequence, truth: Sequence[dict]) -> list[int | None]:
     return partner
 
 
-def contact_lines(contacts: Sequence, truth: Sequence[dict] | None = None) -> list[str]:
+def contact_lines(
+    contacts: Sequence,
+    truth: Sequence[dict] | None = None,
+    calibrated: bool = True,
+    width: int = 200,
+) -> list[str]:
     """One line for each contact (x, y in m, force in N, pressure in Pa), and each one missed.
 
     Parameters
     ----------
     contacts : strongest first.
     truth : what `Scene.truth` says, or None where it is not known.
+    calibrated : whether a contact law gives forces; without one there are places only.
+    width : characters that fit; what does not is left out, never cut.
     """
-    if truth is None:
-        return [_line(i, c) for i, c in enumerate(contacts, 1)] or ["no contact"]
-    partner = pair(contacts, truth)
-    lines = [
-        _line(i, contact) + ("  nothing is there" if j is None else _compare(contact, truth[j]))
-        for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1)
-    ]
-    lines += [_missed(true) for j, true in enumerate(truth) if j not in partner]
+    partner = pair(contacts, truth or ())
+    lines = []
+    for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1):
+        parts = [f"contact {i}: {_place(contact.x, contact.y)}"]
+        if calibrated:
+            parts += [f"  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
+        if truth is not None:
+            parts += ["  nothing is there"] if j is None else _compare(contact, truth[j])
+        lines.append(fitting(parts, width))
+    for j, true in enumerate(truth or ()):
+        if j not in partner:
+            parts = [f"not found: {_place(true['x'], true['y'])}", *_strength(true)]
+            lines.append(fitting(parts, width))
     return lines or ["no contact"]
 
 
-def _line(number: int, contact) -> str:
-    return (
-        f"contact {number}: ({1e3 * contact.x:+6.1f}, {1e3 * contact.y:+6.1f}) mm  "
-        f"{contact.force:5.2f} N  peak {contact.pressure / 1e3:5.1f} kPa"
-    )
+def fitting(parts: Sequence[str], width: int) -> str:
+    """As many of the parts as fit, the first one cut between words if even that does not."""
+    text = parts[0]
+    while len(text) > width and " " in text:
+        text = text.rpartition(" ")[0]
+    for part in parts[1:]:
+        if len(text + part) > width:
+            break
+        text += part
+    return text
 
 
-def _compare(contact, true: dict) -> str:
+def _place(x: float, y: float) -> str:
+    return f"({1e3 * x:+6.1f}, {1e3 * y:+6.1f}) mm"
+
+
+def _compare(contact, true: dict) -> list[str]:
     distance = np.hypot(contact.x - true["x"], contact.y - true["y"])
-    return f"  off by {1e3 * distance:4.1f} mm{_strength(true)}"
+    return [f"  off by {1e3 * distance:4.1f} mm", *_strength(true)]
 
 
-def _missed(true: dict) -> str:
-    return f"not found: ({1e3 * true['x']:+6.1f}, {1e3 * true['y']:+6.1f}) mm{_strength(true)}"
-
-
-def _strength(true: dict) -> str:
+def _strength(true: dict) -> list[str]:
     """Nothing for a bare conductor."""
     if true["force"] is None:
-        return ""
-    return f", true {true['force']:.2f} N {true['pressure'] / 1e3:.1f} kPa"
+        return []
+    return [f", true {true['force']:.2f} N", f" {true['pressure'] / 1e3:.1f} kPa"]

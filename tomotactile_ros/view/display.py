@@ -12,12 +12,13 @@ import numpy as np
 
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.scene import Scene
-from tomotactile_ros.view.colours import full_scale
-from tomotactile_ros.view.contacts import contact_lines
+from tomotactile_ros.view.colours import SteadyScale, full_scale
+from tomotactile_ros.view.contacts import contact_lines, fitting
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 
 _LEAST_SCALE = 1000.0  # Pa
+_UNCALIBRATED = "no contact law: forces and pressures are not known"
 _PERIOD = {True: 0.1, False: 0.5}  # s between two pictures, and between two plain reports
 
 
@@ -32,6 +33,7 @@ class Shot:
     scene_time : s since the scene began.
     rate : images/s of late.
     age : s from the frame's stamp to now.
+    reason : why contacts are withheld, if they are.
     """
 
     pressure: np.ndarray
@@ -39,6 +41,7 @@ class Shot:
     scene_time: float
     rate: float
     age: float
+    reason: str = ""
 
 
 class Display:
@@ -46,16 +49,31 @@ class Display:
 
     Parameters
     ----------
-    layout, scene : what is measured, and what is really there.
+    layout, scene : what is measured, and what is really there; None where nobody knows.
+    source : what the frames come from, for people; the scene by default.
+    calibrated : whether a contact law gives forces; by default, whether the scene has one. Without
+        it no forces are shown: they would be invented.
     """
 
-    def __init__(self, layout: Layout, scene: Scene):
+    def __init__(
+        self,
+        layout: Layout,
+        scene: Scene | None,
+        source: str = "",
+        calibrated: bool | None = None,
+    ):
         self._layout, self._scene = layout, scene
+        self._source = source or f"scene {scene.name}"
+        self._calibrated = calibrated
+        if calibrated is None:
+            self._calibrated = scene is None or scene.contact_law is not None
+        self._scale = SteadyScale(_LEAST_SCALE)
         self._out = sys.stdout
         self._pictures = _shows_pictures(self._out)
         self._drawn = 0  # lines of the picture on the terminal
         self._next = -np.inf
         self.last: Shot | None = None
+        self._shown: Shot | None = None
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -68,51 +86,74 @@ class Display:
         if now < self._next:
             return
         self._next = now + _PERIOD[self._pictures]
-        if self._pictures:
-            self._draw(shot)
-        else:
-            self._report(shot)
+        self._show(shot)
 
     def save(self, path: str) -> None:
         """Write the last shot as a PNG."""
         last = self.last
-        title = f"{self._scene.name} on {self._layout.name}, {last.scene_time:.2f} s"
+        title = f"{self._source} on {self._layout.name}, {last.scene_time:.2f} s"
         truth = self._truth(last.scene_time)
-        save_pressure(path, last.pressure, self._layout, last.contacts, truth, title)
+        save_pressure(
+            path, last.pressure, self._layout, last.contacts, truth, title, self._calibrated
+        )
         self.say(f"{path} written")
 
     def close(self) -> None:
-        """Leave the terminal as it was."""
+        """Show the last shot, whose picture is saved, and leave the terminal as it was."""
+        if self.last is not None and self.last is not self._shown:
+            self._show(self.last)
         if self._drawn:
             self._out.write("\x1b[?25h")
             self._out.flush()
             self._drawn = 0
 
+    def _show(self, shot: Shot) -> None:
+        self._shown = shot
+        if self._pictures:
+            self._draw(shot)
+        else:
+            self._report(shot)
+
     def _report(self, shot: Shot) -> None:
         for line in self._lines(shot):
             self.say(f"{shot.scene_time:6.2f} s  {line}")
 
-    def _lines(self, shot: Shot) -> list[str]:
-        return contact_lines(shot.contacts, self._truth(shot.scene_time))
+    def _lines(self, shot: Shot, width: int = 200) -> list[str]:
+        if shot.reason:
+            return [fitting([f"contacts are withheld: {shot.reason}"], width)]
+        return contact_lines(shot.contacts, self._truth(shot.scene_time), self._calibrated, width)
 
     def _truth(self, t: float) -> list[dict] | None:
         """What really touches, if the scene alone says it."""
-        return None if self._scene.live else self._scene.truth(t)
+        if self._scene is None or self._scene.live:
+            return None
+        return self._scene.truth(t)
 
     def _draw(self, shot: Shot) -> None:
         room = shutil.get_terminal_size()
-        contacts = self._lines(shot)[: room.lines // 2]
-        scale = full_scale(shot.pressure, 0.0, _LEAST_SCALE)
+        width = room.columns - 1
+        contacts = self._lines(shot, width)[: room.lines // 2]
+        if not self._calibrated:
+            contacts.append(fitting([_UNCALIBRATED], width))
+        peak = full_scale(shot.pressure, 0.0, 0.0)
+        # without a contact law each picture is shown for itself
+        scale = self._scale(peak, time.monotonic()) if self._calibrated else peak or 1.0
         image = picture(
-            shot.pressure, self._layout.outline.bounds, scale, room.columns,
+            shot.pressure,
+            self._layout.outline.bounds,
+            scale,
+            room.columns,
             room.lines - len(contacts) - 3,
-        )  # fmt: skip
-        head = (
-            f"{self._layout.name}: {shot.rate:.1f} images/s, {1e3 * shot.age:.0f} ms old, "
-            f"{shot.scene_time:.2f} s into scene {self._scene.name}"
+            self._layout.positions,
+            self._calibrated,
         )
-        text = [line[: room.columns - 1] for line in [head, *contacts]]
-        self._replace([text[0], *image, *text[1:]])
+        head = [
+            f"{self._layout.name}: {shot.rate:.1f} images/s",
+            f", {1e3 * shot.age:.0f} ms old",
+            f", {shot.scene_time:.2f} s",
+            f", {self._source}",
+        ]
+        self._replace([fitting(head, width), *image, *contacts])
 
     def _replace(self, lines: list[str]) -> None:
         """Write lines over those of the last picture."""

@@ -1,17 +1,59 @@
-"""A pressure image as a PNG file with axes in mm, a colour bar in kPa and the contacts marked."""
+"""A pressure image as a figure with axes in mm, a colour bar in kPa and the contacts marked."""
 
+from __future__ import annotations
+
+import io
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import save_figure
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.view.contacts import contact_lines
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _MOST_LINES = 6  # about contacts, below the picture
+_LEAST_SCALE = 1.0  # kPa; noise alone is not blown up
+_LINE_WIDTH = 88  # characters of a line about a contact
+
+
+def plot(
+    result: Result,
+    layout: Layout,
+    truth: Sequence[dict] | None = None,
+    title: str = "",
+    calibrated: bool = True,
+) -> Figure:
+    """The figure of what a `Pipeline` returned; save it with ``savefig``, a notebook shows it.
+
+    Parameters
+    ----------
+    result : of `Pipeline.process`; where it withholds its contacts the title says why.
+    layout : gives the frame and the electrodes.
+    truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
+    title : above the picture.
+    calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+    """
+    if result.reason:
+        title = "\n".join(filter(None, [title, f"contacts are withheld: {result.reason}"]))
+    figure = pressure_figure(result.pressure, layout, result.contacts, truth, title, calibrated)
+    vars(figure)["_repr_png_"] = partial(_png, figure)  # what IPython asks for
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=80, bbox_inches="tight")
+    return buffer.getvalue()
 
 
 def save_pressure(
@@ -21,39 +63,10 @@ def save_pressure(
     contacts: Sequence = (),
     truth: Sequence[dict] | None = None,
     title: str = "",
+    calibrated: bool = True,
 ) -> None:
-    """Write the figure.
-
-    Parameters
-    ----------
-    path : of the PNG file; its folder is made.
-    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline.
-    layout : gives the frame and the electrodes.
-    contacts : estimates, strongest first, drawn as rings of their radius.
-    truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
-    figure = Figure(figsize=(7.5, 6.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    image = axes.imshow(
-        pressure / 1e3, cmap="viridis", vmin=0.0, extent=(xmin, xmax, ymin, ymax), origin="upper"
-    )
-    figure.colorbar(image, ax=axes, label="pressure / kPa")
-    for ring in (layout.outline.shell, *layout.outline.holes):
-        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.4", linewidth=1)
-    axes.plot(
-        *(1e3 * layout.positions.T), "o", color="white", markeredgecolor="0.5", markersize=3.5,
-        clip_on=False, label="electrode",
-    )  # fmt: skip
-    _draw_contacts(axes, contacts, truth or ())
-    axes.set(xlabel="x / mm", ylabel="y / mm", title=title)
-    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=3, frameon=False)
-    lines = contact_lines(contacts, truth)[:_MOST_LINES]
-    figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
+    """Write the figure of `pressure_figure` as PNG, SVG or PDF by its name; its folder is made."""
+    figure = pressure_figure(pressure, layout, contacts, truth, title, calibrated)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -61,7 +74,72 @@ def save_pressure(
     save_figure(figure, path, bbox_inches="tight", pad_inches=0.1)
 
 
-def _draw_contacts(axes, contacts: Sequence, truth: Sequence[dict]) -> None:
+def pressure_figure(
+    pressure: np.ndarray,
+    layout: Layout,
+    contacts: Sequence = (),
+    truth: Sequence[dict] | None = None,
+    title: str = "",
+    calibrated: bool = True,
+) -> Figure:
+    """The figure.
+
+    Parameters
+    ----------
+    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline.
+    layout : gives the frame and the electrodes.
+    contacts : estimates, strongest first, drawn as rings of their radius.
+    truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
+    title : above the picture.
+    calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
+    figure = Figure(figsize=_size(xmax - xmin, ymax - ymin), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    values, least, label = pressure / 1e3, _LEAST_SCALE, "pressure / kPa"
+    if not calibrated:
+        peak = float(np.nanmax(pressure, initial=0.0))
+        values, least, label = 100 * pressure / (peak or 1.0), 100.0, "conductance / % of the peak"
+    image = axes.imshow(
+        values,
+        cmap="viridis",
+        vmin=0.0,
+        vmax=max(least, float(np.nanmax(values, initial=0.0))),
+        extent=(xmin, xmax, ymin, ymax),
+        origin="upper",
+    )
+    # a part of the map's axes: as high as the map, whatever its shape
+    figure.colorbar(image, cax=axes.inset_axes((1.02, 0.0, 0.03, 1.0)), label=label)
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.4", linewidth=1)
+    axes.plot(
+        *(1e3 * layout.positions.T), "o", color="white", markeredgecolor="0.5", markersize=3.5,
+        clip_on=False, zorder=3, label="electrode",
+    )  # fmt: skip
+    _draw_contacts(axes, contacts, truth or ())
+    axes.set(xlabel="x / mm", ylabel="y / mm", xlim=(xmin, xmax), ylim=(ymin, ymax))
+    lines = contact_lines(contacts, truth, calibrated, _LINE_WIDTH)[:_MOST_LINES]
+    if not calibrated:
+        lines.append("no contact law: forces and pressures are not known")
+    figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")
+    figure.suptitle(title, fontsize=11)
+    axes.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.2, ncols=3, frameon=False
+    )
+    return figure
+
+
+def _size(width: float, height: float) -> tuple[float, float]:
+    """Size of a figure, inches, whose map is `width` x `height`, with room for what is around it."""
+    scale = min(5.6 / width, 4.8 / height)
+    return max(4.5, width * scale + 1.6), max(2.5, height * scale + 1.9)
+
+
+def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict]) -> None:
     from matplotlib.patches import Circle
 
     if contacts:  # patches have boxes in a legend, this has a ring

@@ -19,6 +19,8 @@ def picture(
     scale: float,
     columns: int,
     lines: int,
+    electrodes: np.ndarray | None = None,
+    calibrated: bool = True,
 ) -> list[str]:
     """Lines of text that show an image with its axes in mm and its colours in kPa.
 
@@ -28,17 +30,25 @@ def picture(
     bounds : xmin, ymin, xmax, ymax of the image, m.
     scale : pressure of the brightest colour, Pa.
     columns, lines : room on the terminal; larger images are shown coarser.
+    electrodes : (E, 2) positions to mark with lighter cells, m.
+    calibrated : whether pressures are known; otherwise colours are parts of the full scale.
     """
     room = max(8, columns - _MARGIN - 14), 2 * max(4, lines - 2)
-    rgb = colour(_coarser(pressure, room), scale)
+    small, factor = _coarser(pressure, room)
+    rgb = colour(small, scale)
+    if electrodes is not None:
+        _mark(rgb, _cells_of(electrodes, bounds, pressure.shape) // factor)
     if len(rgb) % 2:
         rgb = np.vstack([rgb, np.full_like(rgb[:1], OUTSIDE)])
     blocks = [_blocks(*pair) for pair in rgb.reshape(-1, 2, *rgb.shape[1:])]
     heights = bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1]
     labels = _spread([_millimetres(y) for y in heights], len(blocks))
-    keys = _spread([f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)], len(blocks))
-    levels = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
-    bar = [_blocks(*pair) * 2 for pair in levels.reshape(-1, 2, 1, 3)]
+    levels = ["100 %", "50 %", "0"]
+    if calibrated:
+        levels = [f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)]
+    keys = _spread(levels, len(blocks))
+    shades = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
+    bar = [_blocks(*pair) * 2 for pair in shades.reshape(-1, 2, 1, 3)]
     text = [
         f"{label:>{_MARGIN - 1}} {block}{_RESET} {colours}{_RESET} {key}"
         for label, block, colours, key in zip(labels, blocks, bar, keys, strict=True)
@@ -46,17 +56,32 @@ def picture(
     return [*text, _x_axis(bounds, rgb.shape[1])]
 
 
-def _coarser(image: np.ndarray, room: tuple[int, int]) -> np.ndarray:
-    """The image with the peak of blocks of cells, so that at most (columns, rows) remain."""
+def _cells_of(points: np.ndarray, bounds: tuple, shape: tuple[int, int]) -> np.ndarray:
+    """(E, 2) row and column of the cell under each of (E, 2) points, m."""
+    xmin, ymin, xmax, ymax = bounds
+    part = np.column_stack(
+        [(ymax - points[:, 1]) / (ymax - ymin), (points[:, 0] - xmin) / (xmax - xmin)]
+    )
+    return np.clip((part * shape).astype(int), 0, np.array(shape) - 1)
+
+
+def _mark(rgb: np.ndarray, cells: np.ndarray) -> None:
+    """Lighten cells (E, 2) half way to white: what they show stays visible."""
+    rows, columns = np.unique(cells, axis=0).T
+    rgb[rows, columns] = rgb[rows, columns] // 2 + 128
+
+
+def _coarser(image: np.ndarray, room: tuple[int, int]) -> tuple[np.ndarray, int]:
+    """The image with the peak of blocks of cells, so that at most (columns, rows) remain; their side."""
     height, width = image.shape
     factor = max(-(-width // room[0]), -(-height // room[1]))
     if factor <= 1:
-        return image
+        return image, 1
     padding = ((0, -height % factor), (0, -width % factor))
     padded = np.pad(image, padding, constant_values=np.nan)
     shape = padded.shape[0] // factor, factor, padded.shape[1] // factor, factor
     blocks = np.where(np.isnan(padded), -np.inf, padded).reshape(shape).max(axis=(1, 3))
-    return np.where(np.isinf(blocks), np.nan, blocks)
+    return np.where(np.isinf(blocks), np.nan, blocks), factor
 
 
 def _blocks(upper: np.ndarray, lower: np.ndarray) -> str:

@@ -1,0 +1,62 @@
+#!/usr/bin/env python3
+"""Place 12 electrodes on a sheet that is no rectangle and has a hole, and see what it brings.
+
+    python3 examples/odd_outline.py --generations 30 --out l-shaped.yaml
+
+The same search as `tomotactile optimize --method free`, on an outline of one's own. Outlines other
+than rectangles have no closed form: evolution searches, with scores from finite elements.
+"""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+import tomotactile_ros as tt
+
+SHELL = [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.0), (0.0, 0.0), (0.0, 0.1), (-0.1, 0.1)]  # m, an L
+HOLE = [(-0.07, -0.07), (-0.05, -0.07), (-0.05, -0.05), (-0.07, -0.05)]  # m, for a screw
+PITCH = 0.055  # m, of the lattice to start from
+
+
+def start_layout() -> tt.Layout:
+    """A square lattice, of which those places are kept that lie 8 mm or more inside."""
+    outline = tt.Outline.polygon(SHELL, holes=[HOLE])
+    steps = np.arange(-1.5, 2) * PITCH
+    places = np.array([(x, y) for y in steps for x in steps])
+    inside = outline.contains(places) & (outline.rim_distance(places) > 0.008)
+    return tt.Layout("l-start", outline, 1e4, 0.003, places[inside])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--generations", type=int, default=30, help="of the search (default: 30)")
+    parser.add_argument("--resolution", type=int, default=30, help="contacts along the longer side")
+    parser.add_argument("--out", default="l-shaped.yaml", help="layout file to write")
+    args = parser.parse_args()
+
+    request = tt.Request(
+        start_layout(),
+        "free",
+        steps=args.generations,
+        margin=0.004,  # m, from the rim to a centre
+        resolution=args.resolution,
+        seed=1,
+    )
+    print(f"{request.layout.electrodes} electrodes")
+    history, best = tt.best_of(request.steps_of())
+    for label, step in (("start", history[0]), ("best", best)):
+        figures = step.metrics
+        print(
+            f"{label:5}  mean HWHM {1e3 * figures['hwhm']['mean']:.1f} mm"
+            f"  position error {1e3 * figures['position_error']['mean']:.1f} mm"
+        )
+    replace(best.layout, name="l-shaped").save(args.out)
+    print(f"{args.out} written")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except tt.InputError as error:
+        raise SystemExit(f"odd_outline: {error}") from None

@@ -1,0 +1,97 @@
+"""The examples that need no ROS, and the names of `import tomotactile_ros as tt`."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tomotactile_ros as tt
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+HEAVY = ("numpy", "scipy", "shapely", "matplotlib", "yaml")
+NUMBER = re.compile(r"(-?[\d.]+) (mm|N)")
+
+
+def run(tmp_path, name, *words):
+    """What an example says, run in a folder of its own."""
+    path = os.pathsep.join([str(Path(tt.__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *map(str, words)],
+        cwd=tmp_path, env=dict(os.environ, PYTHONPATH=path), check=False, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def numbers(line):
+    """The numbers with a unit in a line."""
+    return [float(number) for number, _ in NUMBER.findall(line)]
+
+
+def is_picture(path):
+    return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
+
+
+def test_every_name_is_there_and_none_loads_anything_before_it_is_used():
+    assert [name for name in tt.__all__ if getattr(tt, name, None) is None] == []
+    assert set(tt.__all__) == set(tt._MODULES) <= set(dir(tt))
+    with pytest.raises(AttributeError, match="no attribute 'pipeline_'"):
+        tt.pipeline_  # noqa: B018
+    code = f"import tomotactile_ros, sys; sys.exit(any(m in sys.modules for m in {HEAVY}))"
+    path = str(Path(tt.__file__).parent.parent)
+    env = dict(os.environ, PYTHONPATH=os.pathsep.join([path, os.environ.get("PYTHONPATH", "")]))
+    # without the site folder's start-up files, which may load what they like
+    assert subprocess.run([sys.executable, "-S", "-c", code], check=False, env=env).returncode == 0
+
+
+def test_the_package_says_that_it_has_types():
+    assert (Path(tt.__file__).parent / "py.typed").is_file()
+    assert "py.typed" in (ROOT / "pyproject.toml").read_text()
+
+
+def test_simulated_contacts_are_found_where_they_are(tmp_path):
+    done = run(tmp_path, "simulate_and_plot.py")
+    assert done.returncode == 0, done.stderr
+    found = [numbers(line) for line in done.stdout.splitlines() if line.startswith("found")]
+    true = [numbers(line) for line in done.stdout.splitlines() if line.startswith("true")]
+    assert len(found) == len(true) == 2
+    np.testing.assert_allclose(np.array(found)[:, :2], np.array(true)[:, :2], atol=1.0)
+    np.testing.assert_allclose(np.array(found)[:, 2], np.array(true)[:, 2], rtol=0.2)
+    assert is_picture(tmp_path / "pressure.png")
+
+
+def test_a_scene_that_is_nowhere_is_one_line(tmp_path):
+    done = run(tmp_path, "simulate_and_plot.py", "--scene", "nowhere")
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("simulate_and_plot: 'nowhere': no such file")
+
+
+def test_own_frames_with_an_offset_show_the_finger_and_nothing_else(tmp_path):
+    done = run(tmp_path, "own_frames.py")
+    assert done.returncode == 0, done.stderr
+    first, last = done.stdout.splitlines()  # one contact, and the picture
+    assert np.hypot(*(np.array(numbers(first)) - [80, -30])) < 1.5
+    assert "contacts.png" in last and is_picture(tmp_path / "contacts.png")
+
+
+def test_the_search_on_an_odd_outline_gains_and_writes_a_layout(tmp_path):
+    done = run(tmp_path, "odd_outline.py", "--generations", 3, "--resolution", 12)
+    assert done.returncode == 0, done.stderr
+    start, best = (numbers(line) for line in done.stdout.splitlines()[1:3])
+    assert best[0] < start[0]
+    layout = tt.load_layout(tmp_path / "l-shaped.yaml")
+    assert layout.name == "l-shaped" and layout.electrodes == 12 and len(layout.outline.holes) == 1
+
+
+def test_the_cells_of_the_notebook_run_in_order():
+    book = json.loads((EXAMPLES / "first_image.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"]
+    names: dict = {}
+    for cell in cells:
+        exec(compile(cell, "first_image.ipynb", "exec"), names)  # noqa: S102 - that is the test
+    assert len(cells) == 5 and len(names["few"]) == 16
+    assert names["result"].state == "valid" and len(names["result"].contacts) == 2

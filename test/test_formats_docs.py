@@ -1,0 +1,147 @@
+"""docs/formats.md against the loaders: its examples load, every key they allow is explained."""
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tomotactile_ros import frames_file
+from tomotactile_ros.commands.reconstruct import contact_entry, results_writer
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames, save_frames
+from tomotactile_ros.layout import (
+    FORMAT,
+    LARGEST,
+    LOW_RESISTANCE,
+    SMALLEST,
+    equal_grid,
+    load_layout,
+)
+from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.settings import ContactEstimate, Result
+from tomotactile_ros.scene import load_scene
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+LAYOUT, CALIBRATION = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+(FRAMES,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+
+
+def rows(section):
+    """Cells of each row in the table of a section, by the row's first code word."""
+    text = TEXT.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    lines = re.findall(r"^\| `([\w.]+)` \|(.*)\|$", text, re.MULTILINE)
+    return {key: [cell.strip() for cell in rest.split("|")] for key, rest in lines}
+
+
+def test_the_layout_loads_and_names_every_part(tmp_path):
+    (tmp_path / "example.yaml").write_text(LAYOUT)
+    layout = load_layout(tmp_path / "example.yaml")
+    assert layout.outline.holes and layout.surface and layout.provenance
+    assert rows("Layout")["format"][-1] == f"`{FORMAT}`"
+    explained = rows("Layout")["unusual_size"][-1]
+    assert f"{1e3 * SMALLEST:g} mm" in explained and f"{LARGEST:g} m" in explained
+    assert f"below {LOW_RESISTANCE:g}" in rows("Layout")["sheet_resistance"][-1]
+
+
+@pytest.mark.parametrize(
+    "key", [k for k, cells in rows("Layout").items() if cells[1] == "required"]
+)
+def test_what_is_called_required_is_missed(tmp_path, key):
+    """Each required key, taken out of the example."""
+    content = yaml.safe_load(LAYOUT)
+    *sections, last = key.split(".")
+    part = content
+    for section in sections:
+        part = part[section]
+    del part[last]
+    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=f"{key}: is missing"):
+        load_layout(tmp_path / "wrong.yaml")
+
+
+@pytest.mark.parametrize(
+    ("prefix", "old", "new"),
+    [
+        ("", "name:", "label:"),
+        ("outline.", "holes:", "holess:"),
+        ("electrodes.", "radius: 0.0025", "radios: 0.0025"),
+        ("surface.", "cylinder:", "zylinder:"),
+        ("surface.cylinder.", "{radius: 0.15}", "{radios: 0.15}"),
+        ("surface.grid.", "{cylinder: {radius: 0.15}}", "{grid: {pts: []}}"),
+        ("surface.mesh.", "{cylinder: {radius: 0.15}}", "{mesh: {files: x}}"),
+    ],
+)
+def test_every_key_that_the_layout_allows_is_explained(tmp_path, prefix, old, new):
+    """The loader says which keys there are when it complains of one that is not."""
+    (tmp_path / "wrong.yaml").write_text(LAYOUT.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        load_layout(tmp_path / "wrong.yaml")
+    allowed = str(error.value).split("allowed are ")[1].split(", ")
+    explained = set(rows("Layout")) | {key.rsplit(".", 1)[0] for key in rows("Layout")}
+    assert {prefix + key for key in allowed} <= explained
+
+
+def test_every_array_of_frames_is_explained_and_read(tmp_path):
+    """Those that `simulate` writes, and those that the reader asks for by name."""
+    layout = equal_grid(2, 2, (0.1, 0.1), 0.005, 1e4)
+    path = tmp_path / "frames.npz"
+    frames = np.zeros((1, 4, 4))
+    save_frames(path, layout, load_scene("default"), frames, np.arange(4), np.zeros(1), 1e-3)
+    with np.load(path) as written:
+        assert set(written.files) == set(rows("Frames"))
+    source = ast.walk(ast.parse(Path(frames_file.__file__).read_text(encoding="utf-8")))
+    texts = {node.value for node in source if isinstance(node, ast.Constant)}
+    assert set(rows("Frames")) <= texts
+    assert rows("Frames")["drive_voltage"][2].startswith(f"{frames_file.DEFAULT_DRIVE:g},")
+    assert f"up to {frames_file.MAX_BYTES / 1e9:g} GB" in TEXT
+
+
+def test_the_shortest_file_of_frames_loads_with_the_defaults_of_the_table(tmp_path):
+    subprocess.run([sys.executable, "-c", FRAMES], cwd=tmp_path, check=True, env=os.environ)
+    loaded = load_frames(tmp_path / "frames.npz")
+    assert loaded.voltages.shape == (1, 2, 4)
+    assert loaded.drive_voltage is loaded.stamps is loaded.truth is loaded.contact_law is None
+    assert loaded.row_period == 0
+
+
+@pytest.mark.parametrize(
+    "name", [k for k, cells in rows("Frames").items() if cells[2] == "required"]
+)
+def test_frames_without_a_required_array_are_refused(tmp_path, name):
+    arrays = {"voltages": np.zeros((1, 2, 4)), "grounded": np.arange(2)}
+    del arrays[name]
+    np.savez(tmp_path / "less.npz", **arrays)
+    with pytest.raises(InputError, match=f"{name}: is missing"):
+        load_frames(tmp_path / "less.npz")
+
+
+def test_the_calibration_loads_and_needs_what_the_table_says(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(CALIBRATION)
+    law = load_calibration(path)
+    assert (law.coefficient, law.exponent) == (1.2e-4, 0.9)
+    for key in rows("Calibration"):
+        path.write_text(CALIBRATION.replace(key, "another"))
+        with pytest.raises(InputError, match=f"{key}: is missing"):
+            load_calibration(path)
+
+
+def test_every_array_of_a_result_is_explained(tmp_path):
+    known = ContactEstimate(0, 0, 1, 1, 1, 1, (1.0, 0.0, 0.0, 1.0), 0.1, 0.9)
+    image = np.zeros((2, 2))
+    result = Result(image, image, [known], (), False, 0.0, state="withheld", reason="why")
+    with results_writer(tmp_path / "result.npz") as take:
+        take(result, 0.1)
+    with np.load(tmp_path / "result.npz") as written:
+        assert set(written.files) == set(rows("Result"))
+        (contact,) = json.loads(str(written["contacts"]))[0]
+    assert contact == contact_entry(known)
+    assert set(contact) <= set(re.findall(r"`(\w+)`", rows("Result")["contacts"][-1]))

@@ -1,0 +1,181 @@
+"""What people get wrong in their first hour: each mistake is one line that says what was meant."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from tomotactile_ros import cli
+from tomotactile_ros.errors import Doubt, InputError
+from tomotactile_ros.frames_file import save_arrays
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
+from tomotactile_ros.scene import load_scene
+from tomotactile_ros.simulation import Simulator
+
+WIDE = equal_grid(6, 10, (0.3, 0.18), 0.0025, 1e4, name="wide")
+
+
+def frames_of(layout, scene, model="closed_form", times=(0.0, 0.2)):
+    simulator = Simulator(layout, load_scene(scene), model, row_period=0.0)
+    return np.stack([simulator.frame(t, n) for n, t in enumerate(times)])
+
+
+@pytest.fixture
+def own_frames(tmp_path):
+    """Writes frames and their layout to files; returns the arguments of `reconstruct`."""
+
+    def write(voltages, layout=WIDE, drive_voltage=3.3, grounded=None):
+        layout.save(tmp_path / "own.yaml")
+        if grounded is None:
+            grounded = np.arange(layout.electrodes)
+        content = {"voltages": voltages, "grounded": grounded, "drive_voltage": drive_voltage}
+        save_arrays(tmp_path / "own.npz", content)
+        words = ["reconstruct", tmp_path / "own.npz", "--layout", tmp_path / "own.yaml"]
+        return [*map(str, words), "--out", str(tmp_path / "out.npz")]
+
+    return write
+
+
+def complaint(capsys, words):
+    assert cli.main(words) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+def test_transposed_frames(own_frames, capsys):
+    voltages = frames_of(WIDE, "default")
+    assert cli.main(own_frames(voltages)) == 0
+    capsys.readouterr()
+    line = complaint(capsys, own_frames(voltages.transpose(0, 2, 1)))
+    assert "was voltages.transpose(0, 2, 1) meant?" in line
+
+
+@pytest.mark.parametrize("shape", [(60, 4, 2), (2, 60, 4)])
+def test_axes_in_another_order(own_frames, capsys, shape):
+    line = complaint(capsys, own_frames(np.zeros(shape), grounded=np.arange(4)))
+    assert "are the axes exchanged?" in line
+
+
+def test_electrodes_in_another_order(own_frames, capsys):
+    voltages = frames_of(WIDE, "default")
+    grid = np.arange(60).reshape(6, 10)
+    serpentine = grid.copy()
+    serpentine[1::2] = serpentine[1::2, ::-1]
+    for order, name in (
+        (grid.T.ravel(), "column by column"),
+        (serpentine.ravel(), "row by row, to and fro"),
+    ):
+        measured = voltages[:, order][:, :, order]
+        line = complaint(capsys, own_frames(measured))
+        assert f"only if its electrodes are numbered {name};" in line
+
+
+def test_a_layout_that_lists_its_electrodes_as_they_are_read_is_right(own_frames):
+    """What the message asks for."""
+    order = np.arange(60).reshape(6, 10).T.ravel()
+    voltages = frames_of(WIDE, "default")[:, order][:, :, order]
+    assert cli.main(own_frames(voltages, replace(WIDE, positions=WIDE.positions[order]))) == 0
+
+
+@pytest.mark.parametrize("scene", ["worn-sensor", "defects", "idle", "hand", "slide", "two-points"])
+def test_right_frames_are_not_doubted_however_worn_the_sensor_is(scene):
+    layout = load_layout("equal-8x8")
+    voltages = frames_of(layout, scene, "fem" if scene in ("worn-sensor", "defects") else "auto")
+    refuse_mistakes(layout, voltages, np.arange(64), 3.3, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("make", "drive", "meant"),
+    [
+        (lambda volts: 1e3 * volts, 3.3, "are they in mV? Divide by 1000"),
+        (lambda volts: np.nan_to_num(volts / 3.3 * 4096).astype(np.int32), 3.3, "counts of a conv"),
+        (lambda volts: volts, 1.8, "is the drive voltage right"),
+    ],
+)
+def test_readings_in_another_unit(own_frames, capsys, make, drive, meant):
+    assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default")), WIDE, drive))
+
+
+def layout_file(tmp_path, **changes):
+    content = {
+        "format": "tomotactile-layout/1",
+        "name": "own",
+        "outline": {"rectangle": [0.3, 0.18]},
+        "sheet_resistance": 10000.0,
+        "electrodes": {"radius": 0.0025, "positions": [[-0.1, 0.0], [0.1, 0.0], [0.14, 0.08]]},
+    }
+    content.update(changes)
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(content))
+    return tmp_path / "own.yaml"
+
+
+def test_millimetres(tmp_path, capsys):
+    in_mm = {"rectangle": [300.0, 180.0]}
+    with pytest.raises(InputError, match="was 0.3 m x 0.18 m meant.*unusual_size: true"):
+        load_layout(layout_file(tmp_path, outline=in_mm))
+    with pytest.raises(InputError, match="was another unit meant"):
+        load_layout(layout_file(tmp_path, outline={"circle": 0.001}))
+    assert load_layout(layout_file(tmp_path, outline=in_mm, unusual_size=True)).electrodes == 3
+    with pytest.raises(InputError, match="are the positions in mm?"):
+        positions = {"radius": 0.0025, "positions": [[-100.0, 0.0], [100.0, 0.0]]}
+        load_layout(layout_file(tmp_path, electrodes=positions))
+    words = ["layout", "--rows", "2", "--cols", "3", "--size", "300", "180"]
+    words += ["--out", str(tmp_path / "large.yaml")]
+    assert "--size: a sheet of 300 m x 180 m" in complaint(capsys, words)
+    assert cli.main([*words, "--unusual-size"]) == 0
+    assert load_layout(tmp_path / "large.yaml").outline.size == (300.0, 180.0)
+    contact = {"shape": "disc", "center": [30.0, -20.0], "radius": 0.005}
+    scene = {"format": "tomotactile-scene/1", "drive_voltage": 3.3, "contacts": [contact]}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
+    with pytest.raises(InputError, match=r"contacts\[0\]: never touches .*; is it in mm?"):
+        load_scene(tmp_path / "scene.yaml").check(WIDE)
+
+
+def test_positions_from_a_corner(tmp_path):
+    electrodes = {"radius": 0.0025, "positions": [[0.01, 0.17], [0.29, 0.01]]}
+    with pytest.raises(InputError, match="was the origin a corner of the sheet?"):
+        load_layout(layout_file(tmp_path, electrodes=electrodes))
+
+
+def test_sheet_resistance_in_kilo_ohms(tmp_path, capsys):
+    path = layout_file(tmp_path, sheet_resistance=10)
+    with pytest.warns(Doubt, match="was 10 kohm/sq meant\\? That is 10000"):
+        load_layout(path)
+    assert cli.main(["inspect", str(path)]) == 0
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("tomotactile inspect: ") and "10 ohm/sq is low" in line
+
+
+def test_a_keep_out_zone_that_is_nowhere(tmp_path, capsys):
+    words = ["optimize", "--rows", "3", "--cols", "3", "--size", "0.2", "0.2", "--method", "free"]
+    words += ["--keep-out", "30", "-20", "5", "--out", str(tmp_path / "x.yaml")]
+    assert "keep_out[0]: the disc around (30, -20) m is nowhere on" in complaint(capsys, words)
+
+
+def test_the_method_of_the_paper_and_a_size_that_nobody_gave(tmp_path, capsys):
+    words = ["optimize", "--rows", "3", "--cols", "3", "--method", "paper", "--steps", "1"]
+    out = tmp_path / "x.yaml"
+    assert cli.main([*words, "--resolution", "6", "--out", str(out)]) == 0
+    shown = capsys.readouterr()
+    assert "no --size, taken as 0.2 m x 0.2 m" in shown.err
+    assert load_layout(out).provenance["algorithm"] == "equalize"
+
+
+def test_a_result_says_why_a_channel_is_left_out():
+    layout = load_layout("equal-8x8")
+    (voltages,) = frames_of(layout, "default", times=(0.0,))
+    voltages[:, 5] = np.nan
+    voltages[:, 20] = 1.2
+    voltages[:, 44] *= 1.5
+    for profile in ("fast", "accurate"):
+        result = Pipeline(layout, Settings(profile, excluded=(60,))).process(
+            voltages, np.arange(64), 3.3
+        )
+        assert set(result.faults) == set(result.excluded) == {5, 20, 44, 60}
+        assert result.faults[5] == "no valid reading"
+        assert result.faults[20] == "its reading never changes"
+        assert "contradict all others" in result.faults[44]
+        assert result.faults[60] == "excluded by the settings"

@@ -1,0 +1,70 @@
+"""README.md: its headline figures are those of its table, its files exist, its commands are known."""
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tomotactile_ros.cli import COMMANDS
+from tomotactile_ros.command_line import Parser
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = sorted(
+    path
+    for path in (ROOT / "docs").glob("*.md")
+    if path.name not in ("benchmarks.md", "estimation.md")
+)
+
+
+def cells(line):
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_headline_figures_are_those_of_the_table():
+    profile = re.search(r"## How good is it\?\s+Profile `(\w+)`", TEXT).group(1)
+    headline = [
+        cells(line) for line in re.findall(r"^\| (?:place|contacts|two).*\|$", TEXT, re.MULTILINE)
+    ]
+    header, row = (
+        cells(re.search(rf"^\| {word} .*\|$", TEXT, re.MULTILINE).group(0))
+        for word in ("profile", f"`{profile}`")
+    )
+    measured = dict(zip(header, row, strict=True))
+    place, ghosts = measured["one contact: error, p95; ghosts, missed"].split("; ")
+    spoilt, more = measured["with defects: error; ghosts, missed"].split("; ")
+    assert headline[0][1:] == [place.split(", ")[0], spoilt]
+    assert headline[1][1:] == [ghosts, more]
+    assert headline[2][1].split(" (")[0] == measured["two contacts from"]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+def test_every_file_and_heading_that_is_linked_is_there(page):
+    for target in re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+            assert anchor in slugs, target
+
+
+def test_every_command_that_is_printed_has_the_options_that_it_names():
+    """Parsed, not run: `scripts/run_documented` runs them."""
+    listed = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "run_documented", "--list", ROOT / "README.md", *PAGES],
+        check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    printed = re.findall(r"\.md: (tomotactile .*?)(?:   -- .*)?$", listed, re.MULTILINE)
+    assert len(printed) > 15
+    for command in printed:
+        _, name, *words = shlex.split(command)
+        assert name in COMMANDS, command
+        parser = Parser(prog=command)
+        importlib.import_module(f"tomotactile_ros.commands.{name}").add_arguments(parser)
+        parser.parse_args([word for word in words if word != "..."])  # SystemExit for a wrong one

@@ -1,0 +1,87 @@
+"""`tomotactile run`: a live picture of a sensor, real, recorded or simulated."""
+
+from __future__ import annotations
+
+import time
+from argparse import ArgumentParser, Namespace
+from collections import deque
+from contextlib import suppress
+
+from tomotactile_ros.command_line import positive
+from tomotactile_ros.commands.device_options import (
+    FRESH,
+    add_device_arguments,
+    open_device,
+    source_of,
+)
+from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
+from tomotactile_ros.devices.stream import FrameStream
+from tomotactile_ros.files import check_picture
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.view.display import Display, Shot
+
+HELP = "show a live picture of a sensor, simulated unless --port or --recording names one"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_device_arguments(parser, layout="equal-8x8")
+    parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
+    add_tare_argument(parser)
+    parser.add_argument(
+        "--calibration", help="file of 'calibrate'; without it forces are not known"
+    )
+    parser.add_argument("--duration", type=positive, help="s (default: until Ctrl-C)")
+    parser.add_argument("--out", help="picture of the last image to write at the end (.png)")
+
+
+def run(args: Namespace) -> None:
+    layout = load_layout(args.layout)
+    if args.out:
+        check_picture(args.out)
+    device, scene = open_device(args, layout, FRESH)
+    law = load_calibration(args.calibration) if args.calibration else None
+    if law is None and scene is not None:
+        law = scene.contact_law
+    pipeline = Pipeline(layout, Settings(args.profile, contact_law=law))
+    apply_tare(args.tare, pipeline)
+    display = Display(layout, scene, source_of(args), calibrated=law is not None)
+    display.say(f"layout {layout.name}, {source_of(args)}, {pipeline.report}")
+    try:
+        with suppress(KeyboardInterrupt), FrameStream(device) as stream:
+            for shot in shots(stream, pipeline, args.duration):
+                display.show(shot)
+    finally:
+        display.close()
+    if args.out and display.last is not None:
+        display.save(args.out)
+
+
+def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
+    """Images of the newest frames, for `duration` s from the first one on."""
+    arrivals: deque[float] = deque(maxlen=32)
+    first = None
+    while not stream.ended:
+        frame = stream.take(newest=True)
+        if frame is None:
+            continue
+        result = pipeline.process(
+            frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
+        )
+        arrivals.append(time.monotonic())
+        if first is None:  # frame k of a simulated sensor begins k periods into the scene
+            before = frame.sequence * len(frame.grounded) * frame.row_period
+            first = frame.stamp - before, arrivals[0]
+        span = arrivals[-1] - arrivals[0]
+        yield Shot(
+            pressure=result.pressure,
+            contacts=result.contacts,
+            scene_time=frame.stamp - first[0],
+            rate=(len(arrivals) - 1) / span if span > 0 else 0.0,
+            age=time.time() - frame.stamp,
+            reason=result.reason,
+        )
+        if duration and arrivals[-1] - first[1] >= duration:
+            return

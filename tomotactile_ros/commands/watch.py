@@ -1,0 +1,84 @@
+"""`tomotactile watch`: how a sensor is, a line a second: rate, losses, readings, dead channels."""
+
+from __future__ import annotations
+
+import math
+import time
+from argparse import ArgumentParser, Namespace
+from contextlib import suppress
+
+import numpy as np
+
+from tomotactile_ros.command_line import positive
+from tomotactile_ros.commands.device_options import (
+    FRESH,
+    add_device_arguments,
+    open_device,
+)
+from tomotactile_ros.devices import Frame, Status
+from tomotactile_ros.devices.stream import FrameStream
+from tomotactile_ros.layout import Layout, load_layout
+
+HELP = "say every second how a sensor is"
+_EVERY = 1.0  # s
+_PRESSED = 0.01  # of the drive voltage: a median reading above it shows a contact
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    add_device_arguments(parser)
+    parser.add_argument(
+        "--duration", type=positive, help="s from the first frame on (default: until Ctrl-C)"
+    )
+
+
+def run(args: Namespace) -> None:
+    layout = load_layout(args.layout)
+    device, _ = open_device(args, layout, FRESH)
+    with suppress(KeyboardInterrupt), FrameStream(device, math.inf) as stream:
+        start = time.monotonic()
+        due, end, frames = start + _EVERY, math.inf, []
+        while not stream.ended:
+            frame = stream.take()
+            now = time.monotonic()
+            if frame is not None:
+                frames.append(frame)
+                if args.duration and end == math.inf:
+                    end = now + args.duration
+            if now >= due:
+                print(line(now - start, device.status(), frames, layout), flush=True)
+                due, frames = due + _EVERY, []
+            if now >= end:
+                break
+
+
+def _strongest(readings: np.ndarray, drive_voltage: float, layout: Layout) -> str:
+    """The electrode that reads most, next to whatever presses: a press at a known place tells
+    whether electrodes are numbered as in the layout."""
+    counts = np.count_nonzero(np.isfinite(readings), axis=(0, 1))
+    means = np.nansum(readings, axis=(0, 1)) / np.maximum(counts, 1)
+    if np.median(means) < _PRESSED * drive_voltage:
+        return ""
+    electrode = int(np.argmax(means))
+    x, y = 1e3 * layout.positions[electrode]
+    return f", most at electrode {electrode} ({x:+.0f}, {y:+.0f}) mm"
+
+
+def line(seconds: float, status: Status, frames: list[Frame], layout: Layout) -> str:
+    """The state of a device, and what the frames of the last second hold."""
+    text = f"{seconds:6.1f} s  {status.state}"
+    if frames:
+        readings = np.array([frame.voltages for frame in frames])
+        text += f"  {status.counters['rate_seen']:5.1f} frames/s"
+        lost = frames[-1].sequence - frames[0].sequence + 1 - len(frames)
+        text += f", {lost} lost" if lost > 0 else ""
+        if np.isfinite(readings).any():
+            text += f"  {np.nanmin(readings):.3f} to {np.nanmax(readings):.3f} V"
+            text += f", median {np.nanmedian(readings):.3f} V"
+        text += _strongest(readings, frames[0].drive_voltage, layout)
+    if status.dead:
+        text += f"  electrodes that look dead: {', '.join(map(str, status.dead))}"
+    if status.troubles:
+        text += "  " + "; ".join(trouble.text for trouble in status.troubles)
+    elif not frames:
+        text += f"  {status.message}"
+    return text
