@@ -70,10 +70,11 @@ def probe(domain):
 
 
 @pytest.fixture
-def start(domain):
+def start(domain, tmp_path, monkeypatch):
     """Starts programs of this package in the test's domain, and ends what is left of them."""
     from ros_support import Process, program, ros_arguments
 
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))  # what nodes keep there is of one test
     processes = []
 
     def start_one(name, parameters=None, **names):

@@ -98,15 +98,21 @@ def test_a_touch_changes_between_two_rows_of_the_frame_that_is_judged(end):
         assert made.truths[3 * i + 1][0][PART]
 
 
-def test_a_touch_beside_a_lasting_one_begins_within_the_second_frame():
-    made = changes.beside("case", LAYOUT, False, 1)
-    (lasting, changing) = made.truths[1]
+@pytest.mark.parametrize("end", [False, True])
+def test_a_touch_beside_a_lasting_one_changes_within_the_second_frame(end):
+    truth = [{"x": 0.0, "y": 0.0, "force": 1.0}, {"x": 0.05, "y": 0.0, "force": 2.0}]
+    both = States(LAYOUT, [admittance(7)], [truth])
+    made = changes.beside("case", some_states(1), both, end)
+    assert [each is None for each in made.truths] == [True, False, True]
+    lasting, changing = made.truths[1]
+    assert (lasting["force"], changing["force"]) == (1.0, 2.0)
     assert not lasting.get(PART) and changing[PART]
-    apart = np.hypot(lasting["x"] - changing["x"], lasting["y"] - changing["y"])
-    assert apart > changes.APART
-    off = np.abs(made.frames[1] - made.frames[0])
-    late = np.nanmax(off, axis=1) > 0.02
-    assert not late[0] and late[-1] and np.count_nonzero(np.diff(late)) == 1
+    first, within, last = made.frames
+    as_before = np.nanmax(np.abs(within - first), axis=1) < 0.01
+    as_after = np.nanmax(np.abs(within - last), axis=1) < 0.01
+    np.testing.assert_array_equal(as_before, ~as_after)
+    assert as_before[0] and as_after[-1] and np.count_nonzero(np.diff(as_before)) == 1
+    assert np.abs(potentials(admittance(7) if end else admittance(0)) - first)[0, 1] < 0.01
 
 
 def test_what_moves_is_judged_by_where_it_is_in_the_middle_of_the_frame():

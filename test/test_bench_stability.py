@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench import report, stability
+from tomotactile_ros.bench import extremes, report, stability
 from tomotactile_ros.errors import InputError
 
 
@@ -20,9 +20,10 @@ def test_sheet_resistance_changes_no_voltage():
 
 
 def test_no_contact_gives_no_voltage_and_no_place():
-    voltage, place = rows("contact conductance", 0.0)
+    voltage, contacts = rows("contact conductance", 0.0)
     assert voltage["error"] == 0.0
-    assert place["error"] is None and "idle" in place["refusal"]
+    assert [each["profile"] for each in contacts["error"]] == list(extremes.PROFILES)
+    assert {each["refusal"] for each in contacts["error"]} == {"idle"}
 
 
 def test_precision_is_lost_as_the_condition_demands():
@@ -38,8 +39,24 @@ def test_the_table_says_where_float32_is_not_enough():
 
 
 def test_a_refusal_is_a_row():
-    (row,) = rows("electrodes to a side", 1)
+    row = rows("electrodes", 1)[0]
     assert row["error"] is None and "rows: 1" in row["refusal"]
+    (line,) = [line for line in report.stability_lines([row]) if line.startswith("electrodes ")]
+    assert line.split() == ["electrodes", "1", *["[1]"] * 4]
+
+
+def test_place_and_force_of_every_profile():
+    (row,) = rows("contact conductance, S/m2", 3.0)[1:]
+    for each in row["error"]:
+        assert each["place"] < 0.005 and abs(each["force"]) < 0.1 and each["ghosts"] == 0
+    (line,) = [line for line in report.stability_lines([row]) if line.startswith("contact cond")]
+    assert line.count("%") == len(extremes.PROFILES)
+
+
+def test_the_contact_law_stays_while_the_sheet_changes():
+    """A contact on a sheet of a millionth of the resistance cannot be seen; it was as easy before."""
+    (row,) = rows("sheet resistance", 0.01)[1:]
+    assert {each["refusal"] for each in row["error"]} == {"idle"}
 
 
 def test_what_no_number_can_say_is_text():

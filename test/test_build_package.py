@@ -1,11 +1,15 @@
 """The package itself: its manifest, its version and the messages it generates."""
 
+import os
+import pty
 import re
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+
+import tomotactile_ros
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -29,6 +33,44 @@ CONTRACT = {
         "position_covariance": "double[4]",
         "force_std": "float",
         "probability": "float",
+        "id": "uint32",
+        "age": "float",
+        "velocity": "geometry_msgs/Vector3",
+        "normal": "geometry_msgs/Vector3",
+        "tangent": "geometry_msgs/Vector3",
+    },
+    "SensorState": {
+        "header": "std_msgs/Header",
+        "layout_id": "string",
+        "touches": "uint32",
+        "frames": "uint32",
+        "untouched": "uint32",
+        "gain": "sequence<double>",
+        "gain_deviation": "sequence<double>",
+        "offset": "sequence<double>",
+        "offset_deviation": "sequence<double>",
+        "resistance": "sequence<double>",
+        "resistance_deviation": "sequence<double>",
+        "places": "sequence<geometry_msgs/Point32>",
+        "logarithm": "sequence<double>",
+        "logarithm_deviation": "sequence<double>",
+        "anisotropy": "double",
+        "anisotropy_deviation": "double",
+        "anisotropy_direction": "double",
+    },
+    "SensorLayout": {
+        "header": "std_msgs/Header",
+        "layout_id": "string",
+        "surface": "string",
+        "height": "uint32",
+        "width": "uint32",
+        "cell_width": "double",
+        "cell_height": "double",
+        "first_x": "double",
+        "first_y": "double",
+        "cells": "sequence<geometry_msgs/Point32>",
+        "electrodes": "sequence<geometry_msgs/Point32>",
+        "electrode_radius": "float",
     },
     "ContactArray": {
         "header": "std_msgs/Header",
@@ -67,11 +109,43 @@ def test_manifest_names_every_message_package_in_use():
 
 def test_version_is_the_same_everywhere():
     manifest = ElementTree.parse(ROOT / "package.xml").findtext("version")
-    setup = re.search(r'version="([^"]+)"', (ROOT / "setup.py").read_text(encoding="utf-8"))
+    project = re.search(
+        r'^version = "([^"]+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE
+    )
     changelog = re.search(
         r"^(\d+\.\d+\.\d+)\b", (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8"), re.MULTILINE
     )
-    assert manifest == setup.group(1) == changelog.group(1)
+    assert manifest == project.group(1) == changelog.group(1) == tomotactile_ros.__version__
+
+
+def test_installed_programs_start_with_the_python_that_they_were_built_with():
+    """Whatever comes first in the PATH, as under pyenv and conda."""
+    pytest.importorskip("rclpy")
+    from ament_index_python.packages import get_package_prefix
+
+    for program in Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros").iterdir():
+        first = program.read_text(encoding="utf-8").split("\n", 1)[0]
+        assert first == "#!/bin/sh" or Path(first.removeprefix("#!")).is_absolute()
+        assert "/env " not in first
+
+
+def test_a_shell_of_setup_keeps_its_python_after_the_users_profile(tmp_path):
+    """pyenv and conda put their own Python first in ~/.bashrc."""
+    if not (ROOT / "build" / ".ready").exists():
+        pytest.skip("scripts/setup has not built this tree")
+    (tmp_path / "python3").write_text("#!/bin/sh\nexit 9\n")
+    (tmp_path / "python3").chmod(0o755)
+    (tmp_path / ".bashrc").write_text("PATH=$HOME:$PATH; unset PYTHONPATH AMENT_PREFIX_PATH\n")
+    command = "python3 -c 'import tomotactile_ros.msg, numpy' && tomotactile --version; exit $?"
+    terminal, end = pty.openpty()
+    os.write(terminal, f"{command}\n".encode())
+    done = subprocess.run(
+        [ROOT / "scripts" / "setup", "bash"], stdin=end, stderr=end, stdout=subprocess.PIPE,
+        env={**os.environ, "HOME": str(tmp_path)}, check=False, text=True,
+    )  # fmt: skip
+    os.close(end)
+    os.close(terminal)
+    assert done.returncode == 0 and "tomotactile 0." in done.stdout
 
 
 def test_every_message_is_generated():

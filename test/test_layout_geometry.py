@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.layout import Layout, Outline, equal_grid
-from tomotactile_ros.surface import Surface
+from tomotactile_ros.surfaces import Cylinder
 
 HOLE = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]
 
@@ -139,7 +139,7 @@ def test_polygon_must_be_centred_to_a_millionth(scale):
 
 
 def test_cylinder_keeps_lengths_and_points_outwards():
-    surface = Surface(0.05)
+    surface = Cylinder(0.05)
     x = np.linspace(-0.1, 0.1, 2001)
     points = np.column_stack([x, np.full_like(x, 0.03)])
     space = surface.to_3d(points)
@@ -150,4 +150,4 @@ def test_cylinder_keeps_lengths_and_points_outwards():
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
     axis = np.column_stack([0 * x, points[:, 1], 0 * x - 0.05])
     np.testing.assert_allclose(space, axis + 0.05 * normals, atol=1e-15)
-    np.testing.assert_allclose(Surface(1e6).to_3d(points)[:, :2], points, rtol=1e-12)
+    np.testing.assert_allclose(Cylinder(1e6).to_3d(points)[:, :2], points, rtol=1e-12)

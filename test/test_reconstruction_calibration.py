@@ -40,13 +40,16 @@ def test_fit_recovers_coefficient_and_exponent():
     assert known.law.coefficient == pytest.approx(TRUE.coefficient)
 
 
-@pytest.mark.parametrize("forces, conductances, message", [
-    ([1.0, 1.1], [1e-4, 1e-4], "--exponent"),
-    ([], [], "above 0 N"),
-    ([0.0, 1.0], [1e-4, 1e-4], "above 0 N"),
-    ([1.0, 2.0], [1e-4, 0.0], "no conductance"),
-    ([1.0, 2.0], [2e-4, 1e-4], "does not grow"),
-])
+@pytest.mark.parametrize(
+    "forces, conductances, message",
+    [
+        ([1.0, 1.1], [1e-4, 1e-4], "--exponent"),
+        ([], [], "above 0 N"),
+        ([0.0, 1.0], [1e-4, 1e-4], "above 0 N"),
+        ([1.0, 2.0], [1e-4, 0.0], "no conductance"),
+        ([1.0, 2.0], [2e-4, 1e-4], "does not grow"),
+    ],
+)
 def test_presses_that_say_nothing_are_refused(forces, conductances, message):
     with pytest.raises(InputError, match=message):
         fit_contact_law(forces, conductances, np.full(len(forces), 1e-4))
@@ -58,12 +61,21 @@ def test_calibration_file_is_read_back(tmp_path):
     assert load_calibration(path) == TRUE
 
 
-@pytest.mark.parametrize("text, message", [
-    ("a: 1", "is missing"),
-    ("/**/reconstruction: {ros__parameters: {contact_coefficient: 1.0}}", "contact_exponent: is missing"),
-    ("/**/reconstruction: {ros__parameters: {contact_coefficient: x, contact_exponent: 1}}", "finite"),
-    ("/**/reconstruction: 3", "is missing"),
-])
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("a: 1", "is missing"),
+        (
+            "/**/reconstruction: {ros__parameters: {contact_coefficient: 1.0}}",
+            "contact_exponent: is missing",
+        ),
+        (
+            "/**/reconstruction: {ros__parameters: {contact_coefficient: x, contact_exponent: 1}}",
+            "finite",
+        ),
+        ("/**/reconstruction: 3", "is missing"),
+    ],
+)
 def test_other_files_are_refused(tmp_path, text, message):
     path = tmp_path / "calibration.yaml"
     path.write_text(text)
@@ -94,8 +106,16 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
     assert law.exponent == pytest.approx(TRUE.exponent, abs=0.1)
     result = tmp_path / "result.npz"
     run(
-        reconstruct, presses[1], "--layout", "equal-4x4", "--profile", "accurate",
-        "--calibration", out, "--out", result,
+        reconstruct,
+        presses[1],
+        "--layout",
+        "equal-4x4",
+        "--profile",
+        "accurate",
+        "--calibration",
+        out,
+        "--out",
+        result,
     )
     assert "1 frames" in capsys.readouterr().out
     with np.load(result) as content:
@@ -103,11 +123,14 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
         assert content["pressure"].shape == content["potential"].shape == (1, 40, 40)
         assert content["latency"].shape == (1,)
     assert contact["force"] == pytest.approx(4.0, rel=0.05)
-    assert set(contact) == {"x", "y", "force", "pressure", "area", "radius"}
+    assert set(contact) == {
+        *("x", "y", "force", "pressure", "area", "radius"),
+        *("id", "age", "vx", "vy"),
+    }
 
 
 def test_frames_of_another_layout_are_refused(tmp_path, presses):
-    with pytest.raises(InputError, match="the frames are of 'equal-4x4'"):
+    with pytest.raises(InputError, match="frames of 'equal-4x4"):
         run(reconstruct, presses[0], "--layout", "equal-8x8", "--out", tmp_path / "result.npz")
 
 
@@ -126,4 +149,6 @@ def test_files_that_hold_no_frames_are_refused(tmp_path):
     with pytest.raises(InputError, match="voltages"):
         run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
     with pytest.raises(InputError, match="cannot be read"):
-        run(reconstruct, tmp_path / "none.npz", "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
+        run(
+            reconstruct, tmp_path / "none.npz", "--layout", "equal-4x4", "--out", tmp_path / "r.npz"
+        )

@@ -88,13 +88,14 @@ def test_force_is_the_integral_of_pressure():
 @pytest.mark.parametrize("position", [(0.0025, 0.0025), (0.0, 0.0), (0.0413, -0.0271), (0.1, 0.1)])
 def test_resolved_discs_are_shown_with_their_own_pressure(position, radius):
     area = np.pi * radius**2
+    on_sheet = 0.25 if min(position) == 0.1 else 1.0  # in the corner, sampled: to 2 %
     (blob,) = find_blobs(bump(0.04, -0.03), GRID)
     disc = Strength(np.array(position), 20e3 * area * 1e-4, area, is_disc=True)
     (contact,), pressure = contacts_and_pressure(
         [blob], bump(0.04, -0.03).ravel(), [disc], ContactLaw(1e-4, 1.0), GRID
     )
-    assert contact.force == pytest.approx(20e3 * area)
-    assert contact.area == pytest.approx(area)
+    assert contact.force == pytest.approx(20e3 * area, rel=0.02 if on_sheet < 1 else 1e-6)
+    assert contact.area == pytest.approx(area * on_sheet, rel=0.02 if on_sheet < 1 else 1e-6)
     assert pressure.sum() * GRID.cell_area == pytest.approx(contact.force)
     assert contact.pressure == pressure.max()
     if radius > 0.0025 and max(position) < 0.1:  # larger than a pixel, all of it on the sheet

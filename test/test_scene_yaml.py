@@ -263,3 +263,10 @@ def test_scene_for_another_layout_is_refused(change, line):
     with pytest.raises(InputError) as error:
         scene.check(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4))
     assert str(error.value) == line
+
+
+def test_a_file_name_is_shown_as_text_whatever_is_in_it(tmp_path):
+    """Names of scenes are shown by the live display, and those of files may come from others."""
+    path = tmp_path / "a\x1b[2Jb.yaml"
+    path.write_text(GOOD)
+    assert load_scene(path).name == "a\\x1b[2Jb"

@@ -11,7 +11,15 @@ from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import Image
 
 POLICY = Path(__file__).resolve().parent.parent / "config" / "security" / "policy.xml"
-SOMETIMES = {"/clock", "/parameter_events", "/surface", "/touches"}  # by parameters and layout
+SOMETIMES = {
+    "/clock",
+    "/parameter_events",
+    "/sensor_state",
+    "/surface",
+    "/touches",
+    "/tf",
+    "/tf_static",
+}  # by parameters and layout
 
 
 def allowed(node: str, kind: str, what: str) -> set[str]:
@@ -26,11 +34,18 @@ def allowed(node: str, kind: str, what: str) -> set[str]:
     return {n.replace("~", f"/{node}") if n[0] in "~/" else f"/{n}" for n in names}
 
 
-@pytest.mark.parametrize("node", ["driver", "reconstruction"])
-def test_the_policy_allows_what_the_node_does_and_nothing_else(probe, start, node):
+def test_the_policy_allows_what_the_nodes_do_and_nothing_else(probe, start):
     start("driver", {"scene": "idle"})
     start("reconstruction")
+    poses = POLICY.parent.parent / "poses" / "two_sensors.yaml"
+    start("skin", {"sensors": "[left, right]", "poses": poses})
     probe.wait_for(Image, "/pressure")
+    for node in ("driver", "reconstruction", "skin"):
+        compare(probe, node)
+
+
+def compare(probe, node):
+    """What a running node does with what the policy allows it."""
 
     def names(look) -> set[str]:
         try:

@@ -89,7 +89,10 @@ def test_columns_that_were_solved_are_kept_until_there_are_too_many():
         solved.extend(which)
         return matrix[:, which]
 
-    kept = KeptGreen(solve, len(matrix))
+    def among(which):
+        return matrix[np.ix_(which, which)]
+
+    kept = KeptGreen(solve, among, lambda rows, columns: np.zeros((len(rows), len(columns))), 4000)
     for count in 5, 1500, 1000, 2900:
         chosen = random.permutation(4000)[:count]
         np.testing.assert_array_equal(kept.among(chosen), matrix[np.ix_(chosen, chosen)])
@@ -98,3 +101,28 @@ def test_columns_that_were_solved_are_kept_until_there_are_too_many():
             kept.among(chosen[::-1]), matrix[np.ix_(chosen, chosen)][::-1, ::-1]
         )
         assert len(solved) == before
+
+
+def test_unknowns_for_which_nothing_was_prepared_are_not_kept():
+    matrix = np.arange(10000.0).reshape(100, 100)
+    matrix += matrix.T
+    solved = []
+
+    def solve(feed):
+        solved.extend(feed.argmax(axis=0))
+        return matrix[:, feed.argmax(axis=0)] - 1
+
+    def among(which):
+        return matrix[np.ix_(which, which)] - 1
+
+    kept = KeptGreen(solve, among, lambda rows, columns: np.ones((len(rows), len(columns))), 100)
+    kept.prepare(np.arange(50))
+    assert solved == [*range(50)]
+    for repeated in [[1, 60, 2, 60]], [[70, 80, 90], [70, 1, 2]], [[3, 4, 5]]:
+        repeated = np.array(repeated)
+        blocks = matrix[repeated[:, :, None], repeated[:, None, :]]
+        np.testing.assert_array_equal(kept.blocks(repeated), blocks)
+    assert solved == [*range(50)]
+    few = np.append(np.arange(40), 99)
+    np.testing.assert_array_equal(kept.among(few), matrix[np.ix_(few, few)])
+    assert solved == [*range(50), 99]

@@ -266,9 +266,15 @@ def test_level_factorisation_solves_and_inverts():
     right = random.random((60, 3))
     np.testing.assert_allclose(factor.solve(right), np.linalg.solve(matrix.toarray(), right))
     rows, columns = matrix.nonzero()
-    np.testing.assert_allclose(
-        factor.inverse_entries(rows, columns), np.linalg.inv(matrix.toarray())[rows, columns]
-    )
+    inverse = np.linalg.inv(matrix.toarray())
+    np.testing.assert_allclose(factor.inverse_entries(rows, columns), inverse[rows, columns])
+    for some in (
+        random.permutation(60),
+        random.permutation(60)[:7],
+        np.array([3]),
+        np.array([], int),
+    ):
+        np.testing.assert_allclose(factor.inverse_among(some), inverse[np.ix_(some, some)])
 
 
 def test_parts_that_are_not_connected_are_refused():

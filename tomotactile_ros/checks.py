@@ -102,3 +102,16 @@ def pair(value: object, key: str, kind: str) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise InputError(f"{key}: {show(value)} is not a pair of numbers, {kind}") from None
     return number(first, f"{key}[0]", kind), number(second, f"{key}[1]", kind)
+
+
+def order(value: object, key: str, electrodes: int) -> np.ndarray:
+    """Electrodes that are grounded in turn: any of them, as often as one likes, at least one."""
+    found = np.asarray(value)
+    if found.ndim != 1 or not found.size or found.dtype.kind not in "iu":
+        raise InputError(f"{key}: {show(value)} is not a list of electrodes")
+    if found.min() < 0 or found.max() >= electrodes:
+        wrong = found.min() if found.min() < 0 else found.max()
+        raise InputError(
+            f"{key}: electrode {wrong} does not exist, there are 0 to {electrodes - 1}"
+        )
+    return found.astype(np.intp)

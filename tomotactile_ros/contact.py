@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros import checks
 from tomotactile_ros.cells import (
@@ -215,6 +216,28 @@ class Contact:
             now._move(self._begin + self._motion.shift(age))
         return now
 
+    def during(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `at` says of (T,) ``times`` (s), all at once.
+
+        Returns
+        -------
+        there : (T,) whether it is there; centers : (T, 2) m; felt : (T,) pressure that the law
+        feels, in parts of the nominal one. Where it is not there, centers and felt mean nothing.
+        """
+        there = (self.start <= times) & (times < self.end)
+        age = np.maximum(times - self.start, 0.0)
+        centers = np.broadcast_to(self._begin, (len(times), 2))
+        if self._motion is not None:
+            centers = self._begin + self._motion.shift(age)
+        felt = np.ones(len(times))
+        if self.course is not None:
+            signal = self._load.signal
+            felt[there] = [signal.value(each) for each in age[there]]
+            there = there & (felt > 0)
+        if self._law is not None:
+            felt[there] = [self._law.felt(self._load.signal, each) for each in age[there]]
+        return there, centers, felt
+
     def changes(self, first: float, last: float) -> bool:
         """Whether anything about it is different at some time from ``first`` to ``last`` (s)."""
         if last < self.start or self.end <= first:
@@ -231,24 +254,25 @@ class Contact:
             self._set("points", self.points + (center - self.center))
         self._set("center", center)
 
-    def conductance(self, law: ContactLaw | None, across: int) -> float | np.ndarray:
+    @property
+    def felt(self) -> float:
+        """Pressure that the law feels, at the time of `at`, in parts of the nominal one."""
+        return self._felt
+
+    def conductance(
+        self, law: ContactLaw | None, across: int, felt: ArrayLike | None = None
+    ) -> np.ndarray:
         """Conductance per area of the `patches`, S/m², by a contact law.
 
-        One number where the pressure is even, else (Q,), of the mean pressure on each patch.
-        Infinite for a bare conductor, and without a law.
+        One number (1,) where the pressure is even, else (Q,), of the mean pressure on each patch.
+        Infinite for a bare conductor, and without a law. With ``felt`` (T, 1) that of T times.
         """
         mean = self._load.mean_pressure
         if law is None or mean is None:
-            return math.inf
-        key = "conductance", law, across
-        kept, found = self._cells.get(key, (None, None))
-        if kept != self._felt:
-            even = self.profile == "even"
-            pressure = 1.0 if even else unit_disc_pressures(self.profile, across)
-            found = law.conductance(mean * self._felt * pressure)
-            found = float(found) if even else found
-            self._cells[key] = self._felt, found
-        return found
+            return np.full(1, math.inf)
+        even = self.profile == "even"
+        pressure = np.ones(1) if even else unit_disc_pressures(self.profile, across)
+        return law.conductance(mean * (self._felt if felt is None else felt) * pressure)
 
     def sample(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Cut the contact into cells of a lattice that is fixed to it.
@@ -275,11 +299,15 @@ class Contact:
         -------
         points : (Q, 2) m; areas : (Q,) m², in sum that of the contact; radii : (Q,) m.
         """
+        points, areas, radii = self.patches_about_center(across)
+        return self.center + points, areas, radii
+
+    def patches_about_center(self, across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same with points (Q, 2) against the centre, wherever the contact is."""
         key = "patches", across
         if key not in self._cells:
             self._cells[key] = self._make_patches(across)
-        points, areas, radii = self._cells[key]
-        return self.center + points, areas, radii
+        return self._cells[key]
 
     def _make_patches(self, across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The patches about the centre."""

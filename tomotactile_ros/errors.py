@@ -1,5 +1,6 @@
 """The one exception for what a user can put right: a file, a key, a parameter."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,6 +10,15 @@ class InputError(ValueError):
 
     def __init__(self, message: object = ""):
         super().__init__(printable(str(message)))
+
+
+class Doubt(UserWarning):
+    """Input that is possible and probably not meant. One line like that of an InputError."""
+
+
+def doubt(message: str) -> None:
+    """Say that something was probably not meant, and go on; programs print or log it as a line."""
+    warnings.warn(printable(message), Doubt, stacklevel=3)
 
 
 def printable(text: str) -> str:

@@ -8,11 +8,16 @@ import stat
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from tomotactile_ros.checks import show
 from tomotactile_ros.errors import InputError
 
+YAML = (".yaml", ".yml")  # endings of layouts and other settings
+PICTURES = (".png", ".svg", ".pdf", ".jpg", ".webp")  # what a picture can be written as
 READ_TIME = 10.0  # s for one file
 _PIECE = 1 << 20
 
@@ -75,8 +80,27 @@ def check_folder(path: str | os.PathLike) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
+def check_out(path: str | os.PathLike, *endings: str) -> None:
+    """Refuse a file whose name ends in another format than it gets, and a place that takes none."""
+    if Path(path).suffix.lower() not in endings:
+        right = " or ".join(endings)
+        stem = Path(path).name.removesuffix(Path(path).suffix) or "out"
+        raise InputError(
+            f"{path}: this file is written as {right}; "
+            f"call it {Path(path).with_name(stem + endings[0])}"
+        )
+    check_folder(path)
+
+
 def write_atomic(path: str | os.PathLike, data: bytes) -> None:
-    """Write to a temporary file beside ``path`` and move it into place.
+    """Write to a temporary file beside ``path`` and move it into place, see `atomic_file`."""
+    with atomic_file(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike) -> Iterator[IO[bytes]]:
+    """A temporary file beside ``path`` to write to; moved into place when all has gone well.
 
     A symbolic link stays and its target is written; an existing file keeps its permissions, a new
     one has those that the umask leaves.
@@ -85,12 +109,12 @@ def write_atomic(path: str | os.PathLike, data: bytes) -> None:
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.name[:200]}.{os.getpid()}-{secrets.token_hex(4)}")
     try:
-        number = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        number = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
-            with os.fdopen(number, "wb") as file:
+            with os.fdopen(number, "w+b") as file:
                 if target.exists():
                     os.fchmod(number, stat.S_IMODE(target.stat().st_mode))
-                file.write(data)
+                yield file
                 file.flush()
                 os.fsync(number)
             os.replace(temporary, target)
@@ -101,12 +125,16 @@ def write_atomic(path: str | os.PathLike, data: bytes) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
+def check_picture(path: str | os.PathLike) -> None:
+    """Refuse a picture whose name ends in no format that can be drawn."""
+    check_out(path, *PICTURES)
+
+
 def save_figure(figure, path: str | os.PathLike, **how) -> None:
-    """Write a matplotlib figure, whole or not at all; a PNG unless the name says otherwise."""
-    kind = Path(path).suffix.lower().lstrip(".")
-    known = figure.canvas.get_supported_filetypes()
+    """Write a matplotlib figure in the format of its name, whole or not at all."""
+    check_picture(path)
     buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=100, format=kind if kind in known else "png", **how)
+    figure.savefig(buffer, dpi=100, format=Path(path).suffix.lower().lstrip("."), **how)
     write_atomic(path, buffer.getvalue())
 
 
@@ -116,6 +144,21 @@ def shared_folders() -> list[Path]:
     prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
     source = Path(__file__).resolve().parent.parent
     return [*(Path(prefix) / share for prefix in prefixes), source, Path(sys.prefix) / share]
+
+
+def find_shared(package: str, path: str, key: str) -> Path:
+    """A file that a package shares (``package://NAME/PATH`` in robot descriptions).
+
+    `key` says who asks, for the InputError where there is none.
+    """
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    for prefix in prefixes:
+        file = Path(prefix, "share", package, path)
+        if package and ".." not in Path(package, path).parts and file.is_file():
+            return file
+    raise InputError(
+        f"{key}: package://{package}/{path}: no such file; is the workspace of {package} sourced?"
+    )
 
 
 def find_config(kind: str, name: str | os.PathLike) -> Path:

@@ -3,19 +3,24 @@
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, complaints_at, doubt
 from tomotactile_ros.files import find_config
+from tomotactile_ros.layout_ids import make_id
 from tomotactile_ros.outline import Outline
-from tomotactile_ros.surface import Surface
+from tomotactile_ros.surfaces import Cylinder, Flat, Mesh, PointGrid, Surface
 from tomotactile_ros.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-layout/1"
 MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
+SMALLEST, LARGEST = 0.005, 5.0  # m, longer sides of sheets that people build
+LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
+FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
 _ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
 
 
@@ -25,13 +30,13 @@ class Layout:
 
     Parameters
     ----------
-    name : identifies the layout in messages.
+    name : identifies the layout in messages, together with a hash of the geometry.
     outline : the sheet.
     sheet_resistance : of the probing layer, ohm/sq.
     radius : of every electrode, m.
     positions : (E, 2) centres, m, inside the outline or on its rim, more than 2 radius apart.
     provenance : how the layout came about; free-form, kept in the file.
-    surface : how the sheet is bent, or None for flat.
+    surface : how the sheet is bent.
     """
 
     name: str
@@ -40,7 +45,7 @@ class Layout:
     radius: float
     positions: np.ndarray
     provenance: dict = field(default_factory=dict)
-    surface: Surface | None = None
+    surface: Surface = field(default_factory=Flat)
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name.strip():
@@ -53,18 +58,25 @@ class Layout:
         object.__setattr__(self, "positions", positions)
         self._check_inside()
         self._check_apart()
-        if self.surface is not None:
-            self.surface.check(self.outline.size[0])
+        with complaints_at("surface."):
+            self.surface.check(self.outline.size)
 
     @property
     def electrodes(self) -> int:
         """Number of electrodes E."""
         return len(self.positions)
 
-    @property
+    @cached_property
     def id(self) -> str:
-        """What a voltage frame names to say which layout it was measured with."""
-        return self.name
+        """What a voltage frame names to say which layout it was measured with: ``name#1a2b3c4d``.
+
+        The hash is of what the readings depend on: outline, holes, positions and radius. How the
+        sheet is bent changes none.
+        """
+        outline = self.outline
+        rim = [outline.radius] if outline.kind == "circle" else outline.shell
+        lengths = [rim, *outline.holes, self.positions, self.radius]
+        return make_id(self.name, outline.kind, lengths)
 
     @cached_property
     def pitches(self) -> np.ndarray:
@@ -88,8 +100,10 @@ class Layout:
             "sheet_resistance": float(self.sheet_resistance),
             "electrodes": {"radius": float(self.radius), "positions": self.positions},
         }
-        if self.surface is not None:
-            content["surface"] = {"cylinder": {"radius": float(self.surface.radius)}}
+        if self.surface != Flat():
+            content["surface"] = self.surface.to_dict(Path(os.path.realpath(path)).parent)
+        if not is_usual_size(self.outline.size):
+            content["unusual_size"] = True
         if self.provenance:
             content["provenance"] = self.provenance
         write_mapping(path, content)
@@ -104,7 +118,18 @@ class Layout:
             raise InputError(
                 f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}] lies outside the outline "
                 f"({self.outline.kind}, {a:g} m x {b:g} m around the origin{hole})"
+                + self._what_was_meant(tolerance)
             )
+
+    def _what_was_meant(self, tolerance: float) -> str:
+        """Which other unit or origin puts all electrodes on the sheet, if one does."""
+        middle = np.array(self.outline.size) / 2
+        if self.outline.contains(self.positions - middle, tolerance).all():
+            return "; was the origin a corner of the sheet? It is its middle"
+        far = np.abs(self.positions).max() > FAR_OFF * max(self.outline.size)
+        if far and self.outline.contains(self.positions / 1e3, tolerance).all():
+            return "; are the positions in mm? They must be in m"
+        return ""
 
     def _check_apart(self) -> None:
         if self.electrodes > MAX_ELECTRODES:
@@ -124,23 +149,59 @@ class Layout:
             )
 
 
+def is_usual_size(size: tuple[float, float]) -> bool:
+    """Whether a sheet of this width and height, m, is of a size that people build."""
+    return SMALLEST <= max(size) <= LARGEST
+
+
+def check_usual_size(size: tuple[float, float], key: str, remedy: str) -> None:
+    """Refuse a size, m, that was probably given in another unit; `remedy` says how to insist."""
+    if is_usual_size(size):
+        return
+    a, b = size
+    meant = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
+    raise InputError(
+        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {meant} meant? If not, {remedy}"
+    )
+
+
 def load_layout(path: str | os.PathLike) -> Layout:
     """Read a layout from a path, or by the name of an installed one."""
-    reader = Reader.open(find_config("layouts", path), FORMAT)
+    path = find_config("layouts", path)
+    reader = Reader.open(path, FORMAT)
     reader.only(
-        "format", "name", "outline", "sheet_resistance", "electrodes", "provenance", "surface"
+        "format",
+        "name",
+        "outline",
+        "sheet_resistance",
+        "electrodes",
+        "provenance",
+        "surface",
+        "unusual_size",
     )
     electrodes = reader.section("electrodes")
     electrodes.only("radius", "positions")
+    outline = _read_outline(reader.section("outline"))
+    surface = Flat()
+    if "surface" in reader:
+        surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
+    if not reader.flag("unusual_size"):
+        check_usual_size(outline.size, f"{reader.place}outline", "write unusual_size: true")
+    sheet_resistance = reader.number("sheet_resistance")
+    if 0 < sheet_resistance < LOW_RESISTANCE:
+        doubt(
+            f"{reader.place}sheet_resistance: {sheet_resistance:g} ohm/sq is low for a probing "
+            f"layer; was {sheet_resistance:g} kohm/sq meant? That is {1e3 * sheet_resistance:g}"
+        )
     return reader.build(
         Layout,
         name=reader.text("name"),
-        outline=_read_outline(reader.section("outline")),
-        sheet_resistance=reader.number("sheet_resistance"),
+        outline=outline,
+        sheet_resistance=sheet_resistance,
         radius=electrodes.number("radius"),
         positions=electrodes.points("positions"),
         provenance=reader.free("provenance"),
-        surface=_read_surface(reader.section("surface")) if "surface" in reader else None,
+        surface=surface,
     )
 
 
@@ -208,8 +269,32 @@ def _read_outline(reader: Reader) -> Outline:
     return reader.build(Outline.polygon, reader.points("polygon"), holes=holes)
 
 
-def _read_surface(reader: Reader) -> Surface:
-    reader.only("cylinder")
-    cylinder = reader.section("cylinder")
-    cylinder.only("radius")
-    return reader.build(Surface, cylinder.number("radius"))
+def _read_surface(reader: Reader, folder: Path, size: tuple[float, float]) -> Surface:
+    kinds = ("flat", "cylinder", "grid", "mesh")
+    reader.only(*kinds)
+    named = [kind for kind in kinds if kind in reader]
+    if len(named) != 1:
+        found = " and ".join(named) or "none"
+        raise InputError(
+            f"{reader.place[:-1]}: exactly one of {', '.join(kinds)} is needed; found {found}"
+        )
+    section = reader.section(named[0])
+    if named == ["cylinder"]:
+        section.only("radius")
+        return reader.build(Cylinder, section.number("radius"))
+    if named == ["grid"]:
+        section.only("points")
+        return reader.build(PointGrid, section.grid("points", 3), size, "grid")
+    if named == ["mesh"]:
+        section.only("file", "center", "x_axis", "scale")
+        return reader.build(
+            Mesh.load,
+            section.text("file"),
+            section.numbers("center", 3),
+            section.numbers("x_axis", 3),
+            section.number("scale", 1.0),
+            folder,
+            size,
+        )
+    section.only()
+    return Flat()

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
@@ -43,15 +44,12 @@ class Motion:
         object.__setattr__(self, "corners", corners)
         object.__setattr__(self, "_at", np.concatenate([[0.0], np.cumsum(ways)]))
 
-    def shift(self, age: float) -> np.ndarray:
-        """(2,) ``age`` s after the beginning."""
-        way = self.speed * age
-        if self.endless:
-            return way / self._at[-1] * self.corners[-1]
-        way = way % self._at[-1] if self.loop else min(way, self._at[-1])
-        leg = min(int(np.searchsorted(self._at, way, side="right")), len(self._at) - 1) - 1
-        part = (way - self._at[leg]) / (self._at[leg + 1] - self._at[leg])
-        return self.corners[leg] + part * (self.corners[leg + 1] - self.corners[leg])
+    def shift(self, age: ArrayLike) -> np.ndarray:
+        """(..., 2) ``age`` (...) s after the beginning."""
+        way = self.speed * np.asarray(age, float)
+        if not self.endless:
+            way = way % self._at[-1] if self.loop else np.minimum(way, self._at[-1])
+        return self._at_way(way)
 
     def legs(self, lasts: float, longest: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Straight parts of the way while the contact lasts (s): where each begins, the way on.
@@ -72,10 +70,10 @@ class Motion:
         return self._at_way(np.arange(0.0, way, step))
 
     def _at_way(self, way):
-        """(S, 2) shifts after ``way`` (S,) metres, at most once round."""
+        """(..., 2) shifts after ``way`` (...) metres, at most once round."""
         if self.endless:
-            return np.outer(way / self._at[-1], self.corners[-1])
-        return np.column_stack([np.interp(way, self._at, self.corners[:, i]) for i in range(2)])
+            return np.multiply.outer(way / self._at[-1], self.corners[-1])
+        return np.stack([np.interp(way, self._at, self.corners[:, i]) for i in range(2)], axis=-1)
 
 
 def straight(velocity: np.ndarray) -> Motion | None:

@@ -9,6 +9,8 @@ from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.region import Region, regular_polygon
 
+_SLOPE = 1e-6  # of the size: differences of the depth are taken over this length
+_CROSS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 _CENTRED = 1e-6  # how far the middle of a polygon's bounding box may be off, in parts of its size
 
 
@@ -85,6 +87,21 @@ class Outline(Region):
         for hole in self.holes:
             distance = np.minimum(distance, Region(hole).rim_distance(points))
         return distance
+
+    def depth(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) how deep (P, 2) points lie inside, m, negative outside, and (P, 2) its gradient."""
+        if self.is_uniform_rectangle:
+            inside = 0.5 * np.array(self.size) - np.abs(points)
+            nearest = inside.argmin(axis=1)
+            own = np.arange(len(points))
+            gradient = np.zeros(points.shape)
+            gradient[own, nearest] = -np.sign(points[own, nearest])
+            return inside[own, nearest], gradient
+        step = _SLOPE * max(self.size)
+        around = [points, *(points + step * each for each in _CROSS)]
+        values = [np.where(self.contains(p), 1, -1) * self.rim_distance(p) for p in around]
+        slopes = [(values[i] - values[i + 1]) / (2 * step) for i in (1, 3)]
+        return values[0], np.stack(slopes, axis=-1)
 
     def to_dict(self) -> dict:
         """The outline as in a layout file."""

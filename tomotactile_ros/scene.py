@@ -22,12 +22,13 @@ from tomotactile_ros.defects import (
     read_defects,
     read_section,
 )
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import InputError, printable
 from tomotactile_ros.files import find_config
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layout import FAR_OFF, Layout
 from tomotactile_ros.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-scene/1"
+MAX_CONTACTS = 1000  # over all times
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,12 @@ class Scene:
             )
         for i, contact in enumerate(self.contacts):
             if not _reaches(contact, layout):
-                raise InputError(f"{place}contacts[{i}]: never touches the sheet of {layout.name}")
+                far = np.abs(contact.centroid).max() > FAR_OFF * max(layout.outline.size)
+                in_mm = far and layout.outline.contains(contact.centroid[None] / 1e3).all()
+                raise InputError(
+                    f"{place}contacts[{i}]: never touches the sheet of {layout.name}"
+                    + ("; is it in mm? Lengths are in m" if in_mm else "")
+                )
         wires = [wire for pair in self.defects.swapped for wire in pair]
         for key, numbers in (("dead", self.defects.dead), ("swapped", wires)):
             if max(numbers, default=0) >= layout.electrodes:
@@ -130,9 +136,12 @@ def load_scene(path: str | os.PathLike) -> Scene:
         "defects",
         "own_reading",
     )
+    count = len(reader.items("contacts", []))
+    if count > MAX_CONTACTS:
+        raise InputError(f"{reader.place}contacts: {count} are named, at most {MAX_CONTACTS} work")
     return reader.build(
         Scene,
-        name=Path(path).stem,
+        name=printable(Path(path).stem),
         drive_voltage=reader.number("drive_voltage"),
         contacts=[read_contact(contact) for contact in reader.sections("contacts")],
         contact_law=_read_law(reader),

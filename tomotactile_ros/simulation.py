@@ -22,6 +22,7 @@ from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet import MODELS, make_sheet
 from tomotactile_ros.sheet.contacts import Patches, contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.merge import Track
 from tomotactile_ros.sheet.rows import moving_rows
 from tomotactile_ros.sheet_field import resistance_of
 from tomotactile_ros.touches import Touches
@@ -30,8 +31,10 @@ ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
 _PATCHES = 60  # along the longer side, for the patches of wide contacts
 _ACROSS = 4, 24  # of them to the width of the smallest and of the widest contact
+_WIDEST = 1.5  # longer sides: patches of wider contacts are coarser than electrodes are apart
 _TINY = 1e-6  # keeps counts of patches from rounding either way
 _HORIZON = 60.0  # s of motion that are solved ahead
+MOST_PATCHES = 4000  # that touch at the same time: a frame is a dense system of so many unknowns
 
 
 class Simulator:
@@ -68,11 +71,18 @@ class Simulator:
         longest = max(layout.outline.size)
         self.sheet = self._make_sheet(model, h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
+        for i, contact in enumerate(scene.contacts):
+            if contact.width > _WIDEST * longest:
+                raise InputError(
+                    f"scene {scene.name}: contacts[{i}]: {contact.width:g} m wide on a sheet of "
+                    f"{longest:g} m, at most {_WIDEST:g} times the sheet is simulated"
+                )
         self._across = [patches_across(contact, longest) for contact in scene.contacts]
         self.live: Touches | None = None  # what presses from outside, beside the scene's contacts
         self.sheet.prepare(self._paths())
         self._set_wiring()
-        self._kept: tuple[tuple, float, np.ndarray] | None = None
+        self._kept: tuple[list, np.ndarray] | None = None
+        self._check_patches([now for each in scene.contacts if (now := each.at(0.0)) is not None])
 
     def _set_wiring(self):
         """What hangs on each electrode: its wire, its channel, what lies between it and ground."""
@@ -133,6 +143,15 @@ class Simulator:
             before = self.grounded[place[0] - 1] if len(place) else electrode
         return self._measure(t, grounded, before, sequence)[0]
 
+    def rows(self, t: float, first: int, last: int, sequence: int = 0) -> np.ndarray:
+        """(last - first, E) voltages, V, of these rows of the frame that starts at `t` (s).
+
+        As of `frame`, but for the noise, which is another one for other rows.
+        """
+        grounded = self.grounded[first:last]
+        before = self.grounded[first - 1]
+        return self._measure(t + first * self.row_period, grounded, before, sequence, first)
+
     def ideal_frame(self, t: float) -> np.ndarray:
         """(L, E) voltages before anything is wrong with their measurement."""
         rows = self._rows(t + self.row_period * np.arange(len(self.grounded)), self.grounded)
@@ -140,8 +159,11 @@ class Simulator:
             rows[np.arange(len(rows)), self.grounded] = np.nan
         return rows
 
-    def _measure(self, t, grounded, before, sequence):
-        """(L, E) readings of rows from `t` on; `before` was grounded in the row before them."""
+    def _measure(self, t, grounded, before, *number):
+        """(L, E) readings of rows from `t` on; `before` was grounded in the row before them.
+
+        `number` chooses the noise.
+        """
         defects, scene, channels = self.scene.defects, self.scene, self._channels
         times = t + self.row_period * np.arange(len(grounded))
         if channels.settling is None:
@@ -156,7 +178,7 @@ class Simulator:
         if not scene.own_reading:
             voltages[np.arange(len(grounded)), grounded] = np.nan
         if scene.noise is not None and scene.noise.rms > 0:
-            random = np.random.default_rng([scene.noise.seed, sequence])
+            random = np.random.default_rng([scene.noise.seed, *number])
             voltages += scene.noise.rms * random.standard_normal(voltages.shape)
         if defects.hum is not None:
             hum = defects.hum.amplitude * np.sin(2 * np.pi * defects.hum.frequency * times)
@@ -175,38 +197,50 @@ class Simulator:
     def _rows(self, times, grounded):
         """(L, E) potentials of all electrodes at `times` (L,), each with its own one grounded."""
         if not self._changes(times.min(), times.max()):
-            return self._resting(self._present(times[0]))[grounded]
-        states = [self._present(t) for t in times]
+            return self._resting(times[0])[grounded]
+        tracks = self._tracks(times)
         factors = np.array([self.sheet_factor(t) for t in times])
-        alike: dict[tuple, list[int]] = {}
-        for row, state in enumerate(states):
-            alike.setdefault((factors[row], *map(id, state)), []).append(row)
+        columns = [factors[:, None]]
+        for track in tracks:
+            there = track.there[:, None]
+            columns += [there, *(np.where(there, x, 0) for x in (track.centers, track.conductance))]
+        state = np.concatenate(columns, axis=1)
+        begins = np.append(True, (state[1:] != state[:-1]).any(axis=1))
+        ends = np.append(begins[1:], True)
         out = np.empty((len(times), self.layout.electrodes))
-        for rows in alike.values():
-            if len(rows) > 1:
-                out[rows] = self._resting(states[rows[0]], factors[rows[0]])[grounded[rows]]
-        alone = [rows[0] for rows in alike.values() if len(rows) == 1]
-        if alone:
+        for first, last in zip(np.flatnonzero(begins & ~ends), np.flatnonzero(ends & ~begins)):
+            same = slice(first, last + 1)
+            out[same] = self._resting(times[first])[grounded[same]]
+        alone = np.flatnonzero(begins & ends)
+        if len(alone):
             out[alone] = moving_rows(
                 self.sheet,
-                [self._touching(states[row], factors[row]) for row in alone],
+                [track.states(alone) for track in tracks],
                 grounded[alone],
                 self.scene.drive_voltage,
                 self._to_ground[grounded[alone]] / factors[alone],
             )
         return out
 
-    def _resting(self, state, factor=1.0):
-        """(E, E) potentials with each electrode grounded in turn while nothing changes; kept."""
-        if self._kept is None or factor != self._kept[1] or not _same(state, self._kept[0]):
+    def _resting(self, t):
+        """(E, E) potentials, each electrode grounded in turn while all is as at `t` (s); kept."""
+        factor = self.sheet_factor(t)
+        touching, state = [], [factor]
+        for contact in (*self.scene.contacts, *self._live(t)):
+            now = contact.at(t)
+            if now is not None:
+                touching.append(now)
+                state.append((contact, *now.center, now.felt))
+        if self._kept is None or state != self._kept[0]:
+            self._check_patches(touching)
             voltages = frame(
-                *contact_points(self.sheet, self._touching(state, factor)),
+                *contact_points(self.sheet, [self._contact(now, factor) for now in touching]),
                 self.scene.drive_voltage,
                 switch_resistance=self._to_ground / factor,
                 own_reading=True,
             )
-            self._kept = state, factor, voltages
-        return self._kept[2]
+            self._kept = state, voltages
+        return self._kept[1]
 
     def _changes(self, first: float, last: float) -> bool:
         """Whether anything on the sheet may change between two times, s, both included."""
@@ -216,27 +250,44 @@ class Simulator:
             or any(contact.changes(first, last) for contact in self.scene.contacts)
         )
 
-    def _present(self, t: float) -> tuple:
-        """What presses on the sheet at the time `t` (s): equal objects mean an equal state."""
-        live = () if self.live is None else self.live.at(t)
-        return (*(contact.at(t) for contact in self.scene.contacts), *live)
+    def _live(self, t: float) -> tuple[Contact, ...]:
+        """What presses from outside at the time `t` (s)."""
+        return () if self.live is None else self.live.at(t)
 
-    def _touching(self, state: tuple, factor: float = 1.0) -> list[tuple[Patches, np.ndarray]]:
-        """Patches of each contact that is there, and the conductance of each patch, S/m^2.
+    def _contact(self, contact: Contact, factor: float) -> tuple[Patches, np.ndarray]:
+        """What `contact_points` takes of a contact as it is now.
 
         Voltages are ratios of resistances: where that of the sheet is `factor` times what it was,
         contacts (and wires) act as if theirs was divided by it.
         """
-        touching = []
-        for contact in state:
-            if contact is not None:
-                across = patches_across(contact, max(self.layout.outline.size))
-                patches = contact.patches(across)
-                conductance = contact.conductance(self.scene.contact_law, across)
-                if not isinstance(conductance, np.ndarray):
-                    conductance = np.full(len(patches[1]), conductance)
-                touching.append((patches, factor * conductance))
-        return touching
+        across = patches_across(contact, max(self.layout.outline.size))
+        return contact.patches(across), factor * contact.conductance(self.scene.contact_law, across)
+
+    def _check_patches(self, touching: list[Contact]) -> None:
+        """Refuse more contacts at the same time than can be solved in seconds."""
+        longest = max(self.layout.outline.size)
+        count = sum(len(each.patches(patches_across(each, longest))[1]) for each in touching)
+        if count > MOST_PATCHES:
+            raise InputError(
+                f"scene {self.scene.name}: contacts: {len(touching)} at the same time, in {count} "
+                f"patches, at most {MOST_PATCHES} patches are simulated"
+            )
+
+    def _tracks(self, times: np.ndarray) -> list[Track]:
+        """All contacts at `times` (T,), s."""
+        law, longest = self.scene.contact_law, max(self.layout.outline.size)
+        factors = np.array([self.sheet_factor(t) for t in times])[:, None]
+        live = [self._live(t) for t in times]
+        moments = [(contact, *contact.during(times)) for contact in self.scene.contacts]
+        for contact in dict.fromkeys(each for now in live for each in now):
+            there = np.array([contact in now for now in live])
+            moments.append((contact, there, *contact.during(times)[1:]))
+        tracks = []
+        for contact, there, centers, felt in moments:
+            across = patches_across(contact, longest)
+            conductance = factors * contact.conductance(law, across, felt[:, None])
+            tracks.append(Track(contact.patches_about_center(across), centers, conductance, there))
+        return tracks
 
     def _paths(self):
         """(Q, 2) points over which contacts move, within `_HORIZON` s and two sheet lengths."""
@@ -257,21 +308,7 @@ def patches_across(contact: Contact, longest: float) -> int:
 
 def _scan_order(order, electrodes: int) -> np.ndarray:
     """(L,) electrodes that are grounded in turn."""
-    if order is None:
-        return np.arange(electrodes)
-    found = np.asarray(order)
-    if found.ndim != 1 or not found.size or found.dtype.kind not in "iu":
-        raise InputError(f"order: {checks.show(order)} is not a list of electrodes")
-    if found.min() < 0 or found.max() >= electrodes:
-        wrong = found.min() if found.min() < 0 else found.max()
-        raise InputError(
-            f"order: electrode {wrong} does not exist, there are 0 to {electrodes - 1}"
-        )
-    return found.astype(np.intp)
-
-
-def _same(first, second) -> bool:
-    return len(first) == len(second) and all(a is b for a, b in zip(first, second))
+    return np.arange(electrodes) if order is None else checks.order(order, "order", electrodes)
 
 
 def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:

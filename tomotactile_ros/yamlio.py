@@ -88,15 +88,15 @@ class _Loader(
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
 
 
-def read_mapping(path: str | os.PathLike) -> dict:
-    """The mapping at the top of a YAML file; InputError for anything else.
+def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
+    """The mapping at the top of a YAML file of at most `most` bytes; InputError for anything else.
 
     What stands in a file that is none of this package is not repeated in the complaint: its path
     may have been given by somebody who must not read it.
     """
     path = Path(path)
     try:
-        text = read_limited(path, MAX_BYTES).decode()
+        text = read_limited(path, most).decode()
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8") from None
     ours = _OURS.search(text) is not None
@@ -132,9 +132,9 @@ class Reader:
         self.place = place
 
     @classmethod
-    def open(cls, path: str | os.PathLike, file_format: str) -> "Reader":
-        """Read a file whose key ``format`` must be ``file_format``."""
-        reader = cls(read_mapping(path), f"{path}: ")
+    def open(cls, path: str | os.PathLike, file_format: str, most: int = MAX_BYTES) -> "Reader":
+        """Read a file of at most ``most`` bytes whose key ``format`` must be ``file_format``."""
+        reader = cls(read_mapping(path, most), f"{path}: ")
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")
@@ -205,6 +205,20 @@ class Reader:
         value = self._list(key, self._value(key, _REQUIRED))
         rows = [self._numbers(point, f"{key}[{i}]", 2) for i, point in enumerate(value)]
         return np.array(rows, dtype=np.float64).reshape(-1, 2)
+
+    def grid(self, key: str, length: int) -> np.ndarray:
+        """A list of equally long lists of points: (R, C, length) float64."""
+        rows = [
+            [self._numbers(point, f"{key}[{i}][{j}]", length) for j, point in enumerate(row)]
+            for i, row in enumerate(
+                self._list(f"{key}[{k}]", row)
+                for k, row in enumerate(self._list(key, self._value(key, _REQUIRED)))
+            )
+        ]
+        for i, row in enumerate(rows):
+            if len(row) != len(rows[0]):
+                self.refuse(f"{key}[{i}]", len(row), f"points, {key}[0] has {len(rows[0])}")
+        return np.array(rows, dtype=np.float64).reshape(len(rows), -1, length)
 
     def items(self, key: str, default: Any = _REQUIRED) -> list:
         """A list of anything."""

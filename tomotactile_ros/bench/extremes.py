@@ -1,17 +1,18 @@
-"""Errors of voltages and of places where one thing of an ordinary set-up is extreme.
+"""Errors of voltages, places and forces where one thing of an ordinary set-up is extreme.
 
 Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
-places, in parts of the longer side, with the true one.
+places, in parts of the longer side, with the true ones: the mean distance of a true contact from the
+nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 
 import numpy as np
 
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, PRESSURE, record
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, PRESSURE
 from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.defects import Adc, Defects, Noise
 from tomotactile_ros.errors import InputError
@@ -21,9 +22,12 @@ from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.simulation import Simulator
 
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
+PROFILES = ("fast", "balanced", "accurate", "joint")
+_RADIUS = 0.005  # of a contact, m
 _CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
 
 
@@ -83,63 +87,121 @@ def _apart(one, other):
     return float(np.nanmax(np.abs(one - other)))
 
 
-def place_by_resistance(resistance: float) -> float:
-    """A contact as conductive as the sheet."""
-    law = ContactLaw(3e4 / resistance / PRESSURE, 1.0)
-    return _place(grid(resistance=resistance), law=law)
+def contacts_by_resistance(resistance: float) -> list[dict]:
+    return _contacts(grid(resistance=resistance))
 
 
-def place_by_conductance(conductance: float) -> float:
+def contacts_by_conductance(conductance: float) -> list[dict]:
     if conductance == 0:
-        return _place(grid(), pressure=0.0)
+        return _contacts(grid(), pressure=0.0)
     bare = conductance == np.inf
-    return _place(grid(), law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
+    return _contacts(grid(), law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
 
 
-def place_by_lambda(level: float) -> float:
-    return _place(grid(), level=level)
+def contacts_by_lambda(level: float) -> list[dict]:
+    return _contacts(grid(), level=level)
 
 
-def place_by_noise(noise: float) -> float:
-    return _place(grid(), noise=noise)
+def contacts_by_noise(noise: float) -> list[dict]:
+    return _contacts(grid(), noise=noise)
 
 
-def place_by_bits(bits: int) -> float:
-    return _place(grid(), bits=bits)
+def contacts_by_bits(bits: int) -> list[dict]:
+    return _contacts(grid(), bits=bits)
 
 
-def place_by_dead(number: int) -> float:
+def contacts_by_dead(number: int) -> list[dict]:
     order = np.random.default_rng(5).permutation(64)
-    return _place(grid(), dead=sorted(order[:number].tolist()))
+    return _contacts(grid(), dead=sorted(order[:number].tolist()))
 
 
-def place_by_side(side: float) -> float:
-    law = replace(LAW, coefficient=LAW.coefficient * (0.2 / side) ** 2)
-    return _place(grid(side=side), law=law)
+def contacts_by_side(side: float) -> list[dict]:
+    return _contacts(grid(side=side))
 
 
-def place_by_electrodes(number: int) -> float:
-    return _place(grid(count=number))
+def contacts_by_electrodes(number: int) -> list[dict]:
+    rows = math.isqrt(number)
+    cols = number // rows
+    size = (0.2 * cols / max(rows, cols), 0.2 * rows / max(rows, cols))
+    return _contacts(equal_grid(rows, cols, size, 0.02 / max(rows, cols), 1e4))
 
 
-def _place(layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None):
-    """Distance of the strongest contact from the true one; InputError where none is reported."""
+def contacts_by_radius(radius: float) -> list[dict]:
+    return _contacts(grid(), radius=radius)
+
+
+def contacts_by_rim(inside: float) -> list[dict]:
+    """A contact whose centre is so many of its radii inside the rim."""
+    off = 0.0 if inside >= 1 else math.acos(inside) - inside * math.sqrt(1 - inside**2)
+    places = np.array([[0.1 - inside * _RADIUS, 0.026]])
+    return _contacts(grid(), places=places, part=1 - off / np.pi)
+
+
+def contacts_by_number(number: int) -> list[dict]:
+    """Contacts evenly spread, a square of them."""
+    side = math.ceil(math.sqrt(number))
+    steps = 0.17 * ((np.arange(side) + 0.5) / side - 0.5)
+    places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)[:number]
+    return _contacts(grid(), places=places + [0.003, -0.002])
+
+
+def _contacts(
+    layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
+    radius=_RADIUS, places=None, part=1.0,
+) -> list[dict]:  # fmt: skip
+    """For each profile: place, force, ghosts, or the refusal.
+
+    The contact law, the contacts and what the reconstruction is told of them are the ordinary ones
+    but for what is said. `part` of each contact is on the sheet.
+    """
     size = np.array(layout.outline.size)
-    defects, wire = Defects(dead=tuple(dead)), Noise(noise, 1) if noise else None
-    scene = Scene("extreme", DRIVE, (), law, wire, Adc(bits, DRIVE), defects)
-    recording = record(layout, scene, [(PLACE * size)[None]], pressure, size.max() / 40)
-    settings = Settings(
-        resolution=CELLS, noise=max(noise, 1e-6), regularization=level, contact_law=law or LAW,
-        contact_radius=size.max() / 40,
-    )  # fmt: skip
-    pipeline = Pipeline(layout, settings)
-    result = pipeline.process(recording.frames[0], np.arange(layout.electrodes), DRIVE)
-    for image in (result.potential, result.pressure):
-        if not np.isfinite(image[pipeline.grid.inside]).all():
-            raise InputError("the image is not finite")
-    if not result.contacts:
-        raise InputError(
-            "idle: no contact is reported" if result.idle else "no contact is reported"
-        )
-    found = result.contacts[0]
-    return float(np.hypot(*([found.x, found.y] - PLACE * size)) / size.max())
+    places = (PLACE * size)[None] if places is None else places
+    scene = Scene(
+        "extreme",
+        DRIVE,
+        [Contact("disc", center=where, radius=radius, pressure=pressure) for where in places],
+        law,
+        Noise(noise, 1) if noise else None,
+        Adc(bits, DRIVE),
+        Defects(dead=tuple(dead)),
+    )
+    frames: list[np.ndarray] = []
+
+    def found(profile):
+        settings = Settings(
+            profile, resolution=CELLS, noise=max(noise, 1e-6), regularization=level,
+            contact_law=law or LAW, contact_radius=radius,
+        )  # fmt: skip
+        pipeline = Pipeline(layout, settings)
+        if not frames:
+            frames.append(Simulator(layout, scene, h=size.max() / 40).frame(0.5))
+        result = pipeline.process(frames[0], np.arange(layout.electrodes), DRIVE)
+        if result.state != "valid":
+            raise InputError(f"withheld: {result.reason}")
+        for image in (result.potential, result.pressure):
+            if not np.isfinite(image[pipeline.grid.inside]).all():
+                raise InputError("the image is not finite")
+        if not result.contacts:
+            raise InputError("idle" if result.idle else "no contact is reported")
+        return result.contacts
+
+    force = part * pressure * np.pi * radius**2 * len(places)
+    return [
+        _row(profile, found, places, size.max(), force if law else None) for profile in PROFILES
+    ]
+
+
+def _row(profile, found, places, side, force) -> dict:
+    """How far contacts are off: place in parts of the side, force in parts of the true one."""
+    row = {"profile": profile, "place": None, "force": None, "ghosts": None, "refusal": None}
+    try:
+        contacts = found(profile)
+    except InputError as refused:
+        return {**row, "refusal": str(refused)}
+    at = np.array([[contact.x, contact.y] for contact in contacts])
+    nearest = np.hypot(*(places[:, None] - at).transpose(2, 0, 1)).min(axis=1)
+    row["place"] = float(nearest.mean() / side)
+    row["ghosts"] = max(len(contacts) - len(places), 0)
+    if force:
+        row["force"] = sum(contact.force for contact in contacts) / force - 1
+    return row

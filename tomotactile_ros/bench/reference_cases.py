@@ -241,6 +241,22 @@ def crowd_states(layout, random, count) -> list[State]:
     return states
 
 
+def beside_states(layout, random, count) -> list[State]:
+    """A disc alone and the same beside a second, by turns, `count` times; 30 mm apart at least."""
+    states = []
+    for _ in range(count):
+        presses: list[Press] = []
+        while len(presses) < 2:
+            radius = 0.004 + 0.004 * random.random()
+            shape = disc(_anywhere(random, layout.outline, radius + 1e-4), radius)
+            if all(
+                np.linalg.norm(np.subtract(shape.center, o.shape.center)) >= 0.03 for o in presses
+            ):
+                presses.append(_pressed(shape, "disc", random, 1e4, 3e4))
+        states += [State("one", presses[:1]), State("two", presses)]
+    return states
+
+
 def pair_states(layout, random, distances, count) -> list[State]:
     """Two discs of 5 mm, 20 kPa, at each of the `distances`, m."""
     states = []
@@ -351,12 +367,43 @@ def _layout_families() -> Iterator[tuple[str, Callable]]:
         yield f"layout-{name}", family(find_layout(name), 16)
 
 
+def worn_sheets() -> list[Sheet]:
+    """A random field of 20 %, anisotropy of 1.5 : 1, and both."""
+    uneven, turned = SheetVariation(0.2, _LENGTH, 11), SheetField(anisotropy=Anisotropy(1.5, 30.0))
+    return [
+        Sheet("random 20%", variation=uneven),
+        Sheet("anisotropy 1.5", turned),
+        Sheet("both", turned, uneven),
+    ]
+
+
+def _learning_families() -> Iterator[tuple[str, Callable]]:
+    """Touches of one sheet each: those that a sensor is learned from, then those that it is judged by."""
+
+    def family(layout, sheets, count, reach=1.0):
+        def made(random):
+            states = []
+            for number, sheet in enumerate(sheets):
+                case = sheet.words
+                states += textbook_states(layout, random, count, case, number, reach)
+            return layout, states, sheets
+
+        return made
+
+    yield "learning-8x8", family(find_layout("equal-8x8"), worn_sheets(), 46)
+    yield "learning-4x4", family(find_layout("equal-4x4"), worn_sheets()[2:], 76)
+    yield "learning-rim-16", family(ring(), worn_sheets()[2:], 76, 0.6)
+
+
 def families() -> dict[str, Callable[[], Family]]:
     """Makers of all families by name, in the order in which they are made."""
+    grid = find_layout("equal-8x8")
     makers = [
         *_grid_families("8x8", 120, 5),
+        ("beside-8x8", lambda random: (grid, beside_states(grid, random, 12))),
         *_grid_families("4x4", 60, 3),
         *_layout_families(),
+        *_learning_families(),
     ]
 
     def seeded(name, make):

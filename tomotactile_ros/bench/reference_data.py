@@ -17,7 +17,7 @@ import dataclasses
 import io
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,38 +122,48 @@ def _sheet_words(sheet):
 
 def save(data: ReferenceData, path: str | os.PathLike) -> None:
     """Write a family; an existing file is replaced whole or not at all."""
-    layout = data.layout
-    content = {
+    arrays = {"packed": data.packed, "sheet": data.sheet, "untouched": data.untouched}
+    texts = {"states": data.states, "sheets": data.sheets, "made": data.made}
+    write(path, data.layout, arrays, texts)
+
+
+def load(name: str | os.PathLike) -> ReferenceData:
+    """Read a family by its name or by the path of its file."""
+    path = _find(name)
+    arrays, texts = ("packed", "sheet", "untouched"), ("states", "sheets", "made")
+    layout, content = read(path, arrays, texts)
+    return ReferenceData(path.stem, layout, **content)
+
+
+def write(path: str | os.PathLike, layout: Layout, arrays: dict, texts: dict) -> None:
+    """Write arrays and what JSON says; an existing file is replaced whole or not at all."""
+    words = {
         "name": layout.name,
         "outline": layout.outline.to_dict(),
         "sheet_resistance": layout.sheet_resistance,
         "radius": layout.radius,
         "positions": layout.positions,
     }
-    texts = {"states": data.states, "sheets": data.sheets, "layout": content, "made": data.made}
+    texts = {
+        key: np.array(json.dumps(plain(value)))
+        for key, value in (texts | {"layout": words}).items()
+    }
     file = io.BytesIO()
-    np.savez_compressed(
-        file,
-        packed=data.packed,
-        sheet=data.sheet,
-        untouched=data.untouched,
-        **{key: np.array(json.dumps(plain(value))) for key, value in texts.items()},
-    )
+    np.savez_compressed(file, **arrays, **texts)
     write_atomic(path, file.getvalue())
 
 
-def load(name: str | os.PathLike) -> ReferenceData:
-    """Read a family by its name or by the path of its file."""
-    path = _find(name)
+def read(
+    path: str | os.PathLike, arrays: Sequence[str], texts: Sequence[str]
+) -> tuple[Layout, dict]:
+    """The layout, and what is in a file by `write` under these keys."""
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in ("packed", "sheet", "untouched")}
-            texts = {
-                key: json.loads(str(file[key])) for key in ("states", "sheets", "layout", "made")
-            }
+            found = {key: file[key] for key in arrays}
+            found |= {key: json.loads(str(file[key])) for key in (*texts, "layout")}
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: is not a file of reference data: {error}") from None
-    return ReferenceData(path.stem, _layout(texts.pop("layout")), **arrays, **texts)
+    return _layout(found.pop("layout")), found
 
 
 def names() -> list[str]:

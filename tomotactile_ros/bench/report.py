@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from math import inf
 
 from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.extremes import PROFILES
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
+from tomotactile_ros.bench.stability import CONTACTS
 
 _MODES = {
     "quick": "quick: equal-8x8, and of the other choices one at a time; --full: all with all",
@@ -53,9 +55,26 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield from _growth(result["growth"])
     yield ""
     yield "Stability"
+    yield from stability_lines(result["stability"], width)
+
+
+def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
+    """Both tables of the extremes: single errors; places and forces of every profile."""
+    single = [row for row in rows if row["measure"] != CONTACTS]
     header = ("what", "value", "error of", "error, refusal")
-    yield from tables.text(header, map(_extreme, result["stability"]))
-    yield _precision(result["stability"])
+    yield from tables.text(header, map(_extreme, single))
+    if any(row["what"] == "condition, float32" for row in rows):
+        yield _precision(rows)
+    several = [row for row in rows if row["measure"] == CONTACTS]
+    if not several:
+        return
+    yield ""
+    yield "place in parts of the longer side, force in parts of the true one; [n]: refused, see below"
+    refusals: dict[str, int] = {}
+    header = ("what", "value", *PROFILES)
+    lines = [_of_profiles(row, refusals) for row in several]
+    yield from tables.text(header, lines, width, 2)
+    yield from (f"[{number}] {text}" for text, number in refusals.items())
 
 
 def _choice(row):
@@ -126,6 +145,21 @@ def _extreme(row):
     text = row["refusal"] or f"{float(row['error']):.1e}"
     remarks = "; ".join([text, *(f"warning: {each}" for each in row["warnings"])])
     return row["what"], f"{float(row['value']):g}", row["measure"], remarks
+
+
+def _of_profiles(row, refusals):
+    """Place and force of each profile at one value; `refusals` numbers the reasons where there are none."""
+    found = row["error"] or [{"refusal": row["refusal"]}] * len(PROFILES)
+    cells = []
+    for each in found:
+        if each["refusal"]:
+            cells.append(f"[{refusals.setdefault(each['refusal'], len(refusals) + 1)}]")
+            continue
+        force = "" if each["force"] is None else f", {100 * each['force']:+.0f} %"
+        ghosts = f", {each['ghosts']} ghosts" if each["ghosts"] else ""
+        cells.append(f"{each['place']:.1e}{force}{ghosts}")
+    warned = [f"warning: {each}" for each in row["warnings"]]
+    return row["what"], f"{float(row['value']):g}", *cells[:-1], "; ".join([cells[-1], *warned])
 
 
 def _precision(rows):

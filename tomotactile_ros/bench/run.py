@@ -30,7 +30,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.progress import Progress
 from tomotactile_ros.reconstruction import Pipeline
 
-FORMAT = "tomotactile-bench/4"
+FORMAT = "tomotactile-bench/5"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
@@ -91,8 +91,8 @@ def parts(mode: str) -> list[Part]:
         Part("growth", growth.work(*sizes), lambda tick: growth.measure(*sizes, tick)),
         Part(
             "stability",
-            0.3 * stability.count(thinned),
-            lambda tick: list(stability.run(thinned, lambda: tick(0.3))),
+            stability.count(thinned),
+            lambda tick: list(stability.run(thinned, lambda: tick(1))),
         ),
     ]
 

@@ -5,7 +5,7 @@ tridiagonal, with blocks about as large as the mesh is wide. Block elimination k
 inverse X of each level's Schur complement; couplings C to the next level stay sparse. The rest is
 products of whole blocks: many right-hand sides at once, and, which a general sparse solver does not
 offer, the entries of the inverse between coupled unknowns (block form of Takahashi, Fagan and Chin
-1973).
+1973), or between any few.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class LevelFactor:
                 coupling = self._coupling[i - 1].T
                 block -= coupling @ (coupling @ self._inverse[i - 1]).T
             _invert(block)
+        self._diagonal: list[np.ndarray] | None = None  # blocks of the inverse, when asked for
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(N, n) solutions for right-hand sides (N, n)."""
@@ -58,6 +59,39 @@ class LevelFactor:
         for own, after, coupling, inverse in reversed(steps):
             own[:] = inverse @ (own - coupling @ after)
         return found[self._place]
+
+    def inverse_among(self, unknowns: ArrayLike) -> np.ndarray:
+        """(n, n) entries of the inverse between `unknowns` (n,).
+
+        With G the inverse, G_ik = -X_i C_i G_(i+1)k for a level i in front of that of k: from the
+        last level to the first, columns of those that have been met.
+        """
+        unknowns = np.asarray(unknowns)
+        out = np.zeros((len(unknowns), len(unknowns)))
+        level = self._level[unknowns]
+        if self._diagonal is None:
+            self._diagonal = list(self._own_inverses())[::-1]
+        met, columns = np.empty(0, int), np.empty((0, 0))
+        for i in range(level.max(initial=-1), level.min(initial=0) - 1, -1):
+            if len(met):
+                columns = -self._inverse[i] @ (self._coupling[i] @ columns)
+            here = np.flatnonzero(level == i)
+            if len(here):
+                place = self._place[unknowns[here]] - self._parts[i].start
+                own = self._diagonal[i][:, place]
+                columns = np.hstack([columns, own]) if len(met) else own
+                met = np.concatenate([met, here])
+                out[here[:, None], met] = columns[place]
+        return np.where(level[:, None] <= level, out, out.T)
+
+    def _own_inverses(self):
+        """Block (n, n) of the inverse of each level, from the last to the first."""
+        block = self._inverse[-1]
+        yield block
+        for coupling, inverse in zip(reversed(self._coupling), self._inverse[-2::-1]):
+            across = inverse @ (coupling @ block)
+            block = inverse + inverse @ (coupling @ across.T)
+            yield block
 
     def inverse_entries(self, rows: ArrayLike, columns: ArrayLike) -> np.ndarray:
         """(n,) entries of the inverse at (rows, columns), in the same or neighbouring levels."""
@@ -72,20 +106,17 @@ class LevelFactor:
         edges = np.searchsorted(2 * level[order] + step[order], np.arange(2 * len(self._parts) + 1))
         rows, columns = self._place[rows[order]], self._place[columns[order]]
         out = np.empty(len(rows))
-        block = None
-        for i in reversed(range(len(self._parts))):
-            inverse, first = self._inverse[i], self._parts[i].start
-            own = slice(edges[2 * i], edges[2 * i + 1])
-            if block is None:
-                block = inverse
-            else:
-                coupling, next_ = self._coupling[i], slice(edges[2 * i + 1], edges[2 * i + 2])
-                across = -(coupling @ block).T @ inverse
-                block = inverse - inverse @ (coupling @ across)
+        after = None
+        for i, block in zip(reversed(range(len(self._parts))), self._own_inverses()):
+            first = self._parts[i].start
+            own, next_ = (slice(edges[k], edges[k + 1]) for k in (2 * i, 2 * i + 1))
+            out[order[own]] = block[rows[own] - first, columns[own] - first]
+            if after is not None:
+                across = -(self._coupling[i] @ after).T @ self._inverse[i]
                 out[order[next_]] = across[
                     rows[next_] - self._parts[i].stop, columns[next_] - first
                 ]
-            out[order[own]] = block[rows[own] - first, columns[own] - first]
+            after = block
         return out
 
 

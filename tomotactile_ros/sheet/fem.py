@@ -85,7 +85,7 @@ class FemSheet:
         along = self.where[1:, np.argmax(layout.outline.size)]
         start = np.flatnonzero(along <= along.min() + 1e-9 * self.h)
         self._factor = LevelFactor(self.stiffness[1:, 1:], start)  # unknown 0 is held at 0 V
-        self._kept = KeptGreen(self._solve, len(self.where))
+        self._kept = KeptGreen(self._solve, self._among, self._mesh_log, len(self.where))
         self._radius = self._node_radius(ends, conductance, angles)
         self._solve_electrodes()
 
@@ -119,8 +119,8 @@ class FemSheet:
         out = np.full(len(self.where), self.metric.radius)
         single = self.electrode_of[self.unknown] < 0
         out[self.unknown[single]] = radius[single]
-        self._local = np.empty(len(self.where))  # sheet resistance, times 2 on a straight rim
-        self._local[self.unknown] = 1 / around
+        self.local = np.empty(len(self.where))  # sheet resistance, times 2 on a straight rim
+        self.local[self.unknown] = 1 / around
         self._centre_local = 1 / around[[nodes[-1] for nodes in self.mesh.electrodes]]
         return out
 
@@ -133,11 +133,11 @@ class FemSheet:
         else:
             for electrode, (nodes, rim) in enumerate(zip(self.mesh.electrodes, self.mesh.rims)):
                 ring = self.unknown[nodes[:rim]]
-                share = 1 / self._local[ring]
+                share = 1 / self.local[ring]
                 share /= share.sum()
                 feed[ring, electrode] = share
                 excess = np.log(self._radius[ring] * self.mesh.ring / self.metric.radius)
-                correction[electrode] = (share**2 * self._local[ring] * excess).sum() / (2 * np.pi)
+                correction[electrode] = (share**2 * self.local[ring] * excess).sum() / (2 * np.pi)
         self._to_electrodes = self._solve(feed)  # (M, E)
         fed = np.flatnonzero(feed.any(axis=1))
         self.electrode_electrode = feed[fed].T @ self._to_electrodes[fed] + np.diag(correction)
@@ -158,6 +158,13 @@ class FemSheet:
         out[1:] = self._factor.solve(feed[1:])
         return out
 
+    def _among(self, unknowns):
+        """(n, n) Green function between `unknowns` (n,)."""
+        out = np.zeros((len(unknowns), len(unknowns)))
+        free = np.flatnonzero(unknowns > 0)
+        out[np.ix_(free, free)] = self._factor.inverse_among(unknowns[free] - 1)
+        return out
+
     def prepare(self, points: ArrayLike) -> None:
         """Solve ahead for contacts that will touch the sheet around `points` (Q, 2)."""
         element, _ = self.mesh.locate(np.asarray(points, float).reshape(-1, 2))
@@ -173,7 +180,8 @@ class FemSheet:
         corners = self.unknown[self.mesh.triangles[element]]
         to_points = np.einsum("kce,kc->ek", self._to_electrodes[corners], weights)
         apart, nearest = self.layout.nearest(points)
-        excess, local = self.electrode_excess(points, radius, corners, weights, nearest)
+        local = (weights * self.local[corners]).sum(axis=1)
+        excess = self.electrode_excess(points, radius, corners, weights, nearest, local)
         to_points[nearest, np.arange(len(points))] += excess
 
         def green(i, j):
@@ -183,9 +191,8 @@ class FemSheet:
             mixing = _weights(number.reshape(-1, 3), weights[both], len(nodes))
             first, second = mixing[: len(i)], mixing[-len(j) :]
             true_log = _log_distance(seen_at[i], seen_at[j], mutual_radius(acts[i], acts[j]))
-            excess = first @ (self._mesh_log(nodes) @ second.T) - true_log
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
-            return first @ (self._kept.among(nodes) @ second.T) + scale * excess
+            return first @ (self._kept.among(nodes) @ second.T) - scale * true_log
 
         if len(points) <= _FEW:
             everything = np.arange(len(points))
@@ -196,8 +203,8 @@ class FemSheet:
                 return block[np.ix_(i, j)]
         else:
             pairs = _pairs(corners, weights)
-            excess = self._self_log(*pairs) - np.log(acts)
-            self_terms = self._self_terms(*pairs) + excess * local / (2 * np.pi)
+            self_terms = self._self_terms(*pairs) + self._self_log(*pairs)
+            self_terms -= np.log(acts) * local / (2 * np.pi)
             found = green
         between = self.electrode_electrode
         owner = np.where(apart < self.layout.radius, nearest, -1)
@@ -208,9 +215,17 @@ class FemSheet:
         """(M, E) Green function between unknowns and electrodes."""
         return self._to_electrodes
 
-    def between(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, n) Green function between distinct unknowns, and the logarithm that is part of it."""
-        return self._kept.among(nodes), self._mesh_log(nodes)
+    @property
+    def reach(self) -> float:
+        """m from an electrode's centre, where its logarithm is still rounded by the mesh."""
+        return _NEAR * self.h / self.metric.least
+
+    def smooth(self, nodes: np.ndarray) -> np.ndarray:
+        """(T, n, n) Green function between unknowns (T, n) without its logarithm.
+
+        That is the mesh's own, by the local sheet resistance over 2 pi, the mean of both ends.
+        """
+        return self._kept.blocks(nodes)
 
     def electrode_excess(
         self,
@@ -219,21 +234,30 @@ class FemSheet:
         corners: np.ndarray,
         weights: np.ndarray,
         nearest: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(K,) ohm, by which G to the nearest electrode exceeds the mesh's; (K,) local ohm/sq."""
-        local = (weights * self._local[corners]).sum(axis=1)
+        local: np.ndarray,
+    ) -> np.ndarray:
+        """(K,) ohm, by which G to the nearest electrode exceeds the mesh's.
+
+        `local` is the sheet resistance around each point, ohm/sq.
+        """
         reach = self.metric.reach(points - self.layout.positions[nearest])
         acts = self.metric.mean * radius
         excess = self._electrode_log(acts, corners, weights, reach, nearest)
-        return excess * local / (2 * np.pi), local
+        return excess * local / (2 * np.pi)
 
-    def _mesh_log(self, nodes):
-        """(n, n) ln |x_i - x_j| between unknowns as the mesh has it: on one, its own radius."""
-        reach = self._reach[nodes]
-        squared = _squared_distance(self._seen_at[nodes], self._seen_at[nodes])
-        squared = np.maximum(squared, np.maximum.outer(reach, reach) ** 2)
-        np.fill_diagonal(squared, self._radius[nodes] ** 2)
-        return 0.5 * np.log(squared)
+    def _mesh_log(self, first, second):
+        """(n, m) ohm, -G between unknowns as far as it is the mesh's own ln |x_i - x_j|.
+
+        On one unknown that of the radius as which it acts.
+        """
+        squared = _squared_distance(self._seen_at[first], self._seen_at[second])
+        reach = np.maximum.outer(self._reach[first], self._reach[second])
+        np.maximum(squared, reach**2, out=squared)
+        row, column = np.nonzero(first[:, None] == second)
+        squared[row, column] = self._radius[first[row]] ** 2
+        np.log(squared, out=squared)
+        squared *= np.add.outer(self.local[first], self.local[second]) / (8 * np.pi)
+        return squared
 
     def _electrode_log(self, radius, corners, weights, apart, nearest):
         """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
@@ -251,11 +275,12 @@ class FemSheet:
         return (product * entries).sum(axis=1)
 
     def _self_log(self, rows, columns, product):
-        """(K,) ln of the radius of the disc as which each point acts on itself."""
+        """(K,) ohm, what the mesh's own logarithm has of each point's self term, as `_mesh_log`."""
         x, y = (self._seen_at[rows] - self._seen_at[columns]).T
         apart = np.maximum(np.hypot(x, y).T, self._reach[rows])
         apart = np.where(rows == columns, self._radius[rows], apart)
-        return (product * np.log(apart)).sum(axis=1)
+        local = (self.local[rows] + self.local[columns]) / (4 * np.pi)
+        return (product * local * np.log(apart)).sum(axis=1)
 
 
 def _squared_distance(first, second):

@@ -23,11 +23,12 @@ class Locator:
     def __init__(
         self, points: np.ndarray, triangles: np.ndarray, neighbours: np.ndarray, kept: np.ndarray
     ):
-        self._corners, self._neighbours = points[triangles[:, [0, 1, 2, 0, 1]]], neighbours
+        self._corners, self._neighbours = points[triangles], neighbours
+        self._to_weights = _to_weights(self._corners)
         self._number = np.where(kept, np.cumsum(kept) - 1, -1)
         self._kept = np.flatnonzero(kept)
         self._raster = None
-        self._tree = cKDTree(self._corners[kept, :3].sum(axis=1) / 3, balanced_tree=False)
+        self._tree = cKDTree(self._corners[kept].sum(axis=1) / 3, balanced_tree=False)
 
     def __call__(self, where: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """(Q,) triangle, numbered among those kept, (Q, 3) barycentric weights of (Q, 2) points.
@@ -36,20 +37,20 @@ class Locator:
         """
         where = np.asarray(where, float)
         found = self._kept[self._start(where)]
-        parts, whole = self._parts(found, where)
-        walking = np.flatnonzero(parts.min(axis=1) < _INSIDE * whole)
+        weights = self._weights(found, where)
+        walking = np.flatnonzero(_least(weights) < _INSIDE)
         while len(walking):
-            beyond = self._neighbours[found[walking], parts[walking].argmin(axis=1)]
+            beyond = self._neighbours[found[walking], weights[:, walking].argmin(axis=0)]
             walking, beyond = walking[beyond >= 0], beyond[beyond >= 0]
             found[walking] = beyond
-            parts[walking], whole[walking] = new, total = self._parts(beyond, where[walking])
-            walking = walking[new.min(axis=1) < _INSIDE * total]
-        lost = np.flatnonzero((self._number[found] < 0) | (parts.min(axis=1) < _INSIDE * whole))
+            weights[:, walking] = new = self._weights(beyond, where[walking])
+            walking = walking[_least(new) < _INSIDE]
+        lost = np.flatnonzero((self._number[found] < 0) | (_least(weights) < _INSIDE))
         if len(lost):
             found[lost] = self._kept[self._tree.query(where[lost])[1]]
-            apart = np.linalg.norm(self._corners[found[lost], :3] - where[lost, None], axis=2)
-            parts[lost], whole[lost] = np.eye(3)[apart.argmin(axis=1)], 1.0
-        return self._number[found], parts / whole[:, None]
+            apart = np.linalg.norm(self._corners[found[lost]] - where[lost, None], axis=2)
+            weights[:, lost] = np.eye(3)[:, apart.argmin(axis=1)]
+        return self._number[found], weights.T
 
     def _start(self, where):
         """(Q,) kept triangle to begin with: that with the nearest centre, or, for many points,
@@ -72,9 +73,27 @@ class Locator:
         middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1)
         return low, cell, self._tree.query(low + cell * (middles + 0.5))[1]
 
-    def _parts(self, triangle, where):
-        """(Q, 3) twice the areas between points and sides of their triangles; (Q,) their sums."""
-        corner = self._corners[triangle] - where[:, None]
-        ahead, back = corner[:, 1:4], corner[:, 2:5]
-        parts = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
-        return parts, parts.sum(axis=1)
+    def _weights(self, triangle, where):
+        """(3, Q) barycentric weights of points in their triangles."""
+        x, y = where.T
+        at_x, at_y, over_x, over_y, up_x, up_y = self._to_weights[triangle].T
+        x, y = x - at_x, y - at_y
+        second, third = x * over_x + y * over_y, x * up_x + y * up_y
+        return np.stack([1 - second - third, second, third])
+
+
+def _to_weights(corners):
+    """(T, 6) first corner of each triangle, m, and the gradients of the other two's weights."""
+    first = corners[:, 0]
+    over, up = corners[:, 1] - first, corners[:, 2] - first
+    twice = over[:, 0] * up[:, 1] - over[:, 1] * up[:, 0]
+    with np.errstate(divide="ignore"):
+        scale = np.where(twice > 0, 1 / twice, 0.0)[:, None]  # flat ones on a hull have no inside
+    second = scale * np.column_stack([up[:, 1], -up[:, 0]])
+    third = scale * np.column_stack([-over[:, 1], over[:, 0]])
+    return np.hstack([first, second, third])
+
+
+def _least(weights):
+    """(Q,) smallest of three (3, Q)."""
+    return np.minimum(np.minimum(weights[0], weights[1]), weights[2])

@@ -1,30 +1,56 @@
-"""Where contacts meet a sheet in many states at once: `contact_points` for rows in time."""
+"""Where contacts meet a sheet in many states at once: `contact_points` for rows in time.
+
+A contact that moves, moves as a whole: what its patches are to each other is the same in all
+states, and only where it comes near an electrode, the rim or another contact are they looked at.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.sheet.contacts import SAME
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.sheet.contacts import SAME, Patches
 from tomotactile_ros.sheet.green import FAR, softened
 from tomotactile_ros.sheet.metric import Metric
 
-_OF_CONTACTS = "parts", "rigid"
-_RIGID = 1e-12  # parts of the sheet: rounding of points that move as a whole
-_MANY = 16  # electrodes near a contact's way, from which on a search tree is faster
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One contact in T states.
+
+    patches: (Q, 2) points about its centre, m, (Q,) areas, m², (Q,) radii, m; centers (T, 2), m;
+    conductance (T, 1) or (T, Q), S/m², infinite for a bare conductor; there (T,), whether it is.
+    """
+
+    patches: Patches
+    centers: np.ndarray
+    conductance: np.ndarray
+    there: np.ndarray
+
+    def states(self, some: np.ndarray) -> Track:
+        """The same in some states only."""
+        return Track(self.patches, self.centers[some], self.conductance[some], self.there[some])
+
+    def contact(self, state: int) -> tuple[Patches, np.ndarray]:
+        """What `contact_points` takes."""
+        points, areas, radii = self.patches
+        conductance = np.broadcast_to(self.conductance[state], len(areas))
+        return (self.centers[state] + points, areas, radii), conductance
 
 
 @dataclass(frozen=True, eq=False)
 class Merged:
     """Points (T, n, 2) of T states, all of them there in each state, used or not.
 
-    radii, resistance (T, n), m and ohm; owner (T, n) electrode that a point feeds, -1 for none;
-    nearest electrode (T, n); active (T, n), which points stand for themselves and those merged with
-    them; leads (T, n), the point that stands for each, -1 outside, and n + the electrode for those
-    that feed one; parts, slices of the points of each contact; rigid, whether it moves as a whole.
+    radii (n,), m; resistance (T, n), ohm; owner (T, n) electrode that a point feeds, -1 for none;
+    nearest electrode (T, n), -1 where none is near; active (T, n), which points stand for
+    themselves and those merged with them; leads (T, n), the point that stands for each, -1 outside,
+    and n + the electrode for those that feed one; way (T,), m that the contact which moves most has
+    gone; parts, slices of the points of each contact.
     """
 
     points: np.ndarray
@@ -34,133 +60,159 @@ class Merged:
     nearest: np.ndarray
     active: np.ndarray
     leads: np.ndarray
+    way: np.ndarray
     parts: tuple[slice, ...]
-    rigid: tuple[bool, ...]
 
     def states(self, some: slice) -> Merged:
         """The same of some states only."""
-        arrays = {key: value[some] for key, value in vars(self).items() if key not in _OF_CONTACTS}
-        return replace(self, **arrays)
+        of_states = (each.name for each in fields(self) if each.name not in ("parts", "radii"))
+        return replace(self, **{key: getattr(self, key)[some] for key in of_states})
 
-    def log_distance(self, metric: Metric) -> np.ndarray:
-        """(T, n, n) true ln |x_i - x_j|, once for each contact that only moves as a whole."""
-        seen = metric.at(self.points), metric.mean * self.radii
-        states, count = self.owner.shape
-        out = np.empty((states, count, count))
-        for i, (part, rigid) in enumerate(zip(self.parts, self.rigid)):
-            some = slice(0, 1) if rigid else slice(None)
-            out[:, part, part] = _log(*seen, part, part, some)
-            for other in self.parts[:i]:
-                block = _log(*seen, part, other, slice(None))
-                out[:, part, other] = block
-                out[:, other, part] = block.transpose(0, 2, 1)
-        return out
+    def take_log(self, out: np.ndarray, metric: Metric, scale: np.ndarray) -> None:
+        """Take `scale` (T, n, n) or () times the true ln |x_i - x_j| from `out` (T, n, n), i <= j.
 
-
-def _log(points, radii, part, other, states):
-    first, second = points[states, part], points[states, other]
-    squared = (first[:, :, None, 0] - second[:, None, :, 0]) ** 2
-    squared += (first[:, :, None, 1] - second[:, None, :, 1]) ** 2
-    mutual = (radii[states, part][:, :, None] ** 2 + radii[states, other][:, None, :] ** 2) / 2
-    if squared.min() < FAR * mutual.max():
-        squared = softened(squared, mutual)
-    np.log(squared, out=squared)
-    squared *= 0.5
-    return squared
+        That is all that `out` is right in: blocks of contacts above the diagonal, and on it.
+        """
+        seen, radii = metric.at(self.points), metric.mean * self.radii
+        for i, part in enumerate(self.parts):
+            for other in self.parts[i:]:
+                some = slice(0, 1) if part == other else slice(None)
+                log = _log(seen[some, part], seen[some, other], radii[part], radii[other])
+                log *= 0.5
+                if scale.ndim:
+                    log = log * scale[:, part, other]
+                else:
+                    log *= scale
+                out[:, part, other] -= log
 
 
-def merge(layout: Layout, touching: Sequence) -> Merged:
-    """Merge the patches of states that have the same number of patches each.
+def _log(first, second, radii, others):
+    """(T, q, r) 2 ln |x_i - x_j| between points (T, q, 2) and (T, r, 2) of radii (q,), (r,).
 
-    Parameters
-    ----------
-    touching : for each state what `contact_points` takes; patches are left out, feed electrodes and
-        conduct side by side as there
+    |x - y|^2 as a product of (x, |x|^2, 1) and (-2 y, 1, |y|^2).
     """
-    parts, columns = [], []
-    for contact in zip(*touching):
-        points, areas, radii = (
-            np.array(each) for each in zip(*(patches for patches, _ in contact))
-        )
-        conductance = np.array([each for _, each in contact], float).reshape(len(contact), -1)
-        start = parts[-1].stop if parts else 0
-        parts.append(slice(start, start + points.shape[1]))
-        with np.errstate(invalid="ignore"):
-            flow = np.nan_to_num(areas * conductance, nan=0.0, posinf=np.inf)
-        columns.append((points, radii, flow, *_nearest(layout, points)))
-    points, radii, flow, apart, nearest = (np.concatenate(each, axis=1) for each in zip(*columns))
-    size = max(layout.outline.size)
-    inside = layout.outline.contains(points.reshape(-1, 2), 1e-9 * size).reshape(apart.shape)
-    owner = np.where(inside & (apart < layout.radius + radii), nearest, -1)
-    rigid = [_is_rigid(points[:, part], radii[:, part], size) for part in parts]
-    first = _leaders(points, radii, inside, owner, parts, rigid)
-    states, count = first.shape
-    place = (count * np.arange(states)[:, None] + first).ravel()
-    total = np.bincount(place, np.where(inside, flow, 0.0).ravel(), first.size).reshape(first.shape)
+    origin = first[:, :1]
+    first, second = first - origin, second - origin
+    left, right = np.ones((*first.shape[:2], 4)), np.ones((*second.shape[:2], 4))
+    left[..., :2], left[..., 2] = first, _squares(first)
+    right[..., :2], right[..., 3] = -2 * second, _squares(second)
+    squared = left @ right.transpose(0, 2, 1)
+    mutual = np.add.outer(radii**2, others**2) / 2
+    if squared.min() < FAR * mutual.max():
+        squared = softened(np.maximum(squared, 0.0), mutual)
+    return np.log(squared, out=squared)
+
+
+def _squares(vectors):
+    return vectors[..., 0] ** 2 + vectors[..., 1] ** 2
+
+
+def merge(layout: Layout, tracks: Sequence[Track], reach: float) -> Merged:
+    """Merge the patches of contacts that are there in all of their T states.
+
+    Patches are left out, feed electrodes and conduct side by side as in `contact_points`. An
+    electrode within `reach` (m) of a patch, or of the patch's rim if that is farther, is near it.
+    """
+    columns, parts, start = [], [], 0
+    for track in tracks:
+        offsets, areas, radii = track.patches
+        parts.append(slice(start, start + len(radii)))
+        start = parts[-1].stop
+        points = track.centers[:, None] + offsets
+        far = float(np.linalg.norm(offsets, axis=1).max())
+        with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
+            flow = np.nan_to_num(areas * track.conductance, nan=0.0, posinf=np.inf)
+        inside = _inside(layout.outline, points, track.centers, far)
+        near = max(reach, layout.radius + radii.max())
+        apart, nearest = _nearest(layout, points, track.centers, far, near)
+        owner = np.where(inside & (apart < layout.radius + radii), nearest, -1)
+        columns.append((points, flow, inside, nearest, owner))
+    points, flow, inside, nearest, owner = (
+        each[0] if len(columns) == 1 else np.concatenate(each, axis=1) for each in zip(*columns)
+    )
+    radii = np.concatenate([track.patches[2] for track in tracks])
+    first = _leaders(tracks, parts, points, radii, inside, owner)
+    count = first.shape[1]
+    total = np.where(inside, flow, 0.0)
+    state, point = np.nonzero(first != np.arange(count))
+    np.add.at(total, (state, first[state, point]), total[state, point])
     with np.errstate(divide="ignore", over="ignore"):
         resistance = 1 / total
     active = inside & (first == np.arange(count)) & np.isfinite(resistance)
     leads = np.where(owner >= 0, count + owner, np.where(inside, first, -1))
-    return Merged(
-        points, radii, resistance, owner, nearest, active, leads, tuple(parts), tuple(rigid)
-    )
+    steps = [_distance(track.centers[1:], track.centers[:-1]) for track in tracks]
+    way = np.append(0.0, np.cumsum(np.max(steps, axis=0)))
+    return Merged(points, radii, resistance, owner, nearest, active, leads, way, tuple(parts))
 
 
-def _nearest(layout, points):
-    """Distance and number (T, n) of the electrode nearest to each of (T, n, 2) points."""
-    flat = points.reshape(-1, 2)
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    to_middle = np.linalg.norm(layout.positions - (low + high) / 2, axis=1)
-    reach = to_middle.min() + 1.001 * np.linalg.norm(high - low)
-    few = np.flatnonzero(to_middle <= reach)
-    if len(few) > _MANY:
-        apart, nearest = layout.nearest(flat)
-    else:
-        x, y = (flat[:, None] - layout.positions[few]).transpose(2, 0, 1)
-        squared = x * x + y * y
-        chosen = squared.argmin(axis=1)
-        apart, nearest = np.sqrt(squared[np.arange(len(flat)), chosen]), few[chosen]
-    return apart.reshape(points.shape[:2]), nearest.reshape(points.shape[:2])
+def _inside(outline: Outline, points, centers, far):
+    """(T, q) which points are on the sheet; none is farther than `far` (m) from its centre."""
+    inside = np.ones(points.shape[:2], bool)
+    reach = far + _distance(centers, centers[0]).max()
+    if not outline.contains(centers[:1])[0] or outline.rim_distance(centers[:1])[0] <= reach:
+        tolerance = 1e-9 * max(outline.size)
+        rim = np.flatnonzero(~outline.contains(centers) | (outline.rim_distance(centers) <= far))
+        near = points[rim].reshape(-1, 2)
+        inside[rim] = outline.contains(near, tolerance).reshape(-1, points.shape[1])
+    return inside
 
 
-def _is_rigid(points, radii, size):
-    shape = points - points[:, :1]
-    return bool(np.abs(shape - shape[0]).max() <= _RIGID * size and (radii == radii[0]).all())
+def _nearest(layout, points, centers, far, reach):
+    """(T, q) distance, m, and number of the electrode nearest to each point, up to `reach` (m);
+    else infinite and -1."""
+    apart, nearest = np.full(points.shape[:2], np.inf), np.full(points.shape[:2], -1)
+    away = _distance(centers[:, None], layout.positions)
+    state, electrode = np.nonzero(away < far + reach)
+    rank = np.arange(len(state)) - np.searchsorted(state, state)
+    for turn in range(rank.max(initial=-1) + 1):
+        some, number = state[rank == turn], electrode[rank == turn, None]
+        distance = _distance(points[some], layout.positions[number])
+        closer = distance < np.minimum(apart[some], reach)
+        apart[some] = np.where(closer, distance, apart[some])
+        nearest[some] = np.where(closer, number, nearest[some])
+    return apart, nearest
 
 
-def _leaders(points, radii, inside, owner, parts, rigid):
+def _distance(first, second):
+    """(...) m between points (..., 2)."""
+    x, y = first[..., 0] - second[..., 0], first[..., 1] - second[..., 1]
+    return np.sqrt(x * x + y * y)
+
+
+def _leaders(tracks, parts, points, radii, inside, owner):
     """(T, n) point that stands for each: the first on its electrode, or the first so close."""
     states, count = owner.shape
     first = np.broadcast_to(np.arange(count), owner.shape).copy()
     state, point = np.nonzero(owner >= 0)
-    leader = np.full((states, owner.max(initial=-1) + 1), count)
-    np.minimum.at(leader, (state, owner[state, point]), point)
-    first[state, point] = leader[state, owner[state, point]]
+    electrode = owner[state, point]
+    leader = np.empty((states, electrode.max(initial=0) + 1), int)
+    leader[state[::-1], electrode[::-1]] = point[::-1]  # of several the last, which is the first
+    first[state, point] = leader[state, electrode]
+    pairs = {}
+    for i, part in enumerate(parts):
+        for other, track in zip(parts[i:], tracks[i:]):
+            pairs |= _close(points, radii, part, other, tracks[i], track)
     off = inside & (owner < 0)
-    close = [
-        _close(points, radii, part, other, rigid[i] and part == other)
-        for i, part in enumerate(parts)
-        for other in parts[i:]
-    ]
-    pairs = {pair: where for found in close for pair, where in found.items()}
     for one, other in sorted(pairs):
         both = off[:, one] & off[:, other] & pairs[one, other]
         first[both, other] = first[both, one]
     return first
 
 
-def _close(points, radii, part, other, rigid):
+def _close(points, radii, part, other, track, along):
     """Pairs of points of two contacts that are one, with the states (T,) in which they are."""
-    some = slice(0, 1) if rigid else slice(None)
-    first, second = points[some, part], points[some, other]
-    reach = SAME * min(radii[:, part].max(), radii[:, other].max())
-    gap = np.maximum(first.min(axis=1) - second.max(axis=1), second.min(axis=1) - first.max(axis=1))
-    if gap.max(axis=1).min() > reach:
-        return {}
-    x, y = (first[:, :, None] - second[:, None]).transpose(3, 0, 1, 2)
-    limit = SAME * np.minimum(radii[some, part][:, :, None], radii[some, other][:, None])
-    near = np.hypot(x, y) < limit
+    limit = SAME * np.minimum.outer(radii[part], radii[other])
     if part == other:
-        near &= np.triu(np.ones(near.shape[1:], bool), 1)
+        offsets = track.patches[0]
+        near = _distance(offsets[:, None], offsets) < limit
+        near = np.triu(near, 1)[None]
+    else:
+        far = sum(np.linalg.norm(each.patches[0], axis=1).max() for each in (track, along))
+        away = _distance(track.centers, along.centers)
+        some = np.flatnonzero(away <= far + limit.max())
+        if not len(some):
+            return {}
+        near = np.zeros((len(away), *limit.shape), bool)
+        near[some] = _distance(points[some, part, None], points[some, None, other]) < limit
     found = np.argwhere(near.any(axis=0))
     return {(part.start + i, other.start + j): near[:, i, j] for i, j in found.tolist()}

@@ -16,6 +16,7 @@ class Metric:
     """Stretched coordinates of a sheet with electrodes of one radius, m.
 
     mean           radius as which a disc of radius 1 acts
+    least          as which length 1 acts where it acts as the shortest
     radius         as which an electrode acts, m
     """
 
@@ -24,6 +25,7 @@ class Metric:
         self._stretch = np.eye(2) if self.isotropic else anisotropy.stretch
         sizes, directions = np.linalg.eigh(self._stretch)
         self.mean = 1.0 if self.isotropic else float(sizes.mean())
+        self.least = float(sizes[0])
         self.radius = self.mean * electrode_radius
         self._focus = electrode_radius * np.sqrt(sizes[1] ** 2 - sizes[0] ** 2) * directions[:, 1]
 

@@ -4,9 +4,10 @@ The equations are those of `frames`, for the electrode l that is grounded in the
 
     (Z_l(C, C) + R_l + diag(r_C)) I_C = V0 1,        v_n = (Z_l(n, C) + R_l) I_C
 
-What is small is done for all rows at once; a row of its own is only its n x n system. On a mesh, a
-point is a mixture of three unknowns: W (n, U) of them, three in each row of W, makes
-G(C, C) = W K W' of the Green function K (U, U) between the unknowns that any row needs.
+What is small is done for all rows at once; a state of its own is only its n x n system. On a mesh,
+a point is a mixture of three unknowns: W (n, U) of them, three in each row of W, makes
+G(C, C) = W S W' - (local R / 2 pi) ln |x_i - x_j| of the smooth part S (U, U) of the Green function
+between unknowns. Single precision serves for the n x n matrices: voltages come out to 2 uV.
 
 Where contacts are slow, nearly equal states need not all be solved: some are, `_STEP` apart, and
 rows between two of them are interpolated, each in its own ground condition; but never between a
@@ -16,30 +17,31 @@ state in which a point feeds an electrode and one in which it does not.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import sposv
 
 from tomotactile_ros import memory
-from tomotactile_ros.sheet.contacts import Patches, contact_points
+from tomotactile_ros.sheet.contacts import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.frames import frame
-from tomotactile_ros.sheet.merge import Merged, merge
+from tomotactile_ros.sheet.merge import Merged, Track, merge
 from tomotactile_ros.sheet.transfer import Sheet
 
-Touching = Sequence[tuple[Patches, ArrayLike]]
-_AT_ONCE = 16  # states: with more, fast contacts meet too many unknowns
+_AT_ONCE = 64  # states
 _STEP = 2e-4  # m that a point moves between states that are solved, see docs/model.md
 _RATIO = 1e-2  # by which a conductance changes meanwhile
 _FAR = 1e6  # steps
+_SHARED = 1.5  # elements that contacts move while states share unknowns
+_OPEN = 1e18  # ohm, of a point that is not used
 _BYTES = 64.0  # for each two points of a state
 
 
 def moving_rows(
     sheet: Sheet,
-    touching: Sequence[Touching],
+    tracks: Sequence[Track],
     grounded: np.ndarray,
     drive_voltage: float,
     to_ground: np.ndarray,
@@ -48,54 +50,49 @@ def moving_rows(
 
     Parameters
     ----------
-    touching : for each row what `contact_points` takes
+    tracks : of the contacts, a state for each row
     grounded : (L,) electrode that is grounded in each row
     to_ground : (L,) resistance between that electrode and ground in each row, ohm; infinite: open
     """
-    out = np.empty((len(grounded), sheet.layout.electrodes))
+    out = np.zeros((len(grounded), sheet.layout.electrodes))
     together = isinstance(sheet, FemSheet) and sheet.shunting
-    alike: dict[object, list[int]] = {}
-    for row, contacts in enumerate(touching):
-        counts = tuple(len(patches[1]) for patches, _ in contacts)
-        simple = together and sum(counts) and np.isfinite(to_ground[row])
-        alike.setdefault(counts if simple else None, []).append(row)
-    for counts, rows in alike.items():
-        contacts = [touching[row] for row in rows]
-        solve = _one_by_one if counts is None else _few_states
-        out[rows] = solve(sheet, contacts, grounded[rows], drive_voltage, to_ground[rows])
+    there = np.array([track.there for track in tracks])
+    alike: dict[bytes, list[int]] = {}
+    for row in np.flatnonzero(there.any(axis=0)).tolist():
+        key = there[:, row].tobytes() if together and np.isfinite(to_ground[row]) else b""
+        alike.setdefault(key, []).append(row)
+    for key, rows in alike.items():
+        chosen = [track.states(rows) for track in tracks if not key or track.there[rows[0]]]
+        solve = _few_states if key else _one_by_one
+        out[rows] = solve(sheet, chosen, grounded[rows], drive_voltage, to_ground[rows])
     return out
 
 
-def _one_by_one(sheet, touching, grounded, drive_voltage, to_ground):
-    rows = [
-        frame(
-            *contact_points(sheet, contacts),
-            drive_voltage,
-            grounded=[ground],
-            switch_resistance=wire,
-            own_reading=True,
-        )[0]
-        for contacts, ground, wire in zip(touching, grounded, to_ground)
-    ]
+def _one_by_one(sheet, tracks, grounded, drive_voltage, to_ground):
+    rows = []
+    for i, (ground, wire) in enumerate(zip(grounded, to_ground)):
+        contacts = [track.contact(i) for track in tracks if track.there[i]]
+        how = {"grounded": [ground], "switch_resistance": wire, "own_reading": True}
+        rows += [*frame(*contact_points(sheet, contacts), drive_voltage, **how)]
     return np.array(rows)
 
 
-def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
-    """(L, E) from as many of the L states as it takes; all have the same number of patches."""
-    path = _path(touching)
+def _few_states(sheet, tracks, grounded, drive_voltage, to_ground):
+    """(L, E) from as many of the L states as it takes; all contacts are there in all of them."""
+    path = _path(tracks)
     chosen = np.diff(np.floor(path), prepend=-1) > 0
     chosen[-1] = True
     if 2 * np.count_nonzero(chosen) > len(path):
         chosen[:] = True
     solved = np.flatnonzero(chosen)
-    _check_memory(touching[0], min(len(solved), _AT_ONCE))
-    found = merge(sheet.layout, [touching[row] for row in solved])
+    _check_memory(tracks, min(len(solved), _AT_ONCE))
+    found = _merge(sheet, tracks, solved)
     unlike = np.flatnonzero((found.leads[1:] != found.leads[:-1]).any(axis=1))
     for gap in unlike[np.diff(solved)[unlike] > 1]:
         chosen[solved[gap] : solved[gap + 1]] = True
     if np.count_nonzero(chosen) > len(solved):
         solved = np.flatnonzero(chosen)
-        found = merge(sheet.layout, [touching[row] for row in solved])
+        found = _merge(sheet, tracks, solved)
     before = np.cumsum(chosen) - 1
     between = np.flatnonzero(~chosen)
     start, stop = (path[solved[before[between] + each]] for each in (0, 1))
@@ -116,19 +113,22 @@ def _few_states(sheet, touching, grounded, drive_voltage, to_ground):
     return out
 
 
-def _check_memory(contacts, states):
-    points = sum(len(patches[1]) for patches, _ in contacts)
-    what = f"contacts: {len(contacts)}, in {points} patches that change,"
+def _merge(sheet, tracks, states):
+    return merge(sheet.layout, [track.states(states) for track in tracks], sheet.reach)
+
+
+def _check_memory(tracks, states):
+    points = sum(len(track.patches[1]) for track in tracks)
+    what = f"contacts: {len(tracks)}, in {points} patches that change,"
     memory.check(_BYTES * states * points**2, what)
 
 
-def _path(touching):
+def _path(tracks):
     """(L,) how far the states have changed since the first one, in steps that must be solved."""
-    steps = np.zeros(len(touching) - 1)
-    for contact in zip(*touching):
-        points = np.array([patches[0] for patches, _ in contact])
-        steps = np.maximum(steps, np.abs(np.diff(points, axis=0)).max(axis=(1, 2)) / _STEP)
-        conductance = np.array([each for _, each in contact], float).reshape(len(contact), -1)
+    steps = np.zeros(len(tracks[0].centers) - 1)
+    for track in tracks:
+        steps = np.maximum(steps, np.abs(np.diff(track.centers, axis=0)).max(axis=1) / _STEP)
+        conductance = track.conductance
         unlike = conductance[1:] != conductance[:-1]
         if unlike.any():
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -140,161 +140,212 @@ def _path(touching):
 
 def _solve(sheet, found, state, grounded, drive_voltage, to_ground):
     """(P, E) potentials in `state` (P,) with `grounded` (P,) at ground, behind `to_ground` (P,)."""
-    corners, weights, local, excess = _on_mesh(sheet, found)
-    nodes, number = _numbered(corners, len(sheet.where))
-    to_electrodes = sheet.to_electrodes[nodes]  # (U, E)
-    system = _green(sheet, found, nodes, number, weights, local)
-    _put_electrodes(system, found, to_electrodes, number, weights, excess)
-    number, weights, excess, nearest = (
-        each[state] for each in (number, weights, excess, found.nearest)
-    )
-    coupling = (to_electrodes.T[grounded[:, None, None], number] * weights).sum(axis=2)
-    coupling += np.where(nearest == grounded[:, None], excess, 0.0)
+    place = _on_mesh(sheet, found)
+    system = _green(sheet, found, place)
+    _put_electrodes(system, sheet, found, place)
+    coupling = _to_electrode(sheet, found, place, state, grounded)
     own = sheet.electrode_electrode[grounded, grounded] + to_ground
     half = coupling - 0.5 * own[:, None]
     on_ground = found.owner[state] == grounded[:, None]
-    free = found.resistance[state] + to_ground[:, None] > 0
-    used = found.active[state] & (~on_ground | free)
-    alone = (on_ground & found.active[state]).any(axis=1)
-    alone |= np.bincount(state, minlength=len(system))[state] == 1
     current = np.empty_like(half)
-    current[alone] = _currents(
-        system, found.resistance, state[alone], half[alone], used[alone], drive_voltage
-    )
-    for each in np.unique(state[~alone]):
-        rows = np.flatnonzero((state == each) & ~alone)
-        current[rows] = _shared_currents(
-            system[each], found.resistance[each], half[rows], used[rows[0]], drive_voltage
+    covered = (on_ground & found.active[state]).any(axis=1)
+    for row in np.flatnonzero(covered):
+        each = state[row]
+        resistance = found.resistance[each]
+        used = found.active[each] & (~on_ground[row] | (resistance + to_ground[row] > 0))
+        current[row] = _own_currents(
+            system[each].astype(float), resistance, used, half[row], drive_voltage
         )
-    row = np.arange(len(state))
-    place = (row[:, None, None] * len(nodes) + number).ravel()
-    fed = np.bincount(place, (weights * current[:, :, None]).ravel(), len(row) * len(nodes))
-    out = fed.reshape(len(row), -1) @ to_electrodes
-    place = (row[:, None] * out.shape[1] + nearest).ravel()
-    out += np.bincount(place, (excess * current).ravel(), out.size).reshape(out.shape)
+    if not covered.all():
+        some = ~covered
+        current[some] = _currents(
+            system, found.resistance, found.active, state[some], half[some], drive_voltage
+        )
+    out = _fed(sheet, found, place, state, current)
     out -= (coupling * current).sum(axis=1)[:, None]
     total = current.sum(axis=1)[:, None]
     return out + (own[:, None] - sheet.electrode_electrode[grounded]) * total
 
 
-def _on_mesh(sheet, found: Merged):
-    """Unknowns (T, n, 3) and their weights, local resistance and what the electrode's log lacks.
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the n points of T states are on the mesh.
 
-    A point that feeds an electrode is that electrode's unknown.
+    nodes (U,) unknowns that occur; number, weights (3, T, n) which of them, and their parts in a
+    point; local (T, n) sheet resistance around each, ohm/sq; excess (T, n), ohm, what the mesh
+    lacks towards the nearest electrode. A point that feeds an electrode is the electrode's unknown.
     """
+
+    nodes: np.ndarray
+    number: np.ndarray
+    weights: np.ndarray
+    local: np.ndarray
+    excess: np.ndarray
+
+
+def _on_mesh(sheet, found: Merged) -> _Place:
     shape = found.owner.shape
-    points = found.points.reshape(-1, 2)
-    element, weights = sheet.mesh.locate(points)
+    element, weights = sheet.mesh.locate(found.points.reshape(-1, 2))
     corners = sheet.unknown[sheet.mesh.triangles[element]]
-    excess, local = sheet.electrode_excess(
-        points, found.radii.ravel(), corners, weights, found.nearest.ravel()
+    local = _sum(sheet.local[corners].T * weights.T).reshape(shape)
+    excess = np.zeros(shape)
+    near = np.nonzero((found.nearest >= 0) & (found.owner < 0))
+    flat = near[0] * shape[1] + near[1]
+    excess[near] = sheet.electrode_excess(
+        found.points[near],
+        found.radii[near[1]],
+        corners[flat],
+        weights[flat],
+        found.nearest[near],
+        local[near],
     )
-    corners, weights = corners.reshape(*shape, 3), weights.reshape(*shape, 3)
+    corners, weights = (
+        np.ascontiguousarray(each.T).reshape(3, *shape) for each in (corners, weights)
+    )
     on = found.owner >= 0
-    corners[on] = found.owner[on][:, None]
-    weights[on] = 1.0, 0.0, 0.0
-    return corners, weights, local.reshape(shape), np.where(on, 0.0, excess.reshape(shape))
-
-
-def _numbered(corners, count):
-    """Unknowns (U,) that occur in `corners`, and their places among them."""
-    used = np.zeros(count, bool)
+    corners[:, on] = found.owner[on]
+    weights[:, on] = [[1.0], [0.0], [0.0]]
+    used = np.zeros(len(sheet.where), bool)
     used[corners] = True
     nodes = np.flatnonzero(used)
-    place = np.empty(count, np.intp)
-    place[nodes] = np.arange(len(nodes))
-    return nodes, place[corners]
+    number = np.empty(len(used), np.intp)
+    number[nodes] = np.arange(len(nodes))
+    return _Place(nodes, number[corners], weights, local, excess)
 
 
-def _green(sheet, found: Merged, nodes, number, weights, local):
-    """(T, n, n) Green function between the points of each state, but for those on electrodes."""
-    green, log = sheet.between(nodes)
-    true_log = found.log_distance(sheet.metric)
-    least, most = local.min(), local.max()
+def _sum(three):
+    """Sum over the first of the axes, which has three places."""
+    return three[0] + three[1] + three[2]
+
+
+def _green(sheet, found: Merged, place: _Place):
+    """(T, n, n) Green function between the points of each state, but for those on electrodes.
+
+    Right in its upper triangle only.
+    """
+    out = _sandwich(sheet, found, place)
+    least, most = place.local.min(), place.local.max()
     if most - least <= 1e-9 * most:
-        scale = most / (2 * np.pi)
-        out = _sandwich(number, weights, green + scale * log)
-        true_log *= scale
-        out -= true_log
-        return out
-    scale = (local[:, :, None] + local[:, None, :]) / (4 * np.pi)
-    excess = _sandwich(number, weights, log)
-    excess -= true_log
-    return _sandwich(number, weights, green) + scale * excess
+        scale = np.array(most / (2 * np.pi))
+    else:
+        local = (place.local / (4 * np.pi)).astype(np.float32)
+        scale = local[:, :, None] + local[:, None, :]
+    found.take_log(out, sheet.metric, scale)
+    return out
 
 
-def _sandwich(number, weights, matrix):
-    """(T, n, n) W_t M W_t' for a symmetric matrix M (U, U)."""
-    states, points, _ = number.shape
-    size, starts = len(matrix), np.arange(0, 3 * states * points + 1, 3)
-    data = weights.ravel()
-    mixing = sparse.csr_matrix((data, number.ravel(), starts), (states * points, size))
-    half = (mixing @ matrix).reshape(states, points, size)
-    turned = np.ascontiguousarray(half.transpose(0, 2, 1)).reshape(states * size, points)
-    columns = number + size * np.arange(states)[:, None, None]
-    mixing = sparse.csr_matrix((data, columns.ravel(), starts), (states * points, states * size))
-    return (mixing @ turned).reshape(states, points, points)
+def _sandwich(sheet, found: Merged, place: _Place):
+    """(T, n, n) W_t S W_t' for the symmetric smooth part S of the Green function of a mesh.
+
+    States in which the contacts are nearly in the same places share their unknowns.
+    """
+    _, states, points = place.number.shape
+    near = np.floor(found.way / (_SHARED * sheet.h)).astype(np.intp)
+    group = np.cumsum(np.diff(near, prepend=near[0]) > 0)
+    nodes, number = _of_each_group(place, group)
+    smooth = sheet.smooth(nodes).astype(np.float32)
+    size = nodes.shape[1]
+    starts = np.arange(0, 3 * states * points + 1, 3)
+    weights = place.weights.transpose(1, 2, 0).astype(np.float32).ravel()
+
+    def mixing(part, parts):
+        columns = (number + size * part[:, None]).transpose(1, 2, 0).ravel()
+        shape = states * points, parts * size
+        return sparse.csr_matrix((weights, columns, starts), shape)
+
+    half = mixing(group, len(nodes)) @ smooth.reshape(-1, size)
+    turned = np.ascontiguousarray(half.reshape(states, points, size).transpose(0, 2, 1))
+    out = mixing(np.arange(states), states) @ turned.reshape(-1, points)
+    return out.reshape(states, points, points)
 
 
-def _put_electrodes(system, found: Merged, to_electrodes, number, weights, excess):
+def _of_each_group(place: _Place, group):
+    """(G, U) unknowns in each group of states, (3, T, n) which of them points are mixed of.
+
+    Groups with fewer of them than others have some unknown again.
+    """
+    here = np.zeros((group[-1] + 1, len(place.nodes)), bool)
+    here[group[:, None], place.number] = True
+    row, node = np.nonzero(here)
+    several = np.bincount(row)
+    at = np.arange(len(row)) - (np.cumsum(several) - several)[row]
+    nodes = np.full((len(here), several.max()), place.nodes[0])
+    nodes[row, at] = place.nodes[node]
+    table = np.empty(here.shape, np.intp)
+    table[row, node] = at
+    return nodes, table[group[:, None], place.number]
+
+
+def _put_electrodes(system, sheet, found: Merged, place: _Place):
     """Exchange rows and columns of points on electrodes for what the electrodes see."""
     state, point = np.nonzero((found.owner >= 0) & found.active)
     if not len(state):
         return
-    owner = found.owner[state, point]
-    seen = (to_electrodes.T[owner[:, None, None], number[state]] * weights[state]).sum(axis=2)
-    seen += np.where(found.nearest[state] == owner[:, None], excess[state], 0.0)
+    seen = _to_electrode(sheet, found, place, state, found.owner[state, point])
     system[state, point] = seen
     system[state, :, point] = seen
 
 
-def _currents(green, resistance, state, half, used, drive_voltage):
-    """(P, n) current of each point, A, 0 where it is not used: one system for each row.
+def _to_electrode(sheet, found: Merged, place: _Place, state, electrode):
+    """(P, n) ohm, between all points of `state` (P,) and `electrode` (P,)."""
+    between = sheet.to_electrodes[place.nodes[place.number[:, state]], electrode[:, None]]
+    between *= place.weights[:, state]
+    seen = _sum(between)
+    seen += np.where(found.nearest[state] == electrode[:, None], place.excess[state], 0.0)
+    return seen
 
-    green (S, n, n), resistance (S, n), state (P,); Z_l(i, j) + R_l = G(i, j) - half_i - half_j
+
+def _fed(sheet, found: Merged, place: _Place, state, current):
+    """(P, E) sum over the points of `state` (P,) of `_to_electrode` times `current` (P, n)."""
+    count = len(place.nodes)
+    number = place.number[:, state] + count * np.arange(len(state))[:, None]
+    share = place.weights[:, state] * current
+    fed = np.bincount(number.ravel(), share.ravel(), len(state) * count)
+    out = fed.reshape(-1, count) @ sheet.to_electrodes[place.nodes]
+    row, point = np.nonzero(place.excess[state])
+    lack = place.excess[state[row], point] * current[row, point]
+    np.add.at(out, (row, found.nearest[state[row], point]), lack)
+    return out
+
+
+def _currents(green, resistance, used, state, half, drive_voltage):
+    """(P, n) current of each point, A, of rows with no point on their grounded electrodes.
+
+    Z_l(i, j) + R_l = G(i, j) - half_i - half_j. One factorisation serves all rows of a state: with
+    A = G + diag(r), a = A^-1 1, b = A^-1 half the current is (V0 + q) a + p b, p being its sum and
+    q its product with `half`.
+
+    green (T, n, n), of which the upper triangle counts, is lost; resistance, used (T, n); state
+    (P,); half (P, n)
     """
-    current = np.where(used, drive_voltage, 0.0)
-    own = np.where(used, resistance[state], 0.0)
-    some = ~used.all(axis=1)
-    system = np.empty(green.shape[1:])
-    diagonal = system.reshape(-1)[:: len(system) + 1]
-    for row, each in enumerate(state):
-        np.subtract(green[each], half[row], out=system)
-        system -= half[row][:, None]
-        diagonal += own[row]
-        if some[row]:
-            _leave_out(system, used[row])
-        _, solution, failed = dposv(system.T, current[row])
-        current[row] = np.linalg.solve(system, current[row]) if failed else solution
-    return current
-
-
-def _shared_currents(green, resistance, half, used, drive_voltage):
-    """The same for rows of one state with no point on their grounded electrodes.
-
-    One factorisation serves them all: with A = G + diag(r), a = A^-1 1, b = A^-1 half the current
-    is (V0 + q) a + p b, p being its sum and q its product with `half`. Z_l does not change when a
-    constant is added to G and half of it to `half`, which makes A positive definite.
-    """
-    shift = green[used][:, used].max(initial=1.0)
-    half = np.where(used, half + 0.5 * shift, 0.0)
-    system = green + shift
-    points = np.arange(len(used))
-    system[points, points] += np.where(used, resistance, 0.0)
-    _leave_out(system, used)
-    right = np.column_stack([used.astype(float), half.T])
-    _, solved, failed = dposv(system, right)
-    if failed:
-        solved = np.linalg.solve(system, right)
-    a, b = solved[:, 0], solved[:, 1:].T
-    alpha, beta, gamma = a.sum(), 1 - half @ a, (half * b).sum(axis=1)
+    count = green.shape[1]
+    own = green.reshape(len(green), -1)[:, :: count + 1]
+    own += np.where(used, np.minimum(resistance, _OPEN), _OPEN)
+    several = np.bincount(state, minlength=len(green))
+    begin = np.cumsum(several + 1) - several - 1
+    order = np.argsort(state, kind="stable")
+    place = np.empty(len(state), np.intp)
+    place[order] = np.arange(len(state)) + state[order] + 1
+    right = np.empty((len(green) + len(state), count), np.float32)
+    right[begin], right[place] = 1.0, half
+    for each in np.flatnonzero(several).tolist():
+        part = right[begin[each] : begin[each] + several[each] + 1]
+        system = green[each]
+        _, solved, failed = sposv(system.T, part.T, lower=1)
+        if failed:
+            solved = np.linalg.solve(np.triu(system) + np.triu(system, 1).T, part.T)
+        part[:] = solved.T
+    a, b = right[begin][state].astype(float), right[place].astype(float)
+    alpha, beta, gamma = a.sum(axis=1), 1 - (half * a).sum(axis=1), (half * b).sum(axis=1)
     p = alpha * drive_voltage / (beta**2 - alpha * gamma)
-    return (p * beta / alpha)[:, None] * a + p[:, None] * b
+    current = (p * beta / alpha)[:, None] * a + p[:, None] * b
+    return np.where(used[state], current, 0.0)
 
 
-def _leave_out(system, used):
-    """Make 1 I = 0 of the equations of points that are not used."""
-    gone = np.flatnonzero(~used)
-    system[gone] = 0.0
-    system[:, gone] = 0.0
-    system[gone, gone] = 1.0
+def _own_currents(green, resistance, used, half, drive_voltage):
+    """(n,) of one row with a point on its grounded electrode, near a short circuit."""
+    system = np.triu(green) + np.triu(green, 1).T - half - half[:, None]
+    system = system[np.ix_(used, used)] + np.diag(resistance[used])
+    current = np.zeros(len(used))
+    current[used] = np.linalg.solve(system, np.full(len(system), drive_voltage))
+    return current

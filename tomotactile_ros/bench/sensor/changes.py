@@ -1,18 +1,17 @@
 """Touches that begin, end or move while rows are scanned.
 
-Where nothing else touches, a frame in which a touch begins is that of the untouched sheet in its first
-rows and that of the touched one in the others: reference data serve. Other frames come from the
-simulator, each row at its own time. Scans follow each other without a pause. What touches for a part of
-the frame that is judged may be reported or not (`scoring.PART`); what moves is judged by where it is in
-the middle of the frame.
+A frame in which a touch begins is that of the sheet before in its first rows and that of the sheet
+after in the others: reference data serve. Touches that move come from the simulator, each row at
+its own time. Scans follow each other without a pause. What touches for a part of the frame that is
+judged may be reported or not (`scoring.PART`); what moves is judged by where it is in the middle of
+the frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from tomotactile_ros.bench.reference import Admittance
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.sensor.trial import Trial
@@ -26,7 +25,6 @@ from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 RADII = 0.004, 0.008  # m, from and to
 PRESSURES = 10e3, 30e3  # Pa
-APART = 0.03  # m, of two touches
 _SEED = 26
 _TRIES = 10000
 
@@ -36,34 +34,39 @@ def alone(case: str, states: States, end: bool) -> Trial:
 
     The frames before and after are processed and not judged.
     """
+    truths = [[contact | {PART: True} for contact in truth] for truth in states.truths]
+    return _changing(case, states.layout, [None] * len(truths), states.seen, truths, end)
+
+
+def beside(case: str, without: States, both: States, end: bool) -> Trial:
+    """The same beside a touch that lasts: states of that one alone, and of it and of another."""
+    truths = [[lasting, other | {PART: True}] for lasting, other in both.truths]
+    return _changing(case, both.layout, without.seen, both.seen, truths, end)
+
+
+def _changing(
+    case: str,
+    layout: Layout,
+    without: list[Admittance | None],
+    touched: list[Admittance],
+    truths: list[list[dict]],
+    end: bool,
+) -> Trial:
+    """Three frames of each state: before, while and after it becomes the other one at some row."""
     random = np.random.default_rng(_SEED)
-    frames, truths = [], []
-    electrodes = states.layout.electrodes
-    for i, (seen, truth) in enumerate(zip(states.seen, states.truths, strict=True)):
-        before, after = untouched(electrodes), potentials(seen)
+    frames, judged = [], []
+    electrodes = layout.electrodes
+    for i, (one, other, truth) in enumerate(zip(without, touched, truths, strict=True)):
+        before = untouched(electrodes) if one is None else potentials(one)
+        after = potentials(other)
         if end:
             before, after = after, before
         late = np.arange(electrodes) >= random.integers(1, electrodes)
         within = np.where(late[:, None], after, before)
         for number, each in enumerate((before, within, after)):
             frames.append(readings(each, seed=(i, number)))
-        truths += [None, [contact | {PART: True} for contact in truth], None]
-    return Trial(case, states.layout, np.array(frames), truths, ROW_PERIOD)
-
-
-def beside(case: str, layout: Layout, end: bool, count: int) -> Trial:
-    """The same beside a touch that lasts; `count` times, one after the other, a second each."""
-    random = np.random.default_rng(_SEED)
-    scan = layout.electrodes * ROW_PERIOD
-    touches, truths = [], []
-    for i in range(count):
-        change = i + scan + ROW_PERIOD * (random.integers(1, layout.electrodes) - 0.5)
-        lasting = _touch(layout, random, i, i + 3 * scan)
-        times = (i, change) if end else (change, i + 3 * scan)
-        changing = _touch(layout, random, *times, others=[lasting])
-        touches += [lasting, changing]
-        truths += [None, [_truth(lasting), _truth(changing) | {PART: True}], None]
-    return _simulated(case, layout, touches, range(count), 3, truths)
+        judged += [None, truth, None]
+    return Trial(case, layout, np.array(frames), judged, ROW_PERIOD)
 
 
 def moving(case: str, layout: Layout, speed: float, count: int) -> Trial:
@@ -71,7 +74,7 @@ def moving(case: str, layout: Layout, speed: float, count: int) -> Trial:
     second of two frames is judged."""
     random = np.random.default_rng(_SEED)
     scan = layout.electrodes * ROW_PERIOD
-    touches = [_touch(layout, random, i, i + 2 * scan, speed=speed) for i in range(count)]
+    touches = [_touch(layout, random, i, i + 2 * scan, speed) for i in range(count)]
     middle = scan + (layout.electrodes - 1) / 2 * ROW_PERIOD
     truths = [
         each for touch in touches for each in (None, [_truth(touch.at(touch.start + middle))])
@@ -99,10 +102,9 @@ def _touch(
     random: np.random.Generator,
     start: float,
     end: float,
-    others: Sequence[Contact] = (),
-    speed: float = 0.0,
+    speed: float,
 ) -> Contact:
-    """A disc anywhere that stays wholly on the sheet, away from `others`."""
+    """A disc anywhere that stays wholly on the sheet."""
     low, size = np.array(layout.outline.bounds[:2]), np.array(layout.outline.size)
     radius, pressure = random.uniform(*RADII), random.uniform(*PRESSURES)
     for _ in range(_TRIES):
@@ -110,7 +112,7 @@ def _touch(
         velocity = speed * np.array([np.cos(angle), np.sin(angle)])
         path = place + np.linspace(0, end - start, 16)[:, None] * velocity
         fits = layout.outline.contains(path) & (layout.outline.rim_distance(path) > radius)
-        if fits.all() and all(np.linalg.norm(place - o.center) >= APART for o in others):
+        if fits.all():
             return Contact(
                 "disc", center=place, radius=radius, pressure=pressure, velocity=velocity,
                 start=start, end=end,

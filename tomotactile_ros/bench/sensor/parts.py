@@ -22,6 +22,7 @@ SPEEDS = 0.2, 0.5, 1.0  # m/s
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
 _COUNT, _FEW = 24, 12  # presses of a case, and of one that the simulator makes
 _TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
+_BESIDE = "beside-8x8"
 _ONE, _OTHER = 18, 45  # electrodes that something is wrong with
 _SEED = 1
 
@@ -59,12 +60,13 @@ LAYOUTS = {
 
 def time(step: int = 1) -> Iterator[Trial]:
     """Every `step`-th press, as in the other parts."""
-    layout, few = find_layout(DEFAULT_LAYOUT), _FEW // step
+    alone = states(_TEXTBOOK, most=_COUNT).every(step)
+    one, two = (states(_BESIDE, case).every(step) for case in ("one", "two"))
     for name, end in (("onset", False), ("release", True)):
-        yield changes.alone(name, states(_TEXTBOOK, most=_COUNT).every(step), end)
-        yield changes.beside(f"{name} beside another", layout, end, few)
+        yield changes.alone(name, alone, end)
+        yield changes.beside(f"{name} beside another", one, two, end)
     for speed in SPEEDS:
-        yield changes.moving(f"{speed:g} m/s", layout, speed, few)
+        yield changes.moving(f"{speed:g} m/s", find_layout(DEFAULT_LAYOUT), speed, _FEW // step)
 
 
 def channels(step: int = 1) -> Iterator[Trial]:

@@ -1,0 +1,211 @@
+"""What is too small, too large or too much: right, or refused in one line; never ghosts."""
+
+import json
+import tracemalloc
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros import cli
+from tomotactile_ros.commands.reconstruct import results_writer
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Noise
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames, open_frames, save_arrays
+from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.estimate import part_on_sheet
+from tomotactile_ros.reconstruction.settings import Result
+from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.simulation import Simulator
+
+DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
+PLACE, PRESSURE, RADIUS = (0.026, -0.042), 30e3, 0.005
+FORCE = PRESSURE * np.pi * RADIUS**2
+SMALL = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+
+
+def frame_of(layout, *contacts):
+    contacts = contacts or [Contact("disc", center=PLACE, radius=RADIUS, pressure=PRESSURE)]
+    scene = Scene("limits", DRIVE, contacts, LAW, Noise(1e-3, 1))
+    return Simulator(layout, scene).frame(0.0)
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return frame_of(SMALL)
+
+
+def process(layout, frame, profile="fast", **settings):
+    pipeline = Pipeline(layout, Settings(profile, resolution=20, **settings))
+    return pipeline.process(frame, np.arange(layout.electrodes), DRIVE)
+
+
+@pytest.mark.parametrize("level", [1e-30, 1e-6, 1.0, 1e30])
+@pytest.mark.parametrize("profile", ["fast", "joint"])
+def test_a_regularization_makes_the_image_and_no_contacts(frame, profile, level):
+    plain = process(SMALL, frame, profile)
+    result = process(SMALL, frame, profile, regularization=level)
+    assert result.contacts == plain.contacts and len(result.contacts) == 1
+    assert result.regularization == level
+    assert np.isfinite(result.potential).all()
+    assert not np.allclose(result.potential, plain.potential)
+
+
+def test_one_cell_is_refused():
+    with pytest.raises(InputError, match="resolution: 1 is not a whole number from 2"):
+        Settings(resolution=1)
+
+
+@pytest.mark.parametrize("rows, cols", [(2, 2), (2, 3)])
+def test_few_electrodes_are_for_the_joint_profile(rows, cols):
+    layout = equal_grid(rows, cols, (0.2, 0.2), 0.005, 1e4)
+    for profile in ("fast", "balanced", "accurate", "auto"):
+        with pytest.raises(InputError, match=f"{profile} needs 9 electrodes.*joint takes fewer"):
+            Pipeline(layout, Settings(profile))
+    (found,) = process(layout, frame_of(layout), "joint").contacts
+    assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 0.005
+    assert found.force == pytest.approx(FORCE, rel=0.1)
+
+
+def test_few_electrodes_that_are_left_are_too_few(frame):
+    damaged = frame.copy()
+    damaged[:, 8:] = np.nan
+    damaged[8:] = np.nan
+    result = process(SMALL, damaged)
+    assert result.state == "withheld" and not result.contacts
+    assert result.reason == "8 electrodes can be read, profile fast needs 9"
+
+
+class Maker:
+    """Stands for what makes images: always the same one."""
+
+    def __init__(self, image):
+        self._image = image
+
+    def __call__(self, *_):
+        return self._image
+
+    def forget(self):
+        pass
+
+
+def test_more_contacts_than_electrodes_are_withheld(frame):
+    pipeline = Pipeline(SMALL, Settings())
+    pipeline._make_image = Maker(SimpleNamespace(blobs=[None] * 17))
+    result = pipeline.process(frame, np.arange(16), DRIVE)
+    assert result.state == "withheld" and not result.contacts
+    assert result.reason == "17 contacts are seen, 16 electrodes tell 16 at most"
+
+
+def test_a_fit_that_came_to_nothing_is_withheld(frame):
+    """Forces of 4e-12 N stood for discs whose currents no disc explains."""
+    pipeline = Pipeline(SMALL, Settings())
+    nothing = SimpleNamespace(conductance=3e-16)
+    pipeline._make_image = Maker(SimpleNamespace(blobs=[None] * 2, strengths=[nothing] * 2))
+    result = pipeline.process(frame, np.arange(16), DRIVE)
+    assert result.state == "withheld" and result.reason == "no contacts explain the readings"
+
+
+def test_only_what_is_on_the_sheet_presses():
+    sheet, area = Outline.rectangle(0.2, 0.1), np.pi * 0.01**2
+    for place, part in (((0.0, 0.0), 1.0), ((0.1, 0.0), 0.5), ((0.1, 0.05), 0.25)):
+        assert part_on_sheet(np.array(place), area, sheet) == pytest.approx(part, abs=0.02)
+    hole = Outline.rectangle(0.2, 0.1, [[(0, -0.02), (0.04, -0.02), (0.04, 0.02), (0, 0.02)]])
+    assert part_on_sheet(np.zeros(2), area, hole) == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0])
+def test_a_contact_over_the_rim(exponent):
+    law = ContactLaw(3.0 / PRESSURE**exponent, exponent)
+    disc = Contact("disc", center=(0.1, 0.02), radius=RADIUS, pressure=PRESSURE)
+    layout = equal_grid(6, 6, (0.2, 0.2), 0.005, 1e4)
+    voltages = Simulator(layout, Scene("rim", DRIVE, (disc,), law)).frame(0.0)
+    (found,) = process(layout, voltages, contact_law=law).contacts
+    assert np.hypot(found.x - 0.1, found.y - 0.02) < 0.004
+    assert found.force == pytest.approx(FORCE / 2, rel=0.4)
+
+
+@pytest.mark.parametrize("settings, layout, complaint", [
+    ({"contact_radius": 1.0}, SMALL, "contact_radius: 1 m: such a contact is wider than the sheet"),
+    ({}, equal_grid(50, 50, (0.5, 0.5), 0.002, 1e4), "has 2500 electrodes, at most 1024"),
+])  # fmt: skip
+def test_too_large_for_a_pipeline(settings, layout, complaint):
+    with pytest.raises(InputError, match=complaint):
+        Pipeline(layout, Settings(**settings))
+
+
+def test_too_much_for_a_simulation():
+    wide = Contact("disc", center=(0.0, 0.0), radius=1.0, pressure=1.0)
+    with pytest.raises(InputError, match=r"contacts\[0\]: 2 m wide on a sheet of 0.2 m"):
+        frame_of(SMALL, wide)
+    many = [
+        Contact("disc", center=(x, y), radius=0.003, pressure=PRESSURE)
+        for x in np.linspace(-0.09, 0.09, 20)
+        for y in np.linspace(-0.09, 0.09, 10)
+    ]
+    with pytest.raises(InputError, match="contacts: 200 at the same time, in .* at most 4000"):
+        frame_of(SMALL, *many)
+
+
+def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):
+    contact = "- {shape: nothing}\n"
+    head = "format: tomotactile-scene/1\ndrive_voltage: 3.3\ncontacts:\n"
+    (tmp_path / "many.yaml").write_text(head + 50_000 * contact)
+    with pytest.raises(InputError, match="contacts: 50000 are named, at most 1000 work"):
+        load_scene(tmp_path / "many.yaml")
+
+
+def peak_of(work):
+    """Bytes that `work()` holds at its worst."""
+    tracemalloc.start()
+    work()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def test_results_of_any_number_of_frames_take_little_memory(tmp_path):
+    image = np.zeros((100, 100))  # 80 kB a frame in the file
+    result = Result(image, image, [], (), False, 0.0)
+
+    def write(count):
+        with results_writer(tmp_path / "out.npz") as take:
+            for _ in range(count):
+                take(result, 0.001)
+
+    assert peak_of(lambda: write(400)) < 8e6
+    with np.load(tmp_path / "out.npz") as file:
+        assert file["pressure"].shape == file["potential"].shape == (400, 100, 100)
+        assert json.loads(str(file["contacts"])) == [[]] * 400
+        assert "reason" not in file
+
+
+def test_frames_are_read_one_by_one(tmp_path):
+    voltages = np.random.default_rng(0).random((600, 50, 50), np.float32)  # 6 MB
+    save_arrays(tmp_path / "a.npz", {"voltages": voltages, "grounded": np.arange(50)})
+    opened = open_frames(tmp_path / "a.npz")
+    assert len(opened.voltages) == 600
+    assert peak_of(lambda: [frame.mean() for frame in opened.voltages]) < 1e6
+    for _ in range(2):  # as often as one likes
+        assert all(map(np.array_equal, opened.voltages, load_frames(tmp_path / "a.npz").voltages))
+
+
+def test_frames_in_another_order_of_storage(tmp_path):
+    voltages = np.asfortranarray(np.random.default_rng(0).random((3, 4, 4)))
+    save_arrays(tmp_path / "a.npz", {"voltages": voltages, "grounded": np.arange(4)})
+    assert np.array_equal(list(open_frames(tmp_path / "a.npz").voltages), voltages)
+
+
+def test_an_infinite_reading_late_in_a_recording(tmp_path, capsys):
+    voltages = np.zeros((50, 16, 16))
+    voltages[49, 3, 4] = np.inf
+    save_arrays(tmp_path / "a.npz", {"voltages": voltages, "grounded": np.arange(16)})
+    SMALL.save(tmp_path / "layout.yaml")
+    words = ["reconstruct", "a.npz", "--layout", "layout.yaml", "--out", "out.npz"]
+    words = [str(tmp_path / word) if "." in word else word for word in words]
+    assert cli.main(words) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "one of frame 49 is infinite" in line and not (tmp_path / "out.npz").exists()
