@@ -83,7 +83,7 @@ def _interrupts_held_back() -> Iterator[None]:
         signal.raise_signal(number)
 
 
-class _Stopped(Exception):
+class Stopped(Exception):
     """What a worker did is not wanted any more."""
 
 
@@ -108,7 +108,7 @@ def _work(function, args, kwargs):
     _State.working = True
     try:
         if _State.stopped:
-            raise _Stopped
+            raise Stopped
         return function(*args, **kwargs)
     finally:
         _State.working = False
@@ -119,4 +119,4 @@ def _stop(*_) -> None:
         _State.stopped = True
         signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
     if _State.working:
-        raise _Stopped
+        raise Stopped
