@@ -61,7 +61,7 @@ def test_contacts_are_right_once_the_sensor_is_known():
     """Gains are 5 % off: images show contacts elsewhere then."""
     before, after = (errors("fast", sensor, range(16)) for sensor in (None, states()[0]))
     assert np.median(before) > 2e-3 and np.median(after) < 4e-4 and after.max() < 2e-3
-    assert errors("joint", states()[-1], (1, 13, 14)).max() < 2e-4
+    assert errors("accurate", states()[-1], (1, 13, 14)).max() < 2e-4
 
 
 def _error(result, wanted):
@@ -72,7 +72,7 @@ def _error(result, wanted):
 
 
 def test_a_tare_leaves_offsets_to_the_tare():
-    settings = Settings("joint", contact_law=LAW, resolution=16)
+    settings = Settings("accurate", contact_law=LAW, resolution=16)
     pipeline = Pipeline(layout(), settings, sensor=states()[-1])
     idle = [(simulator(16).frame(0.2, 800 + i), GROUNDED) for i in range(8)]
     pipeline.tare(idle)

@@ -44,7 +44,7 @@ def process(layout, frame, profile="fast", **settings):
 
 
 @pytest.mark.parametrize("level", [1e-30, 1e-6, 1.0, 1e30])
-@pytest.mark.parametrize("profile", ["fast", "joint"])
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
 def test_a_regularization_makes_the_image_and_no_contacts(frame, profile, level):
     plain = process(SMALL, frame, profile)
     result = process(SMALL, frame, profile, regularization=level)
@@ -60,12 +60,12 @@ def test_one_cell_is_refused():
 
 
 @pytest.mark.parametrize("rows, cols", [(2, 2), (2, 3)])
-def test_few_electrodes_are_for_the_joint_profile(rows, cols):
+def test_few_electrodes_are_for_the_accurate_profile(rows, cols):
     layout = equal_grid(rows, cols, (0.2, 0.2), 0.005, 1e4)
-    for profile in ("fast", "balanced", "accurate", "auto"):
-        with pytest.raises(InputError, match=f"{profile} needs 9 electrodes.*joint takes fewer"):
+    for profile in ("fast", "balanced", "nonlinear", "auto"):
+        with pytest.raises(InputError, match=f"{profile} needs 9 electrodes.*accurate takes fewer"):
             Pipeline(layout, Settings(profile))
-    (found,) = process(layout, frame_of(layout), "joint").contacts
+    (found,) = process(layout, frame_of(layout), "accurate").contacts
     assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 0.005
     assert found.force == pytest.approx(FORCE, rel=0.1)
 

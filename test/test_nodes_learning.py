@@ -25,7 +25,7 @@ def test_it_learns_publishes_and_keeps_what_it_knows(probe, start, tmp_path):
     sensor = {"layout": tmp_path / "layout.yaml", "scene": tmp_path / "scene.yaml", "rate": 10}
     start("driver", sensor)
     own = {
-        "layout": tmp_path / "layout.yaml", "profile": "joint", "resolution": 16,
+        "layout": tmp_path / "layout.yaml", "profile": "accurate", "resolution": 16,
         "sensor": file, "learn": "all",
     }  # fmt: skip
     first = start("reconstruction", own)

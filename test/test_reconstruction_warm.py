@@ -34,7 +34,7 @@ def recording(radius, count=8, step=0.0005):
 SMALL, WIDE = recording(0.004), recording(0.025)
 
 
-@pytest.fixture(scope="module", params=["balanced", "accurate"])
+@pytest.fixture(scope="module", params=["balanced", "nonlinear"])
 def pipeline(request):
     return Pipeline(LAYOUT, Settings(request.param, resolution=30))
 

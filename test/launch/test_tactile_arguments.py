@@ -72,7 +72,7 @@ RIGHT = [
         {"recording": "b", "topic": "/l", "loop": True},
     ),
     ({"rate": "20"}, "driver", {"rate": 20.0}),
-    ({"profile": "accurate"}, "reconstruction", {"profile": "accurate"}),
+    ({"profile": "nonlinear"}, "reconstruction", {"profile": "nonlinear"}),
     ({"frame_id": "left"}, "driver", {"frame_id": "left"}),
     ({"frame_id": "left"}, "reconstruction", {"frame_id": "left"}),
     ({"hardware_id": "no7"}, "reconstruction", {"hardware_id": "no7"}),

@@ -36,7 +36,7 @@ _SEED = 1
 GAINS = Channels(gain=Rms(0.05, _SEED), offset=Rms(0.005, _SEED))
 OHMS = Channels(ground_resistance=Uniform(250, 200, _SEED))
 BOTH = replace(GAINS, ground_resistance=OHMS.ground_resistance)
-PROFILE = "joint"
+PROFILE = "accurate"
 SOURCES = "reference", "simulator"
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.tables import RIM, Around, Lattice, MutualTable, PotentialTable, mirrored
@@ -208,7 +207,9 @@ class Patches:
 
     def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
         self._operator, self._places = operator, places
-        potentials, steep = operator.potentials(places)
+        stencil = operator.potentials.lattice.stencil(places)
+        potentials, steep = operator.potentials(places, stencil)
+        alone = operator.mutual.alone(stencil)
         self.around = Around(operator.lattice, places)
         inverse = operator._inverse
         self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
@@ -227,7 +228,9 @@ class Patches:
         self.near = [members[each] for each in group]
         self.impedance = np.zeros((len(places), len(places)))
         for chosen in members:
-            block = operator.mutual(places[chosen], radii[chosen], owner[chosen])
+            block = operator.mutual(
+                places[chosen], radii[chosen], owner[chosen], alone[chosen], self.around, chosen
+            )
             block -= potentials[chosen] @ self._solved[:, chosen] + constant[chosen]
             block = (block + block.T) / 2
             own = np.einsum("ii->i", block)
@@ -251,7 +254,10 @@ def _groups(forms: np.ndarray, reach: float) -> np.ndarray:
     """(k,) number of the group of each of `forms` (k, 3), see `Patches`: contacts no more than `reach`, m, from another."""
     apart = np.hypot(*(forms[:, None, :2] - forms[:, :2]).transpose(2, 0, 1))
     radii = np.exp(forms[:, 2])
-    return connected_components(apart - np.add.outer(radii, radii) < reach, directed=False)[1]
+    linked = apart - np.add.outer(radii, radii) < reach
+    for _ in range(len(forms).bit_length()):  # twice as many links each time
+        linked = linked @ linked
+    return np.unique(linked.argmax(axis=1), return_inverse=True)[1]  # each by its first member
 
 
 def _bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:

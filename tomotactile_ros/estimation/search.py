@@ -176,6 +176,8 @@ class Search:
             goal = np.inf if poor or few_seen else found.cost
             many = self._solve(unknowns, fit, goal=goal)
             found = self._likelier(found, self._simplified(many))
+        if found.chi_squared > _MISFIT * found.rows.count:
+            found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found

@@ -110,9 +110,9 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray):
-        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
-        points, weights, slopes = self.lattice.stencil(places)
+    def __call__(self, places: np.ndarray, stencil=None):
+        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m; `stencil` of `lattice`, if known."""
+        points, weights, slopes = stencil or self.lattice.stencil(places)
         around = self._values[points]
         smooth = np.matmul(np.stack([weights, *slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
@@ -229,14 +229,23 @@ class MutualTable:
             out[np.ix_(on, on)] += weight[:, None] * term
         return self._resistance / (4 * np.pi) * out
 
-    def __call__(self, places: np.ndarray, radii: np.ndarray, owner: np.ndarray) -> np.ndarray:
-        """(P, P) G between patches at `places` (P, 2) of `radii` (P,), m, that belong to the contacts `owner` (P,)."""
-        around = Around(self._coarse, places)
-        out = around.weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ around.weights.T
+    def alone(self, stencil) -> np.ndarray:
+        """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials' lattice around them."""
+        points, weights, _ = stencil
+        return np.einsum("pi,pi->p", weights, self._own[points])
+
+    def __call__(self, places, radii, owner, alone, around: Around, chosen) -> np.ndarray:
+        """(P, P) G between patches, ohm.
+
+        Parameters
+        ----------
+        places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to; alone (P,) see `alone`
+        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant
+        """
+        weights = around.weights[chosen]
+        out = weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
         out += self._logarithm(places, radii) + self._induced(places)
-        points, weights, _ = self._fine.stencil(places)
-        close = np.einsum("pi,pi->p", weights, self._own[points])
-        out += np.where(owner[:, None] == owner, (close[:, None] + close) / 2, 0.0)
+        out += np.where(owner[:, None] == owner, (alone[:, None] + alone) / 2, 0.0)
         return out
 
 

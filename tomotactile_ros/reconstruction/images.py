@@ -20,7 +20,7 @@ from tomotactile_ros.reconstruction.grounded import RecentBlock
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 
-SHARP = 0.2  # width of a point in the images of `balanced` and `accurate`, in spacings of the electrodes
+SHARP = 0.2  # width of a point in the images of `balanced` and `nonlinear`, in spacings of the electrodes
 _NOISY = 5  # level of lambda from which on noise breaks all images but the linear one into spots
 _LEAST = 0.02  # conductance of a contact, in parts of the strongest
 

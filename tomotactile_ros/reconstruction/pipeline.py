@@ -34,7 +34,7 @@ from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_tim
 from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
-JOINT = "joint"  # the profile whose contacts are fitted to the readings, not read from an image
+ACCURATE = "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
 FEWEST = 9  # electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
 _NOTHING = 1e-9  # conductance of all contacts times the sheet resistance: a fit that came to nothing
@@ -75,10 +75,10 @@ class Pipeline:
         left = int(np.count_nonzero(~self._excluded))
         if left < 2:
             raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
-        if left < FEWEST and settings.profile != JOINT:
+        if left < FEWEST and settings.profile != ACCURATE:
             raise InputError(
                 f"profile: {settings.profile} needs {FEWEST} electrodes, {layout.name} has {left} in "
-                f"use; {JOINT} takes fewer"
+                f"use; {ACCURATE} takes fewer"
             )
         self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
@@ -89,11 +89,11 @@ class Pipeline:
         self.report = f"profile {self.profile}"
         if settings.profile == "auto":
             self.profile, self.report = self._measure_profiles()
-        kind = "accurate" if self.profile == JOINT else self.profile
+        kind = "nonlinear" if self.profile == ACCURATE else self.profile
         self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
         self._tracks = Tracks(float(np.median(layout.pitches)))
-        if self.profile == JOINT:
+        if self.profile == ACCURATE:
             self._estimator = self._make_estimator()
 
     def _make_estimator(self) -> Estimator:

@@ -12,7 +12,7 @@ from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.sheet import MODELS
 
-PROFILES = ("fast", "balanced", "accurate", "joint", "auto")
+PROFILES = ("fast", "balanced", "nonlinear", "accurate", "auto")
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 LARGEST_REGULARIZATION = 1e30
 
@@ -23,7 +23,7 @@ class Settings:
 
     Parameters
     ----------
-    profile : `fast` (linear), `balanced` (non-negative), `accurate` (nonlinear), `joint` (contacts,
+    profile : `fast` (linear), `balanced` (non-negative), `nonlinear` (an ideal sensor), `accurate` (contacts,
         sheet and channels fitted together; 0.1 s to some s a frame), or `auto`: the most accurate of the first
         three that meets the deadline on this machine.
     resolution : image cells along the longer side of the sheet.
@@ -75,8 +75,8 @@ class Settings:
 class ContactEstimate:
     """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m).
 
-    Except in `joint` peak and area are those of the pressure image, whose integral over the contact is the force; in
-    `joint` those of the contact.
+    Except in `accurate` peak and area are those of the pressure image, whose integral over the contact is the force; in
+    `accurate` those of the contact.
 
     position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there. NaN where
         nothing was estimated of them.

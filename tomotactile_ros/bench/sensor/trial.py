@@ -63,9 +63,9 @@ def profiles(layout: Layout) -> dict[str, Pipeline]:
     return {name: first.with_settings(replace(settings, profile=name)) for name in PROFILES}
 
 
-def joint(layout: Layout) -> dict[str, Pipeline]:
+def accurate(layout: Layout) -> dict[str, Pipeline]:
     """The profile that fits contacts, sheet and channels together; it takes too long to be among the three."""
-    return {"joint": Pipeline(layout, Settings("joint", noise=NOISE, contact_law=LAW))}
+    return {"accurate": Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=LAW))}
 
 
 def find_methods(name: str) -> Methods:
