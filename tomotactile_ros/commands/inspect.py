@@ -91,7 +91,8 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
     yield f"  nearest pitch     {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
     if layout.scan:
-        order = " ".join(map(str, layout.scan[:_SHOWN])) + (" ..." if len(layout.scan) > _SHOWN else "")
+        order = " ".join(map(str, layout.scan[:_SHOWN]))
+        order += " ..." if len(layout.scan) > _SHOWN else ""
         yield f"  scan              {len(layout.scan)} rows: {order}"
     for key, value in layout.provenance.items():
         yield f"  {key:17} {_short(value)}"

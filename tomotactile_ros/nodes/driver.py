@@ -51,7 +51,8 @@ SPECS = (
     Spec(
         "scan",
         (),
-        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout says, or each in turn",
+        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout says, or each "
+        "in turn",
         low=0,
         high=65534,
     ),
