@@ -158,7 +158,7 @@ def test_evaluate_a_profile(capsys):
         (["--layout", "nowhere", "--method", "free"], "no such file"),
         (
             ["--rows", "4", "--cols", "4", "--method", "free", "--aims", "1", "1", "0", "1"],
-            "--aims",
+            "aims: 0.0 is not a positive number",
         ),
         (
             ["--rows", "4", "--cols", "4", "--method", "free", "--keep-out", "0", "0", "-1"],
@@ -166,7 +166,7 @@ def test_evaluate_a_profile(capsys):
         ),
         (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
         (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "ons: 17"),
-        (["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"], "than one row"),
+        (["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"], "one row takes"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
