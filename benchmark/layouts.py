@@ -27,7 +27,8 @@ from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import scans
-from tomotactile_ros.optimizer.request import Request, start_layout
+from tomotactile_ros.optimizer.options import start_layout
+from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.sheet import make_sheet
 

@@ -18,6 +18,7 @@ from tomotactile_ros.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer import workers
 from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
 from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.optimizer.workers import Workers
@@ -32,10 +33,13 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
     out = tmp_path / "better.yaml"
     command = ["optimize", "--rows", "4", "--cols", "4", "--size", "0.2", "0.2"]
-    assert main([*command, "--method", "equalize", "--steps", "2", "--out", str(out)]) == 0
+    command += ["--method", "paper", "--select", "worst", "--steps", "2"]
+    assert main([*command, "--out", str(out)]) == 0
     layout = load_layout(out)
     assert (layout.name, layout.electrodes, layout.radius) == ("better", 16, 0.005)
     assert layout.provenance["algorithm"] == "equalize"
+    again = "--method equalize --rows 4 --cols 4 --size 0.2 0.2 --select worst --steps 2"
+    assert layout.provenance["settings"]["command"] == f"tomotactile optimize {again}"
     assert len(layout.provenance["steps"]) == 3
     after = layout.provenance["metrics"]["after"]["hwhm"]["worst_region"]
     assert after < 0.9 * layout.provenance["metrics"]["before"]["hwhm"]["worst_region"]
@@ -112,18 +116,19 @@ def test_free_in_processes_improves_the_layout(tmp_path):
 def test_grounding_writes_the_conditions(tmp_path, capsys):
     out = tmp_path / "few.yaml"
     command = ["optimize", "--rows", "3", "--cols", "3", "--method", "grounding"]
-    assert main([*command, "--conditions", "9", "4", "--out", str(out)]) == 0
-    listed = load_layout(out).provenance["grounding"]
-    assert len(listed["4"]) == 4
+    assert main([*command, "--conditions", "9", "4", "--resolution", "10", "--out", str(out)]) == 0
+    layout = load_layout(out)
+    assert len(layout.scan) == 4 and list(layout.scan) == layout.provenance["grounding"]["4"]
     assert out.with_suffix(".png").read_bytes().startswith(PNG)
     assert "conditions" in capsys.readouterr().out
 
 
 def test_evaluate_as_text_and_json(capsys):
-    assert main(["evaluate", "--layout", "equal-4x4"]) == 0
+    assert main(["evaluate", "--layout", "equal-4x4", "--no-touch"]) == 0
     assert "worst tenth" in capsys.readouterr().out
     assert main(["evaluate", "--layout", "equal-4x4", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
+    assert 0 < content["touch"]["place"]["mean"] < content["touch"]["place"]["worst_tenth"] < 0.005
     hwhm = content["metrics"]["hwhm"]
     assert hwhm["mean"] == pytest.approx(0.2 * content["percent"]["hwhm"]["mean"] / 100)
     assert hwhm["mean"] <= hwhm["worst_tenth"] <= hwhm["worst"]
@@ -153,13 +158,15 @@ def test_evaluate_a_profile(capsys):
         (["--layout", "nowhere", "--method", "free"], "no such file"),
         (
             ["--rows", "4", "--cols", "4", "--method", "free", "--aims", "1", "1", "0", "1"],
-            "--aims",
+            "aims: 0.0 is not a positive number",
         ),
         (
             ["--rows", "4", "--cols", "4", "--method", "free", "--keep-out", "0", "0", "-1"],
             "keep_out[0][2]: -1.0 is not a positive length",
         ),
         (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
+        (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "ons: 17"),
+        (["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"], "one row takes"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
@@ -168,6 +175,19 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_parameters_that_nobody_gave_mean_what_the_command_means():
+    values = {o.name: o.unset if o.default is None else o.default for o in OPTIONS}
+    given = {o.name: o.given(values[o.name]) for o in OPTIONS} | {"rows": 4, "cols": 4}
+    request = request_of(start_of(given), "paper", given)
+    plain = Request(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4), "equalize")
+    assert request.settings() == plain.settings()
+    assert np.array_equal(request.layout.positions, plain.layout.positions)
+    (keep_out,) = (o for o in OPTIONS if o.name == "keep_out")
+    assert keep_out.given((0.0, 0.1, 0.2, 0.3, 0.4, 0.5)) == [[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]]
+    with pytest.raises(InputError, match="keep_out: 4 numbers, X, Y, R of each are needed"):
+        keep_out.given((0.0, 0.1, 0.02, 0.05))
 
 
 def test_missing_folder_is_found_before_the_work(tmp_path, capsys):
@@ -275,6 +295,7 @@ STEADY = """
 import sys
 from tomotactile_ros.cli import main
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
 from tomotactile_ros.optimizer.request import Request
 
 steps_of = Request.steps_of

@@ -61,7 +61,8 @@ def test_displacement_gives_every_region_its_area(rows, cols, a, b, seed):
 def test_figures_of_the_paper():
     """Worst region <= x 0.83 after three updates of 4 x 4, <= x 0.93 for 8 x 8."""
     for count, radius, updates, limit in ((4, 0.005, 3, 0.83), (8, 0.0025, 5, 0.93)):
-        steps = list(equalize(equal_grid(count, count, (0.2, 0.2), radius, 1e4), updates))
+        layout = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
+        steps = list(equalize(layout, updates, select="worst"))
         assert [step.iteration for step in steps] == list(range(updates + 1))
         worst = [step.metrics["hwhm"]["worst_region"] for step in steps]
         assert min(worst[1:]) <= limit * worst[0]
@@ -70,6 +71,14 @@ def test_figures_of_the_paper():
         assert steps[-1].eta == 0
         for step in steps:
             assert layout_regions(step.layout).areas.sum() == pytest.approx(0.04)
+
+
+def test_the_step_of_the_best_mean_is_taken_and_electrodes_stay_inset():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, margin=0.005)
+    steps = list(equalize(layout, 2, resolution=20))
+    assert [step.score for step in steps] == [step.metrics["hwhm"]["mean"] for step in steps]
+    for step in steps:
+        assert np.abs(step.layout.positions).max(axis=0) == pytest.approx(0.095)
 
 
 @pytest.mark.parametrize(

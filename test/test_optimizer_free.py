@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.errors import Doubt, InputError
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.metrics import half_maximum
 from tomotactile_ros.grid import Grid
@@ -18,8 +18,10 @@ from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.search import Effort, Search
 from tomotactile_ros.optimizer.sharpness import by_images
+from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.region import Region, regular_polygon
 
@@ -168,6 +170,30 @@ def test_constraints_hold_after_every_step():
     for step in found[1:]:
         if step.best:
             assert constraints.violation(step.layout.positions) <= constraints.tolerance
+
+
+@pytest.mark.parametrize("x, y", [(0.0, 0.075), (0.03, 0.1)])
+def test_zones_without_the_symmetries_of_the_layout_stay_free(x, y):
+    """Electrodes of scaled grids lie in the first, on one side alone; the second covers the start."""
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    how = {"keep_out": ((x, y, 0.04),), "starts": 1, "steps": 1, "resolution": 10}
+    request = Request(layout, "free", **how)
+    with pytest.warns(Doubt, match="of the 8 symmetries"):
+        history, best = best_of(request.steps_of())
+    found = request.result("found", history, best)
+    assert np.linalg.norm(found.positions - [x, y], axis=1).min() > 0.04 - 1e-9
+    mirrored = [-1, 1] * found.positions
+    away = np.linalg.norm(mirrored[:, None] - found.positions, axis=2).min(axis=1).max()
+    assert (away < 1e-9) == (x == 0)
+
+
+def test_what_violates_constraints_is_never_handed_over():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    request = Request(layout, "free", keep_out=((0.1, 0.1, 0.02),), starts=1, resolution=6)
+    with pytest.warns(Doubt):
+        start = next(request.steps_of())
+    with pytest.raises(InputError, match="electrode 15 at .* is 20 mm inside a zone"):
+        request.result("start", [start], start)
 
 
 def test_search_improves_every_figure_whatever_the_executor():

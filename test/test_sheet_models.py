@@ -195,6 +195,16 @@ def test_induced_charges_model_the_shunting_of_floating_electrodes(inset):
     assert error(shunting=False) > 0.02
 
 
+def test_electrodes_that_cross_the_rim_take_more_charges():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.0025, 1.0, margin=0.001)
+    fine = transfer_impedances(FemSheet(layout, h=0.0025, ring=32).electrode_electrode)
+    few, found = (
+        np.abs(transfer_impedances(sheet.electrode_electrode) - fine).max() / fine.max()
+        for sheet in (ClosedFormSheet(layout, ring=4), ClosedFormSheet(layout))
+    )
+    assert found < 0.005 < few
+
+
 def test_a_disc_with_a_hole_against_the_exact_resistance():
     """Between ring electrodes around a hole the resistance of an annulus is ln(b/a) / 2 pi."""
     angle = 2 * np.pi * np.arange(48) / 48

@@ -18,6 +18,7 @@ from tomotactile_ros.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-layout/1"
 MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
+MAX_ROWS = 65535  # of a frame: rows are counted by a uint16
 SMALLEST, LARGEST = 0.005, 5.0  # m, longer sides of sheets that people build
 LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
 FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
@@ -37,6 +38,8 @@ class Layout:
     positions : (E, 2) centres, m, inside the outline or on its rim, more than 2 radius apart.
     provenance : how the layout came about; free-form, kept in the file.
     surface : how the sheet is bent.
+    scan : electrodes that are grounded, row after row: any of them, as often as one likes; empty for all
+        in turn. Devices that take an order scan so, simulated frames have these rows.
     """
 
     name: str
@@ -46,6 +49,7 @@ class Layout:
     positions: np.ndarray
     provenance: dict = field(default_factory=dict)
     surface: Surface = field(default_factory=Flat)
+    scan: tuple[int, ...] = ()
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name.strip():
@@ -60,18 +64,28 @@ class Layout:
         self._check_apart()
         with complaints_at("surface."):
             self.surface.check(self.outline.size)
+        if len(self.scan):
+            order = checks.order(self.scan, "scan.order", self.electrodes)
+            if len(order) > MAX_ROWS:
+                raise InputError(f"scan.order: {len(order)} rows, a frame has at most {MAX_ROWS}")
+            object.__setattr__(self, "scan", tuple(order.tolist()))
 
     @property
     def electrodes(self) -> int:
         """Number of electrodes E."""
         return len(self.positions)
 
+    @property
+    def grounded(self) -> np.ndarray:
+        """(L,) electrode that is grounded in each row of a frame: the scan's, or all in turn."""
+        return np.array(self.scan, np.intp) if self.scan else np.arange(self.electrodes)
+
     @cached_property
     def id(self) -> str:
         """What a voltage frame names to say which layout it was measured with: ``name#1a2b3c4d``.
 
         The hash is of what the readings depend on: outline, holes, positions and radius. How the
-        sheet is bent changes none.
+        sheet is bent changes none, and which rows there are stands in each frame.
         """
         outline = self.outline
         rim = [outline.radius] if outline.kind == "circle" else outline.shell
@@ -100,6 +114,8 @@ class Layout:
             "sheet_resistance": float(self.sheet_resistance),
             "electrodes": {"radius": float(self.radius), "positions": self.positions},
         }
+        if self.scan:
+            content["scan"] = {"order": list(self.scan)}
         if self.surface != Flat():
             content["surface"] = self.surface.to_dict(Path(os.path.realpath(path)).parent)
         if not is_usual_size(self.outline.size):
@@ -176,6 +192,7 @@ def load_layout(path: str | os.PathLike) -> Layout:
         "sheet_resistance",
         "electrodes",
         "provenance",
+        "scan",
         "surface",
         "unusual_size",
     )
@@ -185,6 +202,13 @@ def load_layout(path: str | os.PathLike) -> Layout:
     surface = Flat()
     if "surface" in reader:
         surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
+    scan: tuple[int, ...] = ()
+    if "scan" in reader:
+        section = reader.section("scan")
+        section.only("order")
+        scan = section.integers("order")
+        if not scan:
+            section.refuse("order", [], "names no electrode; without scan all are grounded in turn")
     if not reader.flag("unusual_size"):
         check_usual_size(outline.size, f"{reader.place}outline", "write unusual_size: true")
     sheet_resistance = reader.number("sheet_resistance")
@@ -202,6 +226,7 @@ def load_layout(path: str | os.PathLike) -> Layout:
         positions=electrodes.points("positions"),
         provenance=reader.free("provenance"),
         surface=surface,
+        scan=scan,
     )
 
 

@@ -46,8 +46,8 @@ class Simulator:
     model : `fem` by default, so that data and images never share a model; or of `sheet.MODELS`
     h : element size of the mesh, m
     row_period : s from one row to the next; 0 for frames that are taken all at once
-    order : electrodes that are grounded, row after row, in any order and as often as one likes; all
-        in turn without it
+    order : electrodes that are grounded, row after row, in any order and as often as one likes; that
+        of the layout's scan without it
 
     Raises InputError where the scene does not fit the layout or the model cannot do what it names.
     """
@@ -67,7 +67,7 @@ class Simulator:
         scene.check(layout)
         self.layout, self.scene = layout, scene
         self.row_period = checks.not_negative(row_period, "row_period", "time in s")
-        self.grounded = _scan_order(order, layout.electrodes)
+        self.grounded = layout.grounded if order is None else _scan_order(order, layout)
         longest = max(layout.outline.size)
         self.sheet = self._make_sheet(model, h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
@@ -137,7 +137,7 @@ class Simulator:
         before : the electrode that was grounded one row period earlier, for scenes whose channels
             do not settle; the one in front of `electrode` in the scan without it
         """
-        grounded = _scan_order([electrode], self.layout.electrodes)
+        grounded = _scan_order([electrode], self.layout)
         if before is None:
             place = np.flatnonzero(self.grounded == electrode)
             before = self.grounded[place[0] - 1] if len(place) else electrode
@@ -306,9 +306,9 @@ def patches_across(contact: Contact, longest: float) -> int:
     return min(max(count, _ACROSS[0]), _ACROSS[1])
 
 
-def _scan_order(order, electrodes: int) -> np.ndarray:
+def _scan_order(order, layout: Layout) -> np.ndarray:
     """(L,) electrodes that are grounded in turn."""
-    return np.arange(electrodes) if order is None else checks.order(order, "order", electrodes)
+    return checks.order(order, "order", layout.electrodes)
 
 
 def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, BooleanOptionalAction, Namespace
 
 from tomotactile_ros import checks
 from tomotactile_ros.bench.tables import text
@@ -16,6 +16,7 @@ from tomotactile_ros.evaluation.point_spread import (
     REGULARIZATION,
     RESOLUTION,
 )
+from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layout import load_layout
@@ -25,6 +26,8 @@ from tomotactile_ros.reconstruction.settings import PROFILES
 HELP = "measure the resolution of a layout: HWHM and position error all over the sheet"
 _LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}
 _REGIONAL = ("hwhm", "position_error")
+_TOUCH_PLACES = 6  # contacts along the longer side
+_MOST_FOR_TOUCH = 64  # electrodes; beyond, what is expected of a contact takes a minute and is asked for
 _SHOWN = 12  # regions in the text; --json has all
 
 
@@ -56,6 +59,18 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=RESOLUTION,
         help="contact positions along the longer side (default: 40)",
     )
+    parser.add_argument(
+        "--touch",
+        action=BooleanOptionalAction,
+        help="expected errors of a contact, by the estimator's own model (default: up to "
+        f"{_MOST_FOR_TOUCH} electrodes, without --profile)",
+    )
+    parser.add_argument(
+        "--apart",
+        type=float,
+        default=PAIRS_APART,
+        help=f"of --touch: distance of two contacts, m (default: {PAIRS_APART:g})",
+    )
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
@@ -84,7 +99,29 @@ def run(args: Namespace) -> None:
             resolution=args.resolution,
         )
     content = as_dict(result)
+    if _wants_touch(args, layout):
+        content["touch"] = _touch(layout, Conditions(apart=args.apart))
     print(json.dumps(content, indent=1) if args.json else "\n".join(as_text(content)))
+
+
+def _wants_touch(args, layout):
+    if args.touch is None:
+        return not args.profile and layout.electrodes <= _MOST_FOR_TOUCH
+    return args.touch
+
+
+def _touch(layout, conditions):
+    """What is expected of contacts: figures, and for which."""
+    found = expected(layout, conditions, _TOUCH_PLACES)
+    return found.metrics | {
+        "rows": len(layout.grounded),
+        "contact_radius": conditions.radius,
+        "pressure": conditions.pressure,
+        "noise": conditions.noise,
+        "apart": conditions.apart,
+        "positions": len(found.places),
+        "pairs": len(found.pairs),
+    }
 
 
 def as_dict(result) -> dict:
@@ -126,6 +163,8 @@ def as_text(content):
         yield f"{label:16}{line}"
     if content["noise_gain"] is not None:
         yield f"noise gain      {1e3 * content['noise_gain']:.3g} mV of a pixel per V of a reading"
+    if "touch" in content:
+        yield from _touch_lines(content["touch"])
     if content["contacts"] is not None:
         yield "reported contacts, ghosts and misses with a cut-off of 10 mm:"
         yield from ("  " + line for line in text(HEADER, [cells(content["contacts"])]))
@@ -142,6 +181,23 @@ def as_text(content):
         )
     if len(regions) > _SHOWN:
         yield f"  and {len(regions) - _SHOWN} more (--json lists all)"
+
+
+def _touch_lines(touch):
+    place, force, pair = touch["place"], touch["force"], touch["separation"]
+    yield (
+        f"expected errors of a contact ({1e3 * touch['contact_radius']:g} mm, "
+        f"{1e-3 * touch['pressure']:g} kPa, noise {1e3 * touch['noise']:g} mV, {touch['rows']} rows), "
+        "by the estimator's own model:"
+    )
+    for label, figures, unit, scale in (("place", place, "mm", 1e3), ("force", force, "%", 100)):
+        mean, tenth = scale * figures["mean"], scale * figures["worst_tenth"]
+        yield f"  {label:12} {mean:8.3f} {unit}, worst tenth {tenth:8.3f} {unit}"
+    if pair:
+        yield (
+            f"  two {1e3 * touch['apart']:g} mm apart: d' {pair['mean']:.4g}, worst tenth "
+            f"{pair['worst_tenth']:.4g} ({touch['pairs']} pairs)"
+        )
 
 
 def _short(value):

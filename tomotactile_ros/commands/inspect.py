@@ -28,6 +28,7 @@ from tomotactile_ros.yamlio import read_mapping
 HELP = "show what a layout, scene, frames or result file holds"
 _WIDTH = 79  # of a line; longer ones go on in the next, between words
 _LONGEST = 400  # characters of a value
+_SHOWN = 16  # rows of a scan
 _PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
 _SHADES = " .:-=+*#%@"
@@ -89,6 +90,10 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
     yield f"  nearest pitch     {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
+    if layout.scan:
+        order = " ".join(map(str, layout.scan[:_SHOWN]))
+        order += " ..." if len(layout.scan) > _SHOWN else ""
+        yield f"  scan              {len(layout.scan)} rows: {order}"
     for key, value in layout.provenance.items():
         yield f"  {key:17} {_short(value)}"
     yield "  electrode 0 is marked 0, the last one $"

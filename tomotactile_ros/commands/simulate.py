@@ -41,7 +41,7 @@ def run(args: Namespace) -> None:
         raise InputError(f"--frames: {args.frames} is not a positive number of frames")
     if args.rate is not None and not 0 < args.rate < 1e6:
         raise InputError(f"--rate: {args.rate:g} is not between 0 and 1e6 frames per second")
-    row_period, rate = _pace(args.row_period, args.rate, layout.electrodes)
+    row_period, rate = _pace(args.row_period, args.rate, len(layout.grounded))
     check_out(args.out, ".npz")
     simulator = Simulator(layout, scene, args.model, row_period=row_period)
     stamps = np.arange(args.frames) / rate

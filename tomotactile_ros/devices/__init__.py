@@ -43,7 +43,7 @@ class DeviceSettings:
     rows_per_message : int
         Rows of a frame that are handed over together, to whoever wants rows.
     scan : tuple of int
-        Electrodes to ground, row after row; none: the layout's order, or the device's own.
+        Electrodes to ground, row after row; none: the scan of the layout, or the device's own order.
     address : int
         For ``serial``: of the device on a bus; 0: it has none.
     capture : str
@@ -84,7 +84,7 @@ def make_device(settings: DeviceSettings) -> Device:
     make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
     device = make[settings.device](settings)
     device.run_length = settings.rows_per_message
-    device.set_scan(settings.scan)
+    device.set_scan(settings.scan or settings.layout.scan)
     return device
 
 

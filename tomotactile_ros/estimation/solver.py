@@ -216,7 +216,7 @@ class Linear:
         normal[self.free :, : self.free] = normal[: self.free, self.free :].T
         normal[self.free :, self.free :] = self.sheet.normal
         right = weighted @ fit.misfit.ravel()
-        curvature, pull = self._priors()
+        curvature, pull = self.priors()
         normal[np.diag_indices(count)] += curvature
         right = right + pull
         ratio = fit.prediction.ratio
@@ -234,7 +234,8 @@ class Linear:
         self.normal = normal - self.channels.normal
         self.right = right - self.channels.right
 
-    def _priors(self):
+    def priors(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the priors add to the diagonal of the normal matrix and to its right side, channels aside."""
         u, prior = self.fit.unknowns, self.fit.prior
         curvature = np.zeros(u.contacts.shape)
         pull = np.zeros(u.contacts.shape)

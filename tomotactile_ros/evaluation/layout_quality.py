@@ -131,7 +131,7 @@ def evaluate_layout(
     regularization : lambda^2
     contact_radius : m; 1 mm without it, less for electrodes of less than 2 mm
     resolution : contact positions, and pixels, along the longer side
-    grounded : (L,) ground conditions that are scanned, all without it
+    grounded : (L,) ground conditions that are scanned; those of the layout's scan without it
 
     Raises InputError for a layout that the model cannot treat.
     """
@@ -145,6 +145,8 @@ def evaluate_layout(
     if model == "auto":
         model = "paper" if layout.outline.is_uniform_rectangle else "fem"
     grid = Grid.for_outline(layout.outline, resolution)
+    if grounded is None and layout.scan:
+        grounded = layout.grounded
     symmetry = None
     if model == "paper":
         symmetry = find_symmetry(grid, layout.positions)

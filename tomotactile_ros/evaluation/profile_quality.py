@@ -67,12 +67,12 @@ def evaluate_profile(
     h = max(layout.outline.size) / _ELEMENTS
     sheet = make_sheet(layout, "fem", h=h)
     conductance = float(settings.contact_law.conductance(PRESSURE))
-    grounded = np.arange(layout.electrodes)
+    grounded = layout.grounded
     images, scores = np.empty((len(places), len(pipeline.grid.pixels))), []
     for i in track(range(len(places))):
         disc = Contact("disc", center=places[i], radius=sizes[i], pressure=PRESSURE)
         touch = contact_points(sheet, [(disc.patches(_PATCHES), conductance)])
-        voltages = frame(*touch, DRIVE_VOLTAGE)
+        voltages = frame(*touch, DRIVE_VOLTAGE)[grounded]
         voltages += settings.noise * random.standard_normal(voltages.shape)
         result = pipeline.process(voltages, grounded, DRIVE_VOLTAGE)
         images[i] = pipeline.grid.gather(result.pressure)

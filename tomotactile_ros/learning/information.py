@@ -103,7 +103,7 @@ def _without_contacts(fit, normal, right, free) -> Information:
     if not free:
         nothing = np.zeros((0, len(normal))), np.zeros(0)
         return Information(normal, right, *nothing, fit.chi_squared, readings)
-    curvature, pull = (each[:free] for each in Linear._priors(_Of(fit)))
+    curvature, pull = (each[:free] for each in Linear.priors(_Of(fit)))
     own = normal[:free, :free] + np.diag(curvature)
     scale = 1 / np.sqrt(own.diagonal())
     factor = cho_factor(own * scale[:, None] * scale)

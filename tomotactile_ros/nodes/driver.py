@@ -51,7 +51,8 @@ SPECS = (
     Spec(
         "scan",
         (),
-        "Electrodes to ground, row after row, any of them and as often as wanted; []: each in turn",
+        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout says, or each "
+        "in turn",
         low=0,
         high=65534,
     ),
@@ -214,7 +215,7 @@ class Driver:
             return
         if changed <= {"rate", "streaming", "scan"}:
             if "scan" in changed:
-                self._device.set_scan(values["scan"])
+                self._device.set_scan(values["scan"] or self._layout.scan)
             if "rate" in changed:
                 self._device.set_rate(values["rate"])
             if "streaming" in changed:

@@ -1,6 +1,7 @@
 """Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best layout.
 
-It ends by itself; a stop (Ctrl-C) ends it at once and keeps the best layout so far.
+Its parameters are the options of `tomotactile optimize` (`optimizer/options.py`). It ends by itself;
+a stop (Ctrl-C) ends it at once and keeps the best layout so far.
 """
 
 import threading
@@ -15,24 +16,44 @@ from std_msgs.msg import Header
 
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import YAML, check_out
-from tomotactile_ros.layout import load_layout
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
-from tomotactile_ros.optimizer.request import METHODS, Request
-from tomotactile_ros.optimizer.step import Step, finished
+from tomotactile_ros.optimizer.options import OPTIONS, START, Option, request_of, start_of
+from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request
+from tomotactile_ros.optimizer.step import Step
+
+GRID = 8  # rows and columns of the grid to start from, where nothing is given
+
+
+def spec_of(option: Option) -> Spec:
+    """The parameter of an option; what may be left away is 0, empty or []."""
+    default = option.unset if option.default is None else option.default
+    if option.name in ("rows", "cols"):
+        default = GRID
+    limits = {"low": 0, "high": option.high} if option.kind in (int, float) else {}
+    return Spec(
+        option.name,
+        default,
+        option.help,
+        choices=option.choices,
+        read_only=True,
+        items=option.kind if option.metavar else int,
+        **(limits if not option.metavar else {}),
+    )
+
 
 SPECS = (
     Spec(
-        "layout", "equal-8x8", "To start from: a layout file or an installed name", read_only=True
+        "method",
+        "equalize",
+        "How electrodes are moved",
+        choices=(*METHODS, *ALIASES),
+        read_only=True,
     ),
-    Spec("method", "equalize", "How electrodes are moved", choices=METHODS, read_only=True),
-    Spec(
-        "steps", 0, "Updates, or generations of free; 0: as usual", low=0, high=1000, read_only=True
-    ),
-    Spec("seed", 0, "Of the search of free", low=0, high=2**31 - 1, read_only=True),
+    *(spec_of(option) for option in OPTIONS),
     Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
     Spec("name", "optimized", "Name of the best layout", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True),
@@ -63,18 +84,20 @@ class Optimizer:
             ),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        layout = self.parameters["layout"]
-        self._diagnostics = Diagnostics(node, "optimization", lambda: layout, self.report)
+        start = self.parameters["layout"] or "equal grid"
+        self._diagnostics = Diagnostics(node, "optimization", lambda: start, self.report)
         self.parameters.warn_of_typos()
 
     def configure(self) -> None:
         """Read the layout to start from, and see that there is a place for the best one."""
         values = self.parameters
         check_out(values["out"], *YAML)
-        layout = load_layout(values["layout"])
+        given = {option.name: option.given(values[option.name]) for option in OPTIONS}
+        if given["layout"] is not None:
+            given |= {option.name: option.default for option in START[1:]}
+        layout = start_of(given)
         replace(layout, name=values["name"])  # refuses a name that the best layout cannot have
-        steps = values["steps"] or None
-        self._request = Request(layout, values["method"], steps=steps, seed=values["seed"])
+        self._request = request_of(layout, values["method"], given)
 
     def activate(self) -> None:
         """Begin."""
@@ -143,15 +166,7 @@ class Optimizer:
     def _write(self) -> None:
         best = [step for step in self._history if step.best][-1]
         values = self.parameters
-        layout = finished(
-            best.layout,
-            values["name"],
-            values["method"],
-            self._request.settings(),
-            self._history,
-            best,
-        )
-        layout.save(values["out"])
+        self._request.result(values["name"], self._history, best).save(values["out"])
         self._log.info(f"step {best.iteration} was the best, {values['out']} written")
 
 

@@ -26,6 +26,11 @@ from tomotactile_ros.errors import InputError
 OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
 _TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
+_ITEMS = {
+    int: ("whole numbers", Parameter.Type.INTEGER_ARRAY),
+    float: ("numbers", Parameter.Type.DOUBLE_ARRAY),
+    str: ("texts", Parameter.Type.STRING_ARRAY),
+}
 
 
 @dataclass(frozen=True)
@@ -40,14 +45,14 @@ class Spec:
     low, high : range of a number, ends included.
     choices : the words allowed for a text.
     read_only : cannot be changed while the node runs.
-    items : `int` or `str`, what an array holds.
+    items : `int`, `float` or `str`, what an array holds; whole numbers are taken for decimal ones.
     path : names a file or a port; cannot be changed while the node runs either, unless it was
         started with `allow_path_changes`: whoever may set parameters could else let the node open
         what he must not open himself.
     """
 
     name: str
-    default: bool | int | float | str | tuple[int, ...] | tuple[str, ...]
+    default: bool | int | float | str | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
     description: str
     low: float | None = None
     high: float | None = None
@@ -98,13 +103,16 @@ class Spec:
         self._check_range(value)
         return float(value)
 
-    def _convert_array(self, value: Any) -> tuple[int, ...] | tuple[str, ...]:
-        if not isinstance(value, (list, array)) or any(type(v) is not self.items for v in value):
-            kind = "whole numbers" if self.items is int else "texts"
+    def _convert_array(
+        self, value: Any
+    ) -> tuple[int, ...] | tuple[float, ...] | tuple[str, ...]:
+        kinds = (int, float) if self.items is float else (self.items,)
+        if not isinstance(value, (list, array)) or any(type(v) not in kinds for v in value):
+            kind = _ITEMS[self.items][0]
             raise InputError(f"{self.name}: {reprlib.repr(value)} is not a list of {kind}")
         for v in value:
             self._check_range(v)
-        return tuple(value)
+        return tuple(map(self.items, value))
 
     def _check_range(self, value: float) -> None:
         if self.low is not None and not self.low <= value <= self.high:
@@ -170,10 +178,7 @@ class Parameters:
         except InputError as error:
             raise InputError(f"parameter {error}") from None
         if value == ():  # in YAML it sets nothing, and rclpy takes it for one of bytes
-            kind = (
-                Parameter.Type.INTEGER_ARRAY if spec.items is int else Parameter.Type.STRING_ARRAY
-            )
-            self._node.set_parameters([Parameter(spec.name, kind, [])])
+            self._node.set_parameters([Parameter(spec.name, _ITEMS[spec.items][1], [])])
         if value == OFF and parameter.value is False:
             self._node.set_parameters([Parameter(spec.name, Parameter.Type.STRING, OFF)])
         return value

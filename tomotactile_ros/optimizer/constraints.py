@@ -8,6 +8,7 @@ import numpy as np
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.region import Region
 
@@ -41,10 +42,14 @@ class Constraints:
         short = np.maximum(self.spacing - _distances(positions), 0)
         return float(max(short.max(initial=0.0), self._trespass(positions).max(initial=0.0)))
 
+    def kept_by(self, positions) -> bool:
+        """Whether electrodes at `positions` (E, 2), m, obey, but for rounding."""
+        return self.violation(positions) <= 2 * self.tolerance
+
     def project(self, positions) -> np.ndarray | None:
         """Positions (E, 2) nearby that obey, or None where none are found.
 
-        All electrodes are corrected at once, so the symmetries of the positions are kept.
+        All electrodes are corrected at once, so symmetries that positions and zones share are kept.
         """
         positions = np.array(positions, float)
         for _ in range(_ROUNDS):
@@ -86,6 +91,22 @@ class Constraints:
             ]
         )
         return slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
+
+    def insist(self, layout: Layout) -> None:
+        """Raise InputError where a layout does not obey: nothing of that kind is written."""
+        if self.kept_by(layout.positions):
+            return
+        short = self.spacing - _distances(layout.positions).min()
+        trespass = self._trespass(layout.positions)
+        worst = int(np.argmax(trespass))
+        x, y = layout.positions[worst]
+        what = (
+            f"electrode {worst} at ({x:g}, {y:g}) m is {1e3 * trespass[worst]:.3g} mm inside a zone to "
+            "keep out of, or that much too near to the rim"
+            if trespass[worst] > short
+            else f"two electrodes are {1e3 * short:.3g} mm too near to each other"
+        )
+        raise InputError(f"constraints: {what}, and nothing was found that obeys")
 
     def check(self, electrodes: int, radius: float) -> None:
         """Raise InputError where no layout of so many electrodes of `radius` (m) can obey."""

@@ -2,8 +2,9 @@
 
 Every update gives region m the area S_m / w_m^2, scaled to the sum of all (eq. 12), w_m being the
 mean HWHM of the contacts in it, and places the electrodes accordingly (Algorithm 1; see
-`algorithm1` for odd N, R x C electrodes and rectangles). The score is the mean HWHM of the worst
-region.
+`algorithm1` for odd N, R x C electrodes and rectangles). The score is the mean HWHM, by which the
+paper chooses its step, or that of the worst region. Outermost electrodes keep the distance from the
+rim that they start with.
 
 An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio
 to the power 1/2, 1/4, ...) until the layout is valid.
@@ -24,16 +25,20 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
 from tomotactile_ros.optimizer.step import Clock, Step
 
+SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6
 
 
-def equalize(layout: Layout, updates: int = 5, **evaluation) -> Iterator[Step]:
+def equalize(
+    layout: Layout, updates: int = 5, *, select: str = SELECTIONS[0], **evaluation
+) -> Iterator[Step]:
     """Equalize the resolution of a grid of electrodes on a rectangle.
 
     Parameters
     ----------
     layout : R x C electrodes, row by row from the lower left, symmetric under the sheet's mirrors
     updates : how many; every one costs one evaluation
+    select : one of `SELECTIONS`
     evaluation : keywords of `evaluate_layout`
 
     Yields the start and every update. Ends early where no valid layout is left in the wanted
@@ -45,13 +50,17 @@ def equalize(layout: Layout, updates: int = 5, **evaluation) -> Iterator[Step]:
     shape = _checked_shape(layout)
     clock = Clock(updates)
     quality = evaluate_layout(layout, **evaluation)
-    yield clock.step(0, quality, quality.region_hwhm.max())
+    yield clock.step(0, quality, _score(quality, select))
     for iteration in range(1, updates + 1):
         layout = _update(quality, shape)
         if layout is None:
             return
         quality = evaluate_layout(layout, **evaluation)
-        yield clock.step(iteration, quality, quality.region_hwhm.max())
+        yield clock.step(iteration, quality, _score(quality, select))
+
+
+def _score(quality, select):
+    return quality.metrics["hwhm"]["mean" if select == "mean" else "worst_region"]
 
 
 def _checked_shape(layout):

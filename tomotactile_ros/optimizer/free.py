@@ -3,7 +3,8 @@
 The score (`objective`) holds the HWHM, its worst tenth, the position error and the noise gain
 against those of the layout given, for the lambda^2 wanted and for two others. Symmetries that the
 outline and the layout share are kept: all electrodes of an orbit move together (`orbits`). Spacing,
-margin and keep-out zones are never violated (`constraints`). How it searches: see `search`.
+margin and keep-out zones are never violated (`constraints`), and a zone that lacks a symmetry takes
+it from the layout. How it searches: see `search`.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 
+import numpy as np
+
 from tomotactile_ros import checks
+from tomotactile_ros.errors import doubt
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
+from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
 from tomotactile_ros.optimizer.step import Clock, Step
 
@@ -61,12 +66,27 @@ def free(
     effort = effort or effort_for(layout)
     clock = Clock(effort.total(layout))
     positions, best = layout.positions, objective.score(layout.positions)
-    how = {"regularization": regularization, "resolution": resolution}
-    yield clock.step(0, evaluate_layout(layout, **how), best)
+    allowed = constraints.kept_by(positions)
     search = Search(objective, constraints, symmetric)
+    _say_what_is_dropped(search)
+    how = {"regularization": regularization, "resolution": resolution}
+    yield clock.step(0, evaluate_layout(layout, **how), best, allowed)
+    if not allowed:
+        best = np.inf
     spread = map if executor is None else executor.map
     for iteration, (found, score) in enumerate(search.run(effort, seed, spread), 1):
         if score < best - _SAME:
             positions, best = found, score
         moved = replace(layout, positions=positions, provenance={})
         yield clock.step(iteration, evaluate_layout(moved, **how), best)
+
+
+def _say_what_is_dropped(search):
+    """Zones to keep out of need not have the symmetries that outline and start share."""
+    layout = search.objective.reference
+    shared = len(shared_group(layout.outline, layout.positions)) if search.symmetric else 1
+    if len(search.group) < shared:
+        doubt(
+            f"keep_out: the zones have {len(search.group)} of the {shared} symmetries of the layout; "
+            "only these are kept (mirrored zones keep the others, too)"
+        )

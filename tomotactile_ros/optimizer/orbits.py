@@ -6,11 +6,14 @@ one and stays on it; one in the centre has none. Positions are linear in the par
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region
 
 MIRRORS = np.array([[[1, 0], [0, 1]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[-1, 0], [0, -1]]])
 SWAP = np.array([[0, 1], [1, 0]])
@@ -32,10 +35,16 @@ class Orbits:
         return np.linalg.lstsq(self.matrix, np.ravel(positions), rcond=None)[0]
 
 
-def shared_group(outline: Outline, positions) -> np.ndarray:
-    """(g, 2, 2) mirrors of x and y, and swaps, that outline and electrodes (E, 2) share."""
-    group = [each for each in MIRRORS if _keeps(outline, positions, each)]
-    if len(group) == 4 and _keeps(outline, positions, SWAP):
+def shared_group(
+    outline: Outline, positions: np.ndarray, zones: Sequence[Region] = ()
+) -> np.ndarray:
+    """(g, 2, 2) mirrors of x and y, and swaps, that outline, electrodes (E, 2) and zones share."""
+
+    def shared(element):
+        return _keeps(outline, positions, element) and _keeps_zones(outline, zones, element)
+
+    group = [each for each in MIRRORS if shared(each)]
+    if len(group) == 4 and shared(SWAP):
         group += [SWAP @ each for each in group]
     return np.array(group)
 
@@ -79,3 +88,12 @@ def _keeps(outline, positions, element):
     points = np.concatenate([*rings, *((ring + np.roll(ring, 1, axis=0)) / 2 for ring in rings)])
     moved = outline.rim_distance(points @ element.T)
     return bool(np.abs(moved - outline.rim_distance(points)).max() < close)
+
+
+def _keeps_zones(outline, zones, element):
+    """Whether an element maps the zones onto each other: the corners of all onto corners."""
+    if not zones:
+        return True
+    corners = np.concatenate([zone.shell for zone in zones])
+    away = cKDTree(corners).query(corners @ element.T)[0]
+    return bool(away.max() < _CLOSE * max(outline.size))

@@ -2,42 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 from tomotactile_ros import checks
-from tomotactile_ros.arrangements import usual_radius
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.equalize import SELECTIONS, equalize
 from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
-from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.optimizer.step import Step, finished
 from tomotactile_ros.region import Region, regular_polygon
 
 METHODS = ("equalize", "free")
+ALIASES = {"paper": "equalize"}
 _UPDATES = 5  # of equalize
 
 
-def start_layout(rows, cols, size, radius=None, sheet_resistance=1e4) -> Layout:
-    """The equal grid from rim to rim.
-
-    Electrodes have 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where there is room for
-    them, otherwise a tenth of the pitch.
-    """
-    if radius is None:
-        checks.integer(rows, "rows", 2, 256)
-        checks.integer(cols, "cols", 2, 256)
-        a, b = checks.pair(size, "size", "length in m")
-        pitch = min(
-            checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
-        )
-        radius = usual_radius(pitch, max(rows, cols) <= 4)
-    return equal_grid(rows, cols, size, radius, sheet_resistance)
+def method_of(name: str) -> str:
+    """The method that a name means; InputError for none."""
+    method = ALIASES.get(name, name)
+    if method not in METHODS:
+        raise InputError(f"method: {checks.show(name)} is none of {', '.join((*METHODS, *ALIASES))}")
+    return method
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +39,7 @@ class Request:
     ----------
     layout : the start
     method : `equalize` or `free`
+    select : of equalize, the update that is taken: `mean` or `worst`
     steps : updates of equalize, or generations at the end of free; None for the default
     regularization : lambda^2
     spacing : of free, smallest distance of two centres, m; 2.2 radii by default
@@ -62,6 +54,7 @@ class Request:
 
     layout: Layout
     method: str
+    select: str = SELECTIONS[0]
     steps: int | None = None
     regularization: float = 1000.0
     spacing: float | None = None
@@ -74,8 +67,9 @@ class Request:
     resolution: int = 40
 
     def __post_init__(self):
-        if self.method not in METHODS:
-            raise InputError(f"method: {self.method!r} is none of {', '.join(METHODS)}")
+        method_of(self.method)
+        if self.select not in SELECTIONS:
+            raise InputError(f"select: {self.select!r} is none of {', '.join(SELECTIONS)}")
         if self.steps is not None:
             checks.integer(self.steps, "steps", 0, 100000)
         if self.starts is not None:
@@ -101,6 +95,7 @@ class Request:
             return equalize(
                 self.layout,
                 self.total,
+                select=self.select,
                 regularization=self.regularization,
                 resolution=self.resolution,
             )
@@ -116,9 +111,21 @@ class Request:
             resolution=self.resolution,
         )
 
+    def result(self, name: str, history: Sequence[Step], best: Step, **settings: object) -> Layout:
+        """The best layout under its new name, with its origin, checked once more.
+
+        Raises InputError where it violates the constraints: no such layout is ever written.
+        """
+        if self.method == "free":
+            self._constraints().insist(best.layout)
+        settings = {**settings, **self.settings()}
+        return finished(best.layout, name, self.method, settings, history, best)
+
     def settings(self) -> dict:
         """Plain values for the layout's provenance."""
         out = {"start": self.layout.name, "steps": self.total}
+        if self.method == "equalize":
+            out["select"] = self.select
         if self.method == "free":
             constraints = self._constraints()
             out |= {

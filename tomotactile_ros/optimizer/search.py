@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import repeat
 
 import numpy as np
@@ -19,7 +20,7 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.objective import Objective
-from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
+from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
@@ -62,7 +63,7 @@ def effort_for(layout: Layout, generations: int | None = None, starts: int | Non
 class Search:
     """Everything that a worker needs to score positions and to move them.
 
-    symmetric : keep the symmetries that outline and electrodes share
+    symmetric : keep the symmetries that outline, electrodes and zones to keep out of share
     """
 
     objective: Objective
@@ -75,7 +76,7 @@ class Search:
         spread : `map`, or that of an executor
         """
         starts = self._starts(effort.starts, seed, spread)
-        orbits = self._orbits(starts[0])
+        orbits = find_orbits(starts[0], self.group)
         parameters = [orbits.parameters(start) for start in starts]
         step = self._step
         best, score = parameters[0], self._score(orbits, parameters[0])
@@ -98,11 +99,16 @@ class Search:
                 best, score = evolution.best, evolution.score
             yield orbits.positions(best), score
 
-    def _orbits(self, positions) -> Orbits:
-        group = np.eye(2)[None]
-        if self.symmetric:
-            group = shared_group(self.objective.reference.outline, positions)
-        return find_orbits(positions, group)
+    @cached_property
+    def group(self) -> np.ndarray:
+        """(g, 2, 2) symmetries that are kept: of outline, start and zones to keep out of.
+
+        A zone on one side alone breaks a symmetry; electrodes need not avoid its mirror image.
+        """
+        layout = self.objective.reference
+        if not self.symmetric:
+            return np.eye(2)[None]
+        return shared_group(layout.outline, layout.positions, self.constraints.keep_out)
 
     @property
     def _step(self) -> float:
@@ -119,7 +125,10 @@ class Search:
         grain = _GRAIN * self._step
         rounded = np.round(parameters / grain) * grain
         positions = self.constraints.project(orbits.positions(rounded))
-        return None if positions is None else orbits.parameters(positions)
+        if positions is None:
+            return None
+        parameters = orbits.parameters(positions)
+        return parameters if self.constraints.kept_by(orbits.positions(parameters)) else None
 
     def _score(self, orbits, parameters):
         return self.objective.score(orbits.positions(parameters))
@@ -140,17 +149,15 @@ class Search:
     def _starts(self, count, seed, spread):
         """(count) layouts to start from: first the best scaled one, then warps of it."""
         layout, constraints = self.objective.reference, self.constraints
-        given = constraints.project(layout.positions)
-        if given is None:
+        orbits = find_orbits(layout.positions, self.group)
+        scaled = [orbits.parameters(layout.positions * scale) for scale in _SCALES]
+        first, score = min(spread(self._try, repeat(orbits), scaled), key=lambda each: each[1])
+        if not np.isfinite(score):
             raise InputError(
                 f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m "
                 f"spacing, {constraints.margin:g} m margin and the zones to keep out of"
             )
-        orbits = self._orbits(given)
-        tried = list(
-            spread(self._try, repeat(orbits), [orbits.parameters(given * s) for s in _SCALES])
-        )
-        starts = [orbits.positions(min(tried, key=lambda each: each[1])[0])]
+        starts = [orbits.positions(first)]
         random = np.random.default_rng(seed)
         half = np.array(layout.outline.size) / 2
         while len(starts) < count:

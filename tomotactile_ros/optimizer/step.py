@@ -56,10 +56,17 @@ class Clock:
         self._start = time.monotonic()
         self._lowest = np.inf
 
-    def step(self, iteration: int, quality: LayoutQuality, score: float) -> Step:
-        """The next step; the time left is that of the steps so far, iteration 0 included."""
-        best = bool(score < self._lowest)
-        self._lowest = min(score, self._lowest)
+    def step(
+        self, iteration: int, quality: LayoutQuality, score: float, allowed: bool = True
+    ) -> Step:
+        """The next step; the time left is that of the steps so far, iteration 0 included.
+
+        What is not `allowed` (a start that violates constraints) is the best only as long as there
+        is nothing else.
+        """
+        counted = score if allowed else np.inf
+        best = bool(counted < self._lowest) or iteration == 0
+        self._lowest = min(counted, self._lowest)
         each = (time.monotonic() - self._start) / (iteration + 1)
         return Step(
             iteration, self.total, quality, float(score), best, each * (self.total - iteration)

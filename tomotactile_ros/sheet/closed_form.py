@@ -4,7 +4,10 @@ Each electrode is a ring of point charges on its rim. A floating electrode is an
 without net current, so its charges move: to leading order an induced dipole, which shunts the sheet
 (64 discs of radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 =
 5 %). The charges are eliminated once; four to a ring give dipole moments within 4 %, sixteen serve
-electrodes that nearly touch. Without shunting every electrode is a point with a radius.
+electrodes that nearly touch, and those whose rim is near the sheet's or beyond it, while their centre
+is not on it: there the image in the sheet's rim is as near as a neighbour (4 x 4 electrodes of 2.5 mm,
+1 / 2 / 3 / 5 mm inside: readings are 20.9 / 9.6 / 5.0 / 2.2 mV off with four charges, 2.3 / 2.1 / 1.7 /
+1.7 mV with sixteen; on the rim 1.8 and 1.9 mV). Without shunting every electrode is a point with a radius.
 
 A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the
 potential of the continuous ring, because the distances between n points on a circle multiply to
@@ -23,6 +26,9 @@ from tomotactile_ros.sheet.transfer import Transfer, electrode_of, make_transfer
 
 # radii between centres, below which an electrode sees more than its neighbour's dipole
 _CLOSE = 4.0
+_NEAR_RIM = 2.0  # radii between centre and the sheet's rim; half of _CLOSE, as images are mirrored
+_ON_RIM = 1e-6  # of the sheet's size: half a disc, which four charges serve
+_FEW, _MANY = 4, 16  # charges of a ring
 _BLOCK = 128  # points at a time: temporaries fit in the cache
 
 
@@ -30,7 +36,8 @@ class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
 
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
-    ring           charges on the rim of each electrode; by default 4, or 16 where some are close
+    ring           charges on the rim of each electrode; by default 4, or 16: of all where some are close
+                   to each other, otherwise of those that are close to the sheet's rim
     """
 
     model = "closed_form"
@@ -45,10 +52,11 @@ class ClosedFormSheet:
         self.shunting = shunting
         self._size = layout.outline.size
         if shunting:
-            ring = ring or (4 if layout.pitches.min() > _CLOSE * layout.radius else 16)
-            self._charges, owner = _rings(layout, ring)
-            self._radius = layout.radius / ring
-            self._tie(owner, self._green(self._charges, self._charges, self._radius))
+            counts = _counts(layout) if ring is None else np.full(layout.electrodes, ring)
+            self._charges, owner = _rings(layout, counts)
+            self._radius = layout.radius / counts[owner]
+            mutual = mutual_radius(self._radius, self._radius)
+            self._tie(owner, self._green(self._charges, self._charges, mutual))
         else:
             self._charges, self._radius = layout.positions, layout.radius
             own = self._radius * np.eye(layout.electrodes)
@@ -93,11 +101,22 @@ class ClosedFormSheet:
         """Nothing is worth being solved ahead here."""
 
 
-def _rings(layout, ring):
-    angle = 2 * np.pi * (np.arange(ring) + 0.5) / ring
+def _counts(layout):
+    """(E,) charges of each ring by default."""
+    if layout.pitches.min() <= _CLOSE * layout.radius:
+        return np.full(layout.electrodes, _MANY)
+    depth = (np.array(layout.outline.size) / 2 - np.abs(layout.positions)).min(axis=1)
+    near = (depth > _ON_RIM * max(layout.outline.size)) & (depth < _NEAR_RIM * layout.radius)
+    return np.where(near, _MANY, _FEW)
+
+
+def _rings(layout, counts):
+    """(C, 2) charges on the sheet, m, and (C,) the electrode of each, with `counts` (E,) to a ring."""
+    owner = np.repeat(np.arange(layout.electrodes), counts)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angle = 2 * np.pi * (place + 0.5) / counts[owner]
     circle = layout.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    charges = (layout.positions[:, None] + circle).reshape(-1, 2)
-    owner = np.repeat(np.arange(layout.electrodes), ring)
+    charges = layout.positions[owner] + circle
     half = np.array(layout.outline.size) / 2
     inside = (np.abs(charges) <= half).all(axis=1)
     return charges[inside], owner[inside]

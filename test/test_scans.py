@@ -1,0 +1,111 @@
+"""The order of the scan: from the layout file through simulation, devices and files to a contact."""
+
+import json
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices_support import PATIENCE, E, plugged, sensor, watched
+
+from tomotactile_ros.cli import main
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.devices import DeviceSettings, make_device
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.frames_file import load_frames
+from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+ORDER = (5, 10, 3, 12, 0, 15, 6, 9)
+GRID = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, name="grid")
+SMALL = equal_grid(2, 3, (0.2, 0.2), 0.005, 1e4)
+
+
+def test_the_file_keeps_the_order_and_the_geometry_its_id(tmp_path):
+    scanned = replace(GRID, scan=(3, 0, 3))
+    scanned.save(tmp_path / "scanned.yaml")
+    found = load_layout(tmp_path / "scanned.yaml")
+    assert found.scan == (3, 0, 3) and found.grounded.tolist() == [3, 0, 3]
+    assert found.id == GRID.id and GRID.grounded.tolist() == list(range(16))
+
+
+@pytest.mark.parametrize(
+    "order, complaint",
+    [
+        ("[]", "scan.order: [] names no electrode"),
+        ("[16]", "scan.order: electrode 16 does not exist, there are 0 to 15"),
+        ("[1.5]", "scan.order[0]: 1.5 is not a whole number"),
+        (str([0] * 65536), "scan.order: 65536 rows, a frame has at most 65535"),
+    ],
+)
+def test_impossible_orders_are_one_line(tmp_path, order, complaint):
+    path = tmp_path / "layout.yaml"
+    GRID.save(path)
+    path.write_text(path.read_text() + f"scan: {{order: {order}}}\n")
+    with pytest.raises(InputError) as error:
+        load_layout(path)
+    assert complaint in str(error.value) and "\n" not in str(error.value)
+
+
+def test_rows_of_the_scan_are_each_of_their_own_time():
+    """A touch that lands after the third row is in the later rows alone."""
+    start = 2.5e-3
+    touch = Contact("disc", center=(0.01, 0.02), radius=0.006, pressure=2e4, start=start)
+    scene = Scene("touch", 3.3, (touch,), contact_law=ContactLaw(1e-4, 1.0))
+    frame = Simulator(replace(GRID, scan=ORDER), scene, "closed_form").frame(0.0)
+    every = Simulator(GRID, scene, "closed_form", row_period=0.0).frame(1.0)
+    assert np.nanmax(np.abs(frame[:3])) < 1e-9
+    np.testing.assert_allclose(frame[3:], every[list(ORDER[3:])], rtol=1e-9)
+
+
+def test_half_of_the_rows_are_simulated_stored_and_reconstructed(tmp_path):
+    layout, scene = tmp_path / "half.yaml", tmp_path / "scene.yaml"
+    replace(GRID, scan=ORDER).save(layout)
+    scene.write_text(
+        "format: tomotactile-scene/1\ndrive_voltage: 3.3\n"
+        "contacts: [{shape: disc, center: [0.02, -0.03], radius: 0.006, pressure: 2.0e+4}]\n"
+        "contact_law: {coefficient: 1.0e-4, exponent: 1.0}\nnoise: {rms: 1.0e-3, seed: 1}\n"
+    )
+    frames, out = tmp_path / "frames.npz", tmp_path / "result.npz"
+    command = ["simulate", "--layout", str(layout), "--scene", str(scene), "--frames", "1"]
+    assert main([*command, "--out", str(frames)]) == 0
+    stored = load_frames(frames)
+    assert stored.voltages.shape == (1, 8, 16) and stored.grounded.tolist() == list(ORDER)
+    command = ["reconstruct", str(frames), "--layout", str(layout), "--profile", "joint"]
+    assert main([*command, "--out", str(out)]) == 0
+    with np.load(out) as result:
+        ((contact,),) = json.loads(str(result["contacts"]))
+    assert np.hypot(contact["x"] - 0.02, contact["y"] + 0.03) < 2e-3
+
+
+def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
+    settings = DeviceSettings(replace(SMALL, scan=(4, 1, 4)), "serial", port="")
+    with plugged(sensor()) as port:
+        device = make_device(replace(settings, port=port.path))
+        with watched(device) as watch:
+            watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [4, 1, 4])
+        device = make_device(replace(settings, port=port.path, scan=(2,)))
+        with watched(device) as watch:
+            watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [2])
+
+
+def test_a_device_of_version_1_keeps_its_order_and_says_so():
+    settings = DeviceSettings(replace(SMALL, scan=(4, 1)), "serial", port="")
+    with plugged(sensor(versions=[1])) as port:
+        with watched(make_device(replace(settings, port=port.path))) as watch:
+            watch.wait_for_frames(2)
+            message = watch.device.status().message
+    assert "scan: of 2 rows, the device takes its own order only" in message
+    assert watch.frames[-1].grounded.tolist() == list(range(E))
+
+
+def test_the_simulated_device_scans_as_the_layout_says():
+    layout, scene = replace(SMALL, scan=(4, 1, 0)), Scene("idle", 3.3)
+    device = make_device(DeviceSettings(layout, "fake", scene=scene))
+    frames, news = [], threading.Event()
+    device.open(lambda frame: (frames.append(frame), news.set()))
+    assert news.wait(PATIENCE)
+    device.close()
+    assert frames[0].grounded.tolist() == [4, 1, 0]
+    assert frames[0].row_period == pytest.approx(1e-3)

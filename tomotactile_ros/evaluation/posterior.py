@@ -1,0 +1,292 @@
+"""How well a contact can be known at all: what the one estimator expects to be wrong, before any frame.
+
+At a contact the estimator's own linearisation (`estimation.solver.Linear`) gives the covariance of
+place, conductance and radius with the sheet's modes and the channels marginal: the inverse of
+
+    J' W J + P^-1,     W = 1 / noise^2,  P the covariance of the priors
+
+(Fisher information with priors; Van Trees 1968, the Bayesian Cramer-Rao bound at one point). No frame
+is simulated. The figures at a contact, the sheet even and the channels perfect but not known to be:
+
+* place: root of the trace of the covariance of x and y, m. A contact on an electrode can be anywhere
+  on it without a trace; by the share of it that lies there, its place has the variance of an even
+  distribution over the electrode as a prior, r^2 / 4 in x and in y.
+* force: standard deviation of ln(force), by the contact law, relative
+* d': two contacts at a distance, told from one. With the difference of the frames of both and of the
+  one contact that resembles them most, its place, conductance and radius free as well as the sheet
+  and the channels, d' is the root of the rise of the misfit in units of the noise: to second order in
+  the distance the frames of a pair and of one wide contact are the same, so that this is what is left
+  of the squared difference after all other unknowns have taken what they can (Green and Swets 1966).
+
+What the bound leaves out: ghosts and misses, what the model errs, shapes that are no discs. It ranks
+layouts; it is no promise (docs/layouts.md compares it with what was measured).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tomotactile_ros import checks
+from tomotactile_ros.contact import ContactLaw
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
+from tomotactile_ros.evaluation.metrics import worst
+from tomotactile_ros.layout import Layout
+
+NOISE = 1e-3  # V rms of a reading: 12 to 16 bits behind an analogue switch, as in the benchmarks
+DRIVE = 3.3  # V
+CONTACT_RADIUS = 0.005  # m, a fingertip
+PRESSURE = 2e4  # Pa: 1.6 N on such a disc
+LAW = ContactLaw(1e-4, 1.0)  # that of the shipped scenes: 2 S/m^2 at this pressure
+PAIRS_APART = 0.04  # m, two fingers
+PLACES = 10  # contacts along the longer side
+_DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What is pressed and how well it is read.
+
+    noise : of a reading, V rms; drive_voltage : V
+    radius : of the contacts, m; pressure : Pa; law : of the contacts
+    channels : what is known of gains, offsets and resistances; None: all are known
+    apart : m, distance of the two contacts of a pair
+    """
+
+    noise: float = NOISE
+    drive_voltage: float = DRIVE
+    radius: float = CONTACT_RADIUS
+    pressure: float = PRESSURE
+    law: ContactLaw = LAW
+    channels: ChannelPrior | None = None
+    apart: float = PAIRS_APART
+
+    def __post_init__(self):
+        checks.positive(self.noise, "noise", "voltage in V")
+        checks.length(self.radius, "contact radius")
+        checks.length(self.apart, "apart")
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is expected at contacts all over the sheet.
+
+    places (P, 2), m; place (P,) standard deviation, m; force (P,) relative
+    pairs (Q, 2) middles, m; separation (Q,) d' of two contacts, `conditions.apart` from each other
+    """
+
+    conditions: Conditions
+    places: np.ndarray
+    place: np.ndarray
+    force: np.ndarray
+    pairs: np.ndarray
+    separation: np.ndarray
+
+    @cached_property
+    def metrics(self) -> dict:
+        """Mean and worst tenth of place, m, and force, relative; of d', empty where no pair fits."""
+        return {
+            "place": {"mean": float(self.place.mean()), "worst_tenth": worst(self.place)},
+            "force": {"mean": float(self.force.mean()), "worst_tenth": worst(self.force)},
+            "separation": {
+                "mean": float(self.separation.mean()),
+                "worst_tenth": -worst(-self.separation),
+            }
+            if len(self.separation)
+            else {},
+        }
+
+
+class Expectation:
+    """What rows of a layout will tell, contact by contact.
+
+    Parameters
+    ----------
+    layout : Layout; its scan says which rows there are
+    conditions : Conditions
+    operator : `SheetOperator` of the layout with all electrodes, where there is one already
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        conditions: Conditions | None = None,
+        operator: SheetOperator | None = None,
+    ):
+        self.layout, self.conditions = layout, conditions or Conditions()
+        self.operator = operator or SheetOperator(layout)
+        how = self.conditions
+        channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3)  # as good as known
+        self.prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
+        self._across = patches_for(how.radius, self.operator.pitch)
+
+    def linear(self, *centres: np.ndarray, grounded=None) -> Linear:
+        """Normal equations at discs with their middles at `centres` (2,), m, each."""
+        forms = np.array([self.form(centre) for centre in centres])
+        return self._linear(forms, grounded)
+
+    def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
+        """Standard deviations of the place, m, and of the force, relative, of a disc at `centre`."""
+        linear = self.linear(centre, grounded=grounded)
+        linear.normal[[X, Y], [X, Y]] += self.on_electrode(linear)
+        covariance = linear.covariance()
+        slope = linear.fit.prediction.force_slope(0, self.conditions.law.exponent)[_DISC]
+        place = np.sqrt(covariance[X, X] + covariance[Y, Y])
+        return float(place), float(np.sqrt(slope @ covariance @ slope))
+
+    def separation(self, middle: np.ndarray, way: np.ndarray, grounded=None) -> float:
+        """d' of two discs at `middle` +- `way` / 2 (m), each of half the pressure of one."""
+        half = np.asarray(way, float) / 2
+        forms = np.array([self.form(middle + s * half) for s in (1, -1)])
+        both = self.unknowns(forms)
+        grounded = self.layout.grounded if grounded is None else grounded
+        frame = Prediction(self.operator, both, grounded).readings
+        together = Touches(self.operator, forms, both.across, both.sheet)
+        one = self.form(middle)
+        one[RADIUS] = np.log(np.hypot(np.exp(one[RADIUS]), np.linalg.norm(half)))
+        touch = Touches(self.operator, one[None], self._patches(one[None]), both.sheet)
+        given = sum(together.conductance(i)[0] for i in range(2))
+        one[CONDUCTANCE] = -np.log(1 / given + touch.mean[0])
+        linear = self._linear(one[None], grounded, frame)
+        step = np.linalg.solve(linear.normal, linear.right)
+        taken = step @ linear.right + linear.channels.promised
+        return float(np.sqrt(max(linear.fit.cost - taken, 0.0)))
+
+    def on_electrode(self, linear: Linear) -> float:
+        """What is known of x and of y, 1/m², of a contact that lies on an electrode in part."""
+        touches = linear.fit.prediction.touches
+        share = touches.direct[0].sum() / touches.covered[0]
+        return float(share * 4 / self.layout.radius**2)
+
+    def form(self, centre) -> np.ndarray:
+        """(6,) parameters of the disc at `centre` (2,), m."""
+        how = self.conditions
+        form = np.array([*centre, 0.0, np.log(how.radius), 0.0, 0.0])
+        touch = Touches(self.operator, form[None], [self._across], np.zeros(self.operator.modes))
+        g = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2 * touch.covered[0]
+        form[CONDUCTANCE] = -np.log(1 / g + touch.mean[0])
+        return form
+
+    def _patches(self, forms) -> tuple[int, ...]:
+        return tuple(patches_for(np.exp(form[RADIUS]), self.operator.pitch) for form in forms)
+
+    def unknowns(self, forms: np.ndarray) -> Unknowns:
+        """Discs `forms` (k, 6) on an even sheet, with perfect channels."""
+        free = np.tile(_DISC, (len(forms), 1))
+        return Unknowns.at_rest(self.operator).with_contacts(forms, self._patches(forms), free)
+
+    def _linear(self, forms, grounded=None, readings=None) -> Linear:
+        """Linearised at contacts `forms` (k, 6) that have been read as `readings` (L, n), or exactly."""
+        unknowns = self.unknowns(forms)
+        grounded = self.layout.grounded if grounded is None else np.asarray(grounded)
+        if readings is None:
+            readings = Prediction(self.operator, unknowns, grounded).readings
+        weight = (self.conditions.drive_voltage / self.conditions.noise) ** 2
+        weights = np.full(readings.shape, weight)
+        weights[np.arange(len(grounded)), grounded] = 0.0
+        prior = replace(self.prior, radius=float(np.exp(forms[0, RADIUS])))
+        return Linear(Fit(self.operator, unknowns, Rows(readings, weights, grounded), prior))
+
+
+class RowInformation:
+    """What each single row says of contacts at `centres` (P, 2), m: any scan is the sum of its rows.
+
+    Channels count as known: they are common to rows, and would have to be eliminated for each scan.
+    """
+
+    def __init__(self, expectation: Expectation, centres: np.ndarray):
+        rows, priors, slopes = [], [], []
+        every = np.arange(expectation.layout.electrodes)
+        for centre in centres:
+            linear = expectation.linear(centre, grounded=every)
+            prediction, weights = linear.fit.prediction, linear.fit.rows.weights
+            columns = np.concatenate([prediction.contact_columns(), linear.sheet.columns])
+            columns = columns.transpose(1, 0, 2)  # (E, k, n)
+            rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
+            prior = np.diag(linear.priors()[0])
+            prior[[X, Y], [X, Y]] += expectation.on_electrode(linear)
+            priors.append(prior)
+            exponent = expectation.conditions.law.exponent
+            slopes.append(prediction.force_slope(0, exponent)[_DISC])
+        self._rows, self._priors, self._slopes = map(np.array, (rows, priors, slopes))
+
+    def figures(self, grounded: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) standard deviations of place, m, and force, relative, by rows of these electrodes."""
+        normal = self._priors + self._rows[:, list(grounded)].sum(axis=1)
+        scale = 1 / np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
+        inverse = np.linalg.inv(normal * scale[:, :, None] * scale[:, None])
+        free = np.count_nonzero(_DISC)
+        covariance = (inverse * scale[:, :, None] * scale[:, None])[:, :free, :free]
+        place = np.sqrt(covariance[:, X, X] + covariance[:, Y, Y])
+        force = np.einsum("pi,pij,pj->p", self._slopes, covariance, self._slopes)
+        return place, np.sqrt(force)
+
+
+def expected(
+    layout: Layout,
+    conditions: Conditions | None = None,
+    places: int = PLACES,
+    grounded: Sequence[int] | None = None,
+    operator: SheetOperator | None = None,
+) -> Posterior:
+    """Figures of contacts on a lattice of `places` along the longer side, off the electrodes' lattice.
+
+    grounded : (L,) rows of a frame; those of the layout's scan without it
+
+    Raises InputError for conditions that cannot be.
+    """
+    checks.integer(places, "places", 2, 100)
+    expectation = Expectation(layout, conditions, operator)
+    how = expectation.conditions
+    centres = lattice(layout, places, how.radius)
+    found = np.array([expectation.contact(centre, grounded) for centre in centres])
+    middles, ways = _pairs(layout, centres, how.apart, how.radius)
+    separation = [
+        expectation.separation(middle, way, grounded) for middle, way in zip(middles, ways)
+    ]
+    return Posterior(how, centres, *found.T, middles, np.array(separation))
+
+
+def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:
+    """(P, 2) middles, m, of discs of `radius` (m) that lie wholly on the sheet, `places` along its longer side.
+
+    One to a cell, moved within it by a fixed share (additive recurrence of the plastic number, Roberts
+    2018), so that no lattice of electrodes is favoured. (A disc across the rim shows where the part of
+    it lies that is on the sheet; where the rest is, nothing tells.)
+    """
+    xmin, ymin, xmax, ymax = layout.outline.bounds
+    low, high = np.array([xmin, ymin]) + radius, np.array([xmax, ymax]) - radius
+    columns, rows = np.maximum(1, np.round(places * (high - low) / (high - low).max())).astype(int)
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    share = np.arange(1, columns * rows + 1)[:, None] * np.array([0.7548776662, 0.5698402910]) % 1
+    at = (np.column_stack([x.ravel(), y.ravel()]) + share) / [columns, rows]
+    points = low + at * (high - low)
+    found = points[_on_sheet(layout, points, radius)]
+    if not len(found):
+        raise InputError(f"contact radius: no disc of {radius:g} m has room on the sheet")
+    return found
+
+
+def _on_sheet(layout, points, radius):
+    """(P,) which discs at `points` (P, 2) lie wholly on the sheet."""
+    slack = 1e-9 * max(layout.outline.size)
+    there = layout.outline.contains(points)
+    return there & (layout.outline.rim_distance(points) >= radius - slack)
+
+
+def _pairs(layout, centres, apart, radius):
+    """Middles (Q, 2) and ways (Q, 2) of pairs that lie on the sheet: every second place, turned."""
+    angle = 2.399963 * np.arange(len(centres))[::2]  # the golden angle
+    middles, ways = centres[::2], apart * np.column_stack([np.cos(angle), np.sin(angle)])
+    there = np.ones(len(middles), bool)
+    for sign in (1, -1):
+        there &= _on_sheet(layout, middles + sign * ways / 2, radius)
+    return middles[there], ways[there]

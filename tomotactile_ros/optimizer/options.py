@@ -1,0 +1,225 @@
+"""What an optimization can be told: one table, from which the command line makes its options and the
+ROS node its parameters, and one way from their values to a start and a `Request`.
+
+A value of None is one that nobody gave; on ROS, where a parameter always has a value, that is 0,
+an empty text or an empty list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from tomotactile_ros import checks
+from tomotactile_ros.arrangements import usual_radius
+from tomotactile_ros.errors import InputError, doubt
+from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
+from tomotactile_ros.layout import Layout, check_usual_size, equal_grid, load_layout
+from tomotactile_ros.optimizer.equalize import SELECTIONS
+from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
+from tomotactile_ros.optimizer.request import Request, method_of
+
+DEFAULT_SIZE = 0.2, 0.2  # m
+_SEEDS = 2**31 - 1  # the largest integer of a parameter of 32 bits
+
+
+@dataclass(frozen=True)
+class Option:
+    """One of the table.
+
+    Parameters
+    ----------
+    name : of the parameter; the option's has hyphens and `--`
+    kind : bool, int, float or str
+    help : one line, with the unit
+    default : None where nothing is given
+    choices : of a text
+    high : of a number, which is not negative
+    metavar : names of the numbers of a list
+    repeated : a list of any length, its numbers in groups of `metavar`
+    """
+
+    name: str
+    kind: type
+    help: str
+    default: Any = None
+    choices: tuple[str, ...] = ()
+    high: float = 1e9
+    metavar: tuple[str, ...] = ()
+    repeated: bool = False
+
+    @property
+    def unset(self) -> Any:
+        """What a parameter that nobody gave is."""
+        return () if self.metavar else self.kind()
+
+    def given(self, value: Any) -> Any:
+        """The value of a parameter as the command line has it: None if not given, in groups."""
+        if value == self.unset and self.default is None:
+            return None
+        if not self.repeated:
+            return value
+        count = len(self.metavar)
+        if len(value) % count:
+            raise InputError(
+                f"{self.name}: {len(value)} numbers, {', '.join(self.metavar)} of each are needed"
+            )
+        return [list(value[i : i + count]) for i in range(0, len(value), count)]
+
+
+START = (
+    Option("layout", str, "Layout to start from, a file or an installed name; none: an equal grid"),
+    Option("rows", int, "Electrodes of the equal grid along y", high=256),
+    Option("cols", int, "Electrodes of the equal grid along x", high=256),
+    Option("size", float, "Width and height of its sheet, m (default: 0.2 0.2)", metavar=("A", "B")),
+    Option("radius", float, "Of its electrodes, m (default: as in the paper, where there is room)"),
+    Option("inset", float, "From its rim to the outermost centres, m", 0.0, high=1e3),
+    Option("sheet_resistance", float, "Of its sheet, ohm/sq", 1e4),
+    Option("unusual_size", bool, "Its sheet is above 5 m or below 5 mm indeed", False),
+)
+SEARCH = (
+    Option(
+        "select",
+        str,
+        "Of equalize: which update is taken, that of the best mean HWHM (as in the paper) or that "
+        "whose worst region is best",
+        SELECTIONS[0],
+        choices=SELECTIONS,
+    ),
+    Option(
+        "steps",
+        int,
+        "Updates of equalize (default: 5), or generations of evolution at the end of free (default: "
+        "none on rectangles, 30 on other outlines)",
+        high=100_000,
+    ),
+    Option("regularization", float, "Lambda^2", REGULARIZATION, high=1e30),
+    Option("resolution", int, "Contact positions along the longer side", RESOLUTION, high=400),
+    Option("spacing", float, "Of free: smallest distance of two centres, m (default: 2.2 radii)"),
+    Option("margin", float, "Of free: smallest distance of a centre from the rim, m", 0.0),
+    Option(
+        "keep_out",
+        float,
+        "Of free: disc without electrode centres, m; as many as wanted",
+        default=(),
+        metavar=("X", "Y", "R"),
+        repeated=True,
+    ),
+    Option("asymmetric", bool, "Of free: move every electrode on its own (slow)", False),
+    Option(
+        "aims",
+        float,
+        "Of free, relative to the start: mean HWHM, worst tenth, mean position error, and position "
+        "error at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.0)",
+        metavar=("MEAN", "WORST", "ERROR", "OTHER"),
+    ),
+    Option(
+        "scenes",
+        float,
+        "Of free: count the blur of scenes with two and with wide contacts, too, with this aim "
+        "relative to the start, for instance 0.9",
+    ),
+    Option("starts", int, "Of free: layouts to start from (default: 8)", high=10_000),
+    Option("seed", int, "Of the search of free", 0, high=_SEEDS),
+)
+OPTIONS = (*START, *SEARCH)
+
+
+def start_layout(
+    rows: int,
+    cols: int,
+    size: tuple[float, float],
+    radius: float | None = None,
+    sheet_resistance: float = 1e4,
+    inset: float = 0.0,
+) -> Layout:
+    """The equal grid, its outermost centres `inset` (m) from the rim.
+
+    Electrodes have 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where there is room for
+    them, otherwise a tenth of the pitch.
+    """
+    if radius is None:
+        checks.integer(rows, "rows", 2, 256)
+        checks.integer(cols, "cols", 2, 256)
+        a, b = checks.pair(size, "size", "length in m")
+        pitch = min(
+            checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
+        )
+        radius = usual_radius(pitch, max(rows, cols) <= 4)
+    return equal_grid(rows, cols, size, radius, sheet_resistance, inset)
+
+
+def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
+    """The layout to start from, by the values of `START`; complaints put `mark` before names."""
+    if values["layout"] is not None:
+        for option in START[1:]:
+            if values[option.name] != option.default:
+                name = option.name.replace("_", "-") if mark else option.name
+                raise InputError(f"{mark}{name}: {mark}layout has its own, give only one")
+        return load_layout(values["layout"])
+    if values["rows"] is None or values["cols"] is None:
+        raise InputError(f"{mark}rows and {mark}cols, or {mark}layout, are needed")
+    size = DEFAULT_SIZE if values["size"] is None else values["size"]
+    layout = start_layout(
+        values["rows"],
+        values["cols"],
+        size,
+        values["radius"],
+        values["sheet_resistance"],
+        values["inset"],
+    )
+    if not values["unusual_size"]:
+        remedy = "add --unusual-size" if mark else "set unusual_size"
+        check_usual_size(layout.outline.size, f"{mark}size", remedy)
+    return layout
+
+
+def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Request:
+    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places."""
+    if layout.scan:
+        doubt("layout: its scan is left out, it was chosen for where the electrodes are")
+        layout = replace(layout, scan=())
+    return Request(
+        layout,
+        method_of(method),
+        select=values["select"],
+        steps=values["steps"],
+        regularization=values["regularization"],
+        spacing=values["spacing"],
+        margin=values["margin"],
+        keep_out=tuple(map(tuple, values["keep_out"] or ())),
+        symmetric=not values["asymmetric"],
+        aims=_aims(values["aims"], values["scenes"]),
+        starts=values["starts"],
+        seed=values["seed"],
+        resolution=values["resolution"],
+    )
+
+
+def command_of(method: str, values: Mapping[str, Any]) -> str:
+    """The command that does the same again, but for where to write it."""
+    words = ["tomotactile", "optimize", "--method", method]
+    for option in OPTIONS:
+        value = values[option.name]
+        if value is None or value == option.default or (option.repeated and not value):
+            continue
+        for each in value if option.repeated else [value]:
+            words.append("--" + option.name.replace("_", "-"))
+            if each is not True:
+                words += map(str, each if isinstance(each, (list, tuple)) else [each])
+    return " ".join(words)
+
+
+def _aims(numbers, scenes) -> Aims:
+    if scenes is not None:
+        checks.positive(scenes, "scenes", "number")
+    aims = replace(DEFAULT_AIMS, scenes=scenes)
+    if numbers is None:
+        return aims
+    if len(numbers) != 4:
+        raise InputError(f"aims: {len(numbers)} numbers, four are needed")
+    for number in numbers:
+        checks.positive(number, "aims", "number")
+    *central, other = numbers
+    return replace(aims, central=tuple(central), other=(*aims.other[:2], other))
