@@ -72,7 +72,7 @@ def test_half_of_the_rows_are_simulated_stored_and_reconstructed(tmp_path):
     assert main([*command, "--out", str(frames)]) == 0
     stored = load_frames(frames)
     assert stored.voltages.shape == (1, 8, 16) and stored.grounded.tolist() == list(ORDER)
-    command = ["reconstruct", str(frames), "--layout", str(layout), "--profile", "joint"]
+    command = ["reconstruct", str(frames), "--layout", str(layout), "--profile", "accurate"]
     assert main([*command, "--out", str(out)]) == 0
     with np.load(out) as result:
         ((contact,),) = json.loads(str(result["contacts"]))
