@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from itertools import repeat
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
 from tomotactile_ros.sheet import MODELS
+from tomotactile_ros.simulation import ROW_PERIOD
 
 HELP = "make pressure images and contacts of frames"
 
@@ -72,10 +72,10 @@ def run(args: Namespace) -> None:
     sensor = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     pipeline = Pipeline(layout, settings, sensor=sensor)
     apply_tare(args.tare, pipeline)
+    stamps, told = _stamps(recorded)
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
-    stamps = repeat(None) if recorded.stamps is None else recorded.stamps
     frames = zip(recorded.voltages, stamps)
     with results_writer(args.out) as take:
         for voltages, stamp in track(frames, "reconstructing frames", len(recorded.voltages)):
@@ -87,11 +87,14 @@ def run(args: Namespace) -> None:
             latency.append(time.perf_counter() - start)
             left_out.update(result.faults)
             withheld.update([result.reason] * bool(result.reason))
-            take(result, latency[-1])
+            holds = pipeline.holds_for(stamp, recorded.row_period, len(recorded.grounded))
+            take(result, latency[-1], holds)
     print(
         f"{args.out}: {len(latency)} frames, {pipeline.report}, "
         f"{1e3 * np.median(latency):.2f} ms a frame"
     )
+    if told:
+        print(told)
     for reason, count in withheld.most_common():
         print(f"{count} frames withheld: {reason}")
     for electrode, why in sorted(left_out.items()):
@@ -100,21 +103,31 @@ def run(args: Namespace) -> None:
         print("no contact law: places are right, forces are not (see 'tomotactile calibrate')")
 
 
-@contextmanager
-def results_writer(path: str) -> Iterator[Callable[[Result, float], None]]:
-    """A function that takes the result of each frame and its latency, s, into a file.
+def _stamps(recorded) -> tuple[np.ndarray, str]:
+    """(N,) s, when each frame began, and a line to print where the file does not tell."""
+    if recorded.stamps is not None:
+        return np.asarray(recorded.stamps, float), ""
+    period = recorded.row_period or ROW_PERIOD
+    frames = np.arange(len(recorded.voltages)) * len(recorded.grounded) * period
+    return frames, f"no stamps: times begin at 0, frames without a pause, {1e3 * period:g} ms a row"
 
-    pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s; where
-    contacts of some frame are withheld, reason (N,), empty for the others. However many frames
-    there are, it takes little memory.
+
+@contextmanager
+def results_writer(path: str) -> Iterator[Callable[[Result, float, float], None]]:
+    """A function that takes each result, its latency, s, and the time for which it holds, s, into a file.
+
+    pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s, stamps (N,) s;
+    where contacts of some frame are withheld, reason (N,), empty for the others. However many
+    frames there are, it takes little memory.
     """
     reasons: list[str] = []
 
-    def take(result: Result, latency: float) -> None:
+    def take(result: Result, latency: float, stamp: float) -> None:
         writer.append(
             pressure=np.asarray(result.pressure, np.float32),
             potential=np.asarray(result.potential, np.float32),
             latency=latency,
+            stamps=float(stamp),
         )
         contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
         writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
@@ -127,20 +140,17 @@ def results_writer(path: str) -> Iterator[Callable[[Result, float], None]]:
             writer.put(reason=np.array(reasons))
 
 
-def contact_entry(contact: ContactEstimate) -> dict[str, float]:
+def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
     """What a result file says of a contact.
 
-    Standard deviations (m, N) only where they were estimated; id, age (s) and velocity (m/s) only
-    where contacts are followed.
+    position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in JSON,
+    where the profile estimates none; id is 0 where nobody follows contacts.
     """
     entry = asdict(contact)
     vx, vy = entry.pop("velocity")
-    if contact.id:
-        entry |= {"vx": vx, "vy": vy}
-    else:
-        del entry["id"], entry["age"]
     covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
     if not np.isfinite(covariance).all():
-        del entry["force_std"], entry["probability"]
-        return entry
-    return {**entry, "position_std": float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))}
+        unknown = dict.fromkeys(("vx", "vy", "position_std", "force_std", "probability"))
+        return {**entry, **unknown}
+    spread = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    return {**entry, "vx": vx, "vy": vy, "position_std": spread}

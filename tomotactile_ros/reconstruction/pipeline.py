@@ -181,13 +181,22 @@ class Pipeline:
         else:
             result = self._imaged(voltages, grounded, drive_voltage)
         if stamp is not None and not result.reason:
-            last = stamp + row_period * (len(grounded) - 1)
-            followed = self._tracks.follow(result.contacts, last)
+            holds = self.holds_for(stamp, row_period, len(grounded))
+            followed = self._tracks.follow(result.contacts, holds)
             result.contacts = [
                 replace(contact, id=number, age=age)
                 for contact, (number, age) in zip(result.contacts, followed)
             ]
         return result
+
+    def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
+        """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows` rows.
+
+        That of the last row where rows are estimated at their own times; of the middle where they are
+        taken for rows of one state.
+        """
+        lasts = row_period * (rows - 1)
+        return stamp + (lasts if self._estimator is not None else lasts / 2)
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
