@@ -110,15 +110,44 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray):
-        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
+    def __call__(self, places: np.ndarray, radii: np.ndarray | None = None):
+        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m.
+
+        With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but where a disc
+        reaches an electrode, a ring: there the logarithm is averaged over the disc and the ring.
+        """
         points, weights, slopes = self.lattice.stencil(places)
         around = self._values[points]
         smooth = np.matmul(np.stack([weights, *slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
         values = smooth[:, 0] + singular
-        steep = (-self._scale / squared)[..., None] * apart
+        rate = -self._scale / squared
+        if radii is not None:
+            self._averaged(apart, radii, values, rate)
+        steep = rate[..., None] * apart
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+
+    def _averaged(self, apart, radii, values, rate):
+        """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart` (Q, n, 2)."""
+        squared = np.einsum("qnd,qnd->qn", apart, apart)
+        wide = np.maximum(radii, self._radius)
+        at, which = np.nonzero(squared < (radii + self._radius)[:, None] ** 2)
+        if not len(at):
+            return
+        wide, narrow = wide[at], np.minimum(radii[at], self._radius)
+        distance = np.sqrt(np.maximum(squared[at, which], 1e-18))
+        inside = np.minimum(distance / wide, 1.0)
+        mean = np.log(np.maximum(distance, wide)) - (1 - inside**2) / 2
+        slope = np.where(inside < 1, distance / wide**2, 1 / distance)
+        # the mean over the narrower one: a quarter of its radius squared times the Laplacian, as far as that is within
+        part = np.clip((wide + narrow - distance) / (2 * narrow), 0.0, 1.0)
+        share = part**2 * (3 - 2 * part)
+        mean += narrow**2 / (2 * wide**2) * share
+        slope -= narrow / (4 * wide**2) * 6 * part * (1 - part)
+        values[at, which] += self._scale * (
+            0.5 * np.log(np.maximum(squared[at, which], self._radius**2)) - mean
+        )
+        rate[at, which] = -self._scale * slope / distance
 
 
 class MutualTable:
