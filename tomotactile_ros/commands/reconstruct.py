@@ -45,6 +45,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
     parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
     parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
+    parser.add_argument(
+        "--every-row",
+        action="store_true",
+        help="contacts after every row instead of every frame, followed from row to row; no images",
+    )
     parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--deadline", type=float, default=0.05, help="of profile auto, s a frame")
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
@@ -76,31 +81,51 @@ def run(args: Namespace) -> None:
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
-    frames = zip(recorded.voltages, stamps)
-    with results_writer(args.out) as take:
-        for voltages, stamp in track(frames, "reconstructing frames", len(recorded.voltages)):
-            start = time.perf_counter()
-            with complaints_at(f"{args.frames}: "):
-                result = pipeline.process(
-                    voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
-                )
-            latency.append(time.perf_counter() - start)
-            left_out.update(result.faults)
-            withheld.update([result.reason] * bool(result.reason))
-            holds = pipeline.holds_for(stamp, recorded.row_period, len(recorded.grounded))
-            take(result, latency[-1], holds)
+    process = _every_row if args.every_row else _every_frame
+    with results_writer(args.out, images=not args.every_row) as take:
+        frames = zip(recorded.voltages, stamps)
+        doing = track(frames, "reconstructing frames", len(recorded.voltages))
+        with complaints_at(f"{args.frames}: "):
+            for result, lasted, holds in process(pipeline, recorded, doing):
+                latency.append(lasted)
+                left_out.update(result.faults)
+                withheld.update([result.reason] * bool(result.reason))
+                take(result, lasted, holds)
+    each = "row" if args.every_row else "frame"
     print(
-        f"{args.out}: {len(latency)} frames, {pipeline.report}, "
-        f"{1e3 * np.median(latency):.2f} ms a frame"
+        f"{args.out}: {len(latency)} {each}s, {pipeline.report}, "
+        f"{1e3 * np.median(latency):.2f} ms a {each}"
     )
     if told:
         print(told)
     for reason, count in withheld.most_common():
-        print(f"{count} frames withheld: {reason}")
+        print(f"{count} {each}s withheld: {reason}")
     for electrode, why in sorted(left_out.items()):
         print(f"electrode {electrode} left out: {why}")
     if law is None:
         print("no contact law: places are right, forces are not (see 'tomotactile calibrate')")
+
+
+def _every_frame(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
+    """Result, time that it took, s, and time for which it holds, s, of each frame."""
+    for voltages, stamp in frames:
+        start = time.perf_counter()
+        result = pipeline.process(
+            voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
+        )
+        lasted = time.perf_counter() - start
+        yield result, lasted, pipeline.holds_for(stamp, recorded.row_period, len(recorded.grounded))
+
+
+def _every_row(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
+    """The same of each row."""
+    state = pipeline.rows()
+    for voltages, stamp in frames:
+        for i, (row, ground) in enumerate(zip(voltages, recorded.grounded)):
+            holds = stamp + i * recorded.row_period
+            start = time.perf_counter()
+            result = pipeline.process_row(row, ground, recorded.drive_voltage, holds, state)
+            yield result, time.perf_counter() - start, holds
 
 
 def _stamps(recorded) -> tuple[np.ndarray, str]:
@@ -113,22 +138,24 @@ def _stamps(recorded) -> tuple[np.ndarray, str]:
 
 
 @contextmanager
-def results_writer(path: str) -> Iterator[Callable[[Result, float, float], None]]:
+def results_writer(
+    path: str, images: bool = True
+) -> Iterator[Callable[[Result, float, float], None]]:
     """A function that takes each result, its latency, s, and the time for which it holds, s, into a file.
 
-    pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s, stamps (N,) s;
+    pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s, stamps (N,) s;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.
     """
     reasons: list[str] = []
 
     def take(result: Result, latency: float, stamp: float) -> None:
-        writer.append(
-            pressure=np.asarray(result.pressure, np.float32),
-            potential=np.asarray(result.potential, np.float32),
-            latency=latency,
-            stamps=float(stamp),
-        )
+        if images:
+            writer.append(
+                pressure=np.asarray(result.pressure, np.float32),
+                potential=np.asarray(result.potential, np.float32),
+            )
+        writer.append(latency=latency, stamps=float(stamp))
         contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
         writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
         reasons.append(result.reason)

@@ -56,17 +56,15 @@ class Births:
             self._spread = model.impedance @ self._shares
             self._model = model
         share, spread = self._shares, self._spread
-        if np.isinf(row.own):  # nothing touches: the impedance of the sheet alone
+        if np.isinf(row.own):  # nothing touches: what is common to all electrodes is infinite and cancels
             z = model.impedance[ground]
-            ratio, solved = z / z[ground], row.solved
+            shape = spread - z[:, None] - z @ share + z[ground]
         else:
-            z, ratio, solved = row.z, row.ratio, row.solved
-        shape = spread - np.outer(ratio, z @ share)
-        if solved.shape[1]:
-            change = row.inner @ (solved.T @ share)
-            shape -= solved @ change  # z has it already
+            change = row.inner @ (row.solved.T @ share)
+            shape = spread - row.solved @ change - np.outer(row.ratio, row.z @ share)
+            shape += np.outer(row.lifted, row.lifted @ share)
         own = np.einsum("nk,nk->k", share, shape)
-        driven = ratio @ share if len(row.inner) or model.known.wide is not None else np.ones(share.shape[1])
+        driven = row.ratio @ share
         white = solve_triangular(root, shape * gain[:, None], lower=True, check_finite=False)
         left = solve_triangular(root, misfit, lower=True, check_finite=False)
         along, power = left @ white, np.maximum(np.einsum("nk,nk->k", white, white), 1e-300)

@@ -77,7 +77,7 @@ class Follower:
         """
         lasts = max(time - state.time, 0.0) if np.isfinite(state.time) else 0.0
         state.time = time
-        expected = state.belief.later(lasts)
+        expected = state.belief.later(lasts, state.model.known.shift_deviation)
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         fit = self._fit(state.model, expected, read, ground, 1)
@@ -87,6 +87,9 @@ class Follower:
             state.sums = self.births.nothing()
         unlikely = fit.chi_squared > chi2.isf(_UNEXPLAINED, max(count, 1))
         state.unexplained = state.unexplained + 1 if unlikely else 0
+        if state.model.known.wide is not None and np.isinf(fit.row.own):
+            state.model = RowModel(self.operator, replace(state.model.known, wide=None))
+            state.wide = []
         state.belief = self._tidied(fit.belief)
 
     def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
@@ -104,16 +107,16 @@ class Follower:
             for rest in left:
                 offer(self._fit(model, rest, read, ground, 3), 1)
             if expected.count > 1:
-                none = expected
-                while none.count:
-                    none = none.without(0)
-                offer(self._fit(model, none, read, ground, 1), 1)
+                offer(self._gone(model, expected, read, ground), 1)
             for i, rest in enumerate(left):
                 if expected.rows[i] < _YOUNG:
                     names = expected.numbers[i], expected.begun[i]
                     before = self._fit(model, rest, read, ground, 1)
                     for fit in self._born(model, rest, before, read, ground, None, names):
                         offer(fit, 2)
+        if model.known.wide is not None:  # its change looks like new ones: frames tell them apart
+            offer(self._gone(model, expected, read, ground), 1)
+            return min(tried, key=lambda each: each[0])[1]
         names = state.last + 1, state.time
         for fit in self._born(model, expected, plain, read, ground, state, names):
             offer(fit, 1)
@@ -122,6 +125,12 @@ class Follower:
             state.last += 1
             state.sums = self.births.nothing()
         return best
+
+    def _gone(self, model, belief, read, ground) -> _Fit:
+        """Nothing touches any more, nor anything wide."""
+        while belief.count:
+            belief = belief.without(0)
+        return self._idle(model, belief, *read, ground)
 
     def _born(self, model, belief, before, read, ground, state, names):
         """Fits of `belief` and one contact more, where the row asks for it."""

@@ -6,7 +6,8 @@ the shares of the small ones, C^-1 = diag(1/c) + D (0 on the diagonal, as c incl
     z = Zb e_l - Q A^-1 Q_l,     Q = Zb H,    A = C^-1 + H^T Q         (Woodbury)
     rho = z / N,   N = z_l + R_l,   v = a (1 - rho) + o,   dv = a M dY rho,   M = Zb - Q A^-1 Q^T - z z^T / N
 
-so that a row costs one product of Zb with as many columns as there are unknowns. The share of a disc in an electrode is
+Without wide contacts the sheet floats, Y0 1 = 0, and Zb is infinite along 1. Any generalised inverse then serves as Zb if M and z
+are given what a potential of all electrodes adds, p p^T / s with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb with as many columns as there are unknowns. The share of a disc in an electrode is
 that of its centre but for the logarithm of their distance, which is averaged over the disc where it reaches the electrode.
 """
 
@@ -19,17 +20,14 @@ import numpy as np
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Prior
-from tomotactile_ros.estimation.touch import RADIUS
 
-_LEAK = 1e-7  # of the mean admittance, from sheet to drive: makes Zb finite, changes nothing that is read
-_LEARNT = 0.1  # standard deviation of sheet and channels after a frame in parts of that before, as `estimator`
 INEXACT = 0.01  # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing, as in `operator`
 
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the sensor while rows are followed, until a frame tells more.
+    """What is known of the sensor, about which rows are linear in the rest.
 
     sheet (J,), gain, offset, resistance (n,) : means, units as in `Unknowns`
     sheet_deviation (J,), deviations : standard deviations, of gain, offset and resistance (n,) each
@@ -64,19 +62,11 @@ class Known:
             variance,
         )
 
-    def after(self, prior: Prior, seen: Unknowns, misfit: float, wide: Unknowns | None) -> Known:
-        """After a frame that `seen` explains up to `misfit`, chi-squared per reading."""
-        own = Known.before(prior, self.variance)
-        return replace(
-            own,
-            sheet=seen.sheet,
-            gain=seen.gain,
-            offset=seen.offset,
-            resistance=seen.resistance,
-            sheet_deviation=_LEARNT * prior.sheet_deviation,
-            deviations=tuple(_LEARNT * each for each in prior.deviations),
-            wide=wide,
-        )
+    def moved(self, shift: np.ndarray, wide: Unknowns | None) -> Known:
+        """The same sensor with `shift` (J + n,) added to the sheet's coefficients and to gains, and what is wide."""
+        modes = len(self.sheet)
+        sheet, gain = self.sheet + shift[:modes], self.gain + shift[modes:]
+        return replace(self, sheet=sheet, gain=gain, wide=wide)
 
 
 @dataclass(frozen=True)
@@ -86,7 +76,7 @@ class Row:
     readings (n,) parts of V0; by_contact (n, 3 k) derivatives by x, y, ln c of each contact; by_sheet (n, J)
     driven (n,) 1 - rho, derivatives by gains
     variance (n,) of what is not known of single readings; common (n,) standard deviation that all share (R_l)
-    ratio (n,) rho; own : N, ohm; z (n,), solved (n, k) Q, inner (k, k) A^-1, shares (n, k) H: see the module
+    ratio (n,) rho; own : N, ohm; z (n,), solved (n, k) Q, inner (k, k) A^-1, lifted (n,) p / s^(1/2): see the module
     """
 
     readings: np.ndarray
@@ -100,7 +90,7 @@ class Row:
     z: np.ndarray
     solved: np.ndarray
     inner: np.ndarray
-    shares: np.ndarray
+    lifted: np.ndarray
 
 
 class RowModel:
@@ -112,10 +102,8 @@ class RowModel:
     def __init__(self, operator: SheetOperator, known: Known, background: np.ndarray | None = None):
         self.operator, self.known = operator, known
         admittance = operator.admittance_of(known.sheet)
-        if background is not None:
-            admittance = admittance + background
-        least = _LEAK * np.trace(admittance) / operator.count**2
-        impedance = np.linalg.inv(admittance + least)
+        added = np.trace(admittance) / operator.count**2 if background is None else background
+        impedance = np.linalg.inv(admittance + added)
         self.impedance = (impedance + impedance.T) / 2
         self._change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
         self._moved = operator.share_table
@@ -153,6 +141,11 @@ class RowModel:
         solved = zb @ share
         inner = np.linalg.inv(way + share.T @ solved)
         z = zb[ground] - solved @ (inner @ solved[ground])
+        lifted = np.zeros(len(z))  # p over the root of s
+        if known.wide is None:
+            weight = inner.sum(axis=1)
+            lifted = (1 - solved @ weight) / np.sqrt(weight.sum())
+        z = z + lifted * lifted[ground]
         own = float(z[ground] + known.resistance[ground])
         ratio = z / own
         fed = share @ strength
@@ -167,9 +160,8 @@ class RowModel:
             changes[:, 3 * i + 2] = fed[:, i] * (way[i, i] * current[i])
             moved = weights[i] @ self._moved[:, points[i]]
             by_sheet += moved.T * current[i] + np.outer(fed[:, i], moved @ ratio)
-        changes = zb @ changes - solved @ (inner @ (solved.T @ changes)) - np.outer(
-            ratio, z @ changes
-        )
+        fell = solved @ (inner @ (solved.T @ changes)) + np.outer(ratio, z @ changes)
+        changes = zb @ changes - fell + np.outer(lifted, lifted @ changes)
         changes *= gain[:, None]
         driven = 1 - ratio
         readings = (gain + shift[modes:]) * driven + known.offset
@@ -189,7 +181,7 @@ class RowModel:
             z,
             solved,
             inner,
-            share,
+            lifted,
         )
 
     def _idle(self) -> Row:
@@ -207,7 +199,7 @@ class RowModel:
             np.zeros(count),
             none,
             np.zeros((0, 0)),
-            none,
+            np.zeros(count),
         )
 
     def mutual(self, contacts: np.ndarray) -> np.ndarray:
@@ -229,8 +221,3 @@ class RowModel:
         block = np.maximum((block + block.T) / 2, 0.0)
         out[np.ix_(chosen, chosen)] = block
         return np.where(close, out, 0.0)
-
-
-def contacts_of(unknowns: Unknowns) -> np.ndarray:
-    """(k, 4) x, y, ln c, ln a of the contacts of a fit."""
-    return unknowns.contacts[:, : RADIUS + 1]

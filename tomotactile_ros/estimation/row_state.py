@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ STATE = 5  # numbers of a contact: x, y (m), vx, vy (m/s), ln c
 PLACE, SPEED, STRENGTH = slice(0, 2), slice(2, 4), 4
 _ENDURING = 0.3  # m/s that the velocity changes by in `_WITHIN`, standard deviation
 _WITHIN = 1.0  # s: a hand's mean acceleration; jerks are noticed and told apart
+_FORGETTING = 60.0  # s: a minute of rows tells of the sensor, as many touches as a hand makes in it
 _PRESSING = 0.08  # of ln c in a millisecond's root: 10 /s over a frame of 64 rows as `solver.RATES`
 
 
@@ -45,11 +47,21 @@ class Belief:
         each = (self.mean if mean is None else mean)[: STATE * self.count].reshape(-1, STATE)
         return np.column_stack([each[:, PLACE], each[:, STRENGTH], self.sizes[:, 0]])
 
-    def later(self, lasts: float) -> Belief:
-        """What is expected `lasts` s later: contacts go on, with an acceleration of which only the size is known."""
+    def later(self, lasts: float, deviation: np.ndarray) -> Belief:
+        """What is expected `lasts` s later: contacts go on, with an acceleration of which only the size is known.
+
+        The sensor slowly becomes as unknown as before, standard deviation `deviation` (S,): what the model lacks makes
+        rows less independent than they are taken for.
+        """
         if not self.count or lasts <= 0:
             return self
         mean, covariance = self.mean.copy(), self.covariance.copy()
+        sensor, kept = STATE * self.count, np.exp(-lasts / _FORGETTING)
+        mean[sensor:] *= kept
+        covariance[sensor:] *= kept
+        covariance[:, sensor:] *= kept
+        own = np.arange(sensor, len(mean))
+        covariance[own, own] += (1 - kept**2) * deviation**2
         for i in range(self.count):
             for axis in range(2):
                 at, by = STATE * i + axis, STATE * i + 2 + axis
@@ -64,6 +76,9 @@ class Belief:
             strength = STATE * i + STRENGTH
             covariance[strength, strength] += _PRESSING**2 * lasts / 1e-3
         return replace(self, mean=mean, covariance=covariance)
+
+    def renamed(self, numbers, begun, rows) -> Belief:
+        return replace(self, numbers=tuple(numbers), begun=tuple(begun), rows=tuple(rows))
 
     def loosened(self, variances) -> Belief:
         """The same with `variances` (5,) added to those of each contact."""
@@ -110,7 +125,8 @@ class RowState:
     """All that lasts from row to row; a new one begins anew.
 
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no contacts explain
-    sums : of the matched filter; learnt : whether a frame has told of the sensor
+    model : `RowModel` of the sensor as known; sums : of the matched filter
+    wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed them
     """
 
     belief: Belief | None = None
@@ -118,5 +134,5 @@ class RowState:
     last: int = 0
     unexplained: int = 0
     sums: np.ndarray | None = None
-    model: object = None
+    model: Any = None
     wide: list = field(default_factory=list)
