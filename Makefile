@@ -1,7 +1,7 @@
 # Everything works from a fresh clone: the setup script makes what is missing, then runs the command.
 DURATION ?= 20
 PROFILE ?= accurate
-PYTEST_ARGS ?= --numprocesses auto --dist loadfile --durations 20
+PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
@@ -9,7 +9,7 @@ PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
-	@echo "make test     all tests, files side by side (PYTEST_ARGS=)"
+	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make fuzz     random bytes against the wire protocol"
 	@echo "make faults   everything that can go wrong with a sensor, on purpose (FAULTS_ARGS=)"
