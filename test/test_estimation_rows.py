@@ -9,10 +9,13 @@ from tomotactile_ros import cli
 from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.defects import Adc, Noise
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Known, RowModel
+from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.scene import Scene
@@ -117,6 +120,19 @@ def test_a_slide_is_followed_with_its_velocity(operator, known):
     assert state.belief.numbers == (1,)
     assert np.hypot(*(state.belief.mean[:2] - place)) < 0.003
     assert np.hypot(*(state.belief.mean[2:4] - velocity)) < 0.1
+
+
+def test_contacts_near_each_other_wait_for_a_frame():
+    state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
+    estimator = RowEstimator(Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008))
+    state.drive = DRIVE
+    for number, x in ((1, 0.0), (2, 0.04)):
+        mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])
+        rows = state.rows
+        rows.belief = rows.belief.with_contact(mean, np.full(5, 1e-6), [-4.8, 0.1], number, 0.9)
+    assert estimator._may_be_one(state)
+    state.confirmed = 1.0
+    assert not estimator._may_be_one(state)
 
 
 def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path):

@@ -24,6 +24,7 @@ from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
+_CLOSE = 1.5  # spacings: nearer contacts may be one wide one, as `search._CLOSE`
 _SIMILAR = 0.04  # spacings, and of ln a in tenths: within, the mean D of a contact stays, as `solver._SIMILAR`
 
 
@@ -33,6 +34,7 @@ class RowsState:
 
     rows : of the follower, None before the first row; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
+    confirmed : s, time of the last frame that was valid
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     """
 
@@ -43,6 +45,7 @@ class RowsState:
     times: list = field(default_factory=list)
     used: tuple[int, ...] = ()
     drive: float = 0.0
+    confirmed: float = -np.inf
     means: dict = field(default_factory=dict)
     left_out: dict = field(default_factory=dict)
 
@@ -126,11 +129,15 @@ class RowEstimator:
             return
         follower = self._follower(state.used, state.drive)
         corrected(follower, state.rows, fit, estimate, state.times[0])
+        state.confirmed = state.times[-1]
 
     def _report(self, state: RowsState) -> Followed:
         rows = state.rows
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
+        if self._frames and self._may_be_one(state):
+            reason = "a wide contact or several near each other have begun: the next frame tells"
+            return Followed([], "withheld", reason)
         found = [(number, rows.time - begun, contact) for number, begun, contact in rows.wide]
         belief, contacts = rows.belief, rows.belief.contacts()
         state.means = {n: each for n, each in state.means.items() if n in belief.numbers}
@@ -141,6 +148,17 @@ class RowEstimator:
             reported = self._contact(touches, contacts[i], belief.sizes[i, 1], mean, covariance)
             found.append((number, rows.time - belief.begun[i], reported))
         return Followed(sorted(found, key=lambda each: -each[2].force))
+
+    def _may_be_one(self, state: RowsState) -> bool:
+        """Whether a contact that no frame has confirmed yet is near another one."""
+        belief = state.rows.belief
+        if belief.count < 2:
+            return False
+        places = belief.contacts()[:, :2]
+        apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
+        near = apart < _CLOSE * self._follower(state.used, state.drive).operator.pitch
+        np.fill_diagonal(near, False)
+        return bool(near[np.array(belief.begun) > state.confirmed].any())
 
     def _touches(self, state: RowsState, number: int, contact: np.ndarray) -> Touches:
         """The contact (4,) x, y, ln c, ln a on the sheet, taken anew only where it has moved."""
