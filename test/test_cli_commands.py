@@ -94,11 +94,16 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
     with np.load(out, allow_pickle=False) as file:
         assert file["pressure"].shape == file["potential"].shape == (3, 40, 40)
         assert file["latency"].shape == (3,)
+        with np.load(frames) as taken:
+            middle = 7.5 * float(taken["row_period"])
+            assert np.allclose(file["stamps"], taken["stamps"] + middle)
         contacts = json.loads(str(file["contacts"]))
     assert len(contacts) == 3
     for contact in contacts[0]:
         figures = {"x", "y", "force", "pressure", "area", "radius"}
-        assert set(contact) == figures | {"id", "age", "vx", "vy"}
+        unknown = {"vx", "vy", "position_std", "force_std", "probability"}
+        assert set(contact) == figures | unknown | {"id", "age"}
+        assert all(contact[key] is None for key in unknown)  # an image tells nothing of them
     assert run("inspect", out).returncode == 0
 
 

@@ -139,7 +139,7 @@ def test_every_array_of_a_result_is_explained(tmp_path):
     image = np.zeros((2, 2))
     result = Result(image, image, [known], (), False, 0.0, state="withheld", reason="why")
     with results_writer(tmp_path / "result.npz") as take:
-        take(result, 0.1)
+        take(result, 0.1, 2.5)
     with np.load(tmp_path / "result.npz") as written:
         assert set(written.files) == set(rows("Result"))
         (contact,) = json.loads(str(written["contacts"]))[0]

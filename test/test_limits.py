@@ -174,7 +174,7 @@ def test_results_of_any_number_of_frames_take_little_memory(tmp_path):
     def write(count):
         with results_writer(tmp_path / "out.npz") as take:
             for _ in range(count):
-                take(result, 0.001)
+                take(result, 0.001, 0.0)
 
     assert peak_of(lambda: write(400)) < 8e6
     with np.load(tmp_path / "out.npz") as file:

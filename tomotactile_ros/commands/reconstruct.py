@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from itertools import repeat
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
 from tomotactile_ros.sheet import MODELS
+from tomotactile_ros.simulation import ROW_PERIOD
 
 HELP = "make pressure images and contacts of frames"
 
@@ -45,6 +45,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
     parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
     parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
+    parser.add_argument(
+        "--every-row",
+        action="store_true",
+        help="contacts after every row instead of every frame, followed from row to row; no images",
+    )
     parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--deadline", type=float, default=0.05, help="of profile auto, s a frame")
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
@@ -72,50 +77,85 @@ def run(args: Namespace) -> None:
     sensor = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     pipeline = Pipeline(layout, settings, sensor=sensor)
     apply_tare(args.tare, pipeline)
+    stamps, told = _stamps(recorded)
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
-    stamps = repeat(None) if recorded.stamps is None else recorded.stamps
-    frames = zip(recorded.voltages, stamps)
-    with results_writer(args.out) as take:
-        for voltages, stamp in track(frames, "reconstructing frames", len(recorded.voltages)):
-            start = time.perf_counter()
-            with complaints_at(f"{args.frames}: "):
-                result = pipeline.process(
-                    voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
-                )
-            latency.append(time.perf_counter() - start)
-            left_out.update(result.faults)
-            withheld.update([result.reason] * bool(result.reason))
-            take(result, latency[-1])
+    process = _every_row if args.every_row else _every_frame
+    with results_writer(args.out, images=not args.every_row) as take:
+        frames = zip(recorded.voltages, stamps)
+        doing = track(frames, "reconstructing frames", len(recorded.voltages))
+        with complaints_at(f"{args.frames}: "):
+            for result, lasted, holds in process(pipeline, recorded, doing):
+                latency.append(lasted)
+                left_out.update(result.faults)
+                withheld.update([result.reason] * bool(result.reason))
+                take(result, lasted, holds)
+    each = "row" if args.every_row else "frame"
     print(
-        f"{args.out}: {len(latency)} frames, {pipeline.report}, "
-        f"{1e3 * np.median(latency):.2f} ms a frame"
+        f"{args.out}: {len(latency)} {each}s, {pipeline.report}, "
+        f"{1e3 * np.median(latency):.2f} ms a {each}"
     )
+    if told:
+        print(told)
     for reason, count in withheld.most_common():
-        print(f"{count} frames withheld: {reason}")
+        print(f"{count} {each}s withheld: {reason}")
     for electrode, why in sorted(left_out.items()):
         print(f"electrode {electrode} left out: {why}")
     if law is None:
         print("no contact law: places are right, forces are not (see 'tomotactile calibrate')")
 
 
-@contextmanager
-def results_writer(path: str) -> Iterator[Callable[[Result, float], None]]:
-    """A function that takes the result of each frame and its latency, s, into a file.
+def _every_frame(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
+    """Result, time that it took, s, and time for which it holds, s, of each frame."""
+    for voltages, stamp in frames:
+        start = time.perf_counter()
+        result = pipeline.process(
+            voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
+        )
+        lasted = time.perf_counter() - start
+        yield result, lasted, pipeline.holds_for(stamp, recorded.row_period, len(recorded.grounded))
 
-    pressure (N, H, W) Pa, potential (N, H, W) V, contacts as JSON, latency (N,) s; where
-    contacts of some frame are withheld, reason (N,), empty for the others. However many frames
-    there are, it takes little memory.
+
+def _every_row(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
+    """The same of each row."""
+    state = pipeline.rows()
+    for voltages, stamp in frames:
+        for i, (row, ground) in enumerate(zip(voltages, recorded.grounded)):
+            holds = stamp + i * recorded.row_period
+            start = time.perf_counter()
+            result = pipeline.process_row(row, ground, recorded.drive_voltage, holds, state)
+            yield result, time.perf_counter() - start, holds
+
+
+def _stamps(recorded) -> tuple[np.ndarray, str]:
+    """(N,) s, when each frame began, and a line to print where the file does not tell."""
+    if recorded.stamps is not None:
+        return np.asarray(recorded.stamps, float), ""
+    period = recorded.row_period or ROW_PERIOD
+    frames = np.arange(len(recorded.voltages)) * len(recorded.grounded) * period
+    return frames, f"no stamps: times begin at 0, frames without a pause, {1e3 * period:g} ms a row"
+
+
+@contextmanager
+def results_writer(
+    path: str, images: bool = True
+) -> Iterator[Callable[[Result, float, float], None]]:
+    """A function that takes each result, its latency, s, and the time for which it holds, s, into a file.
+
+    pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s, stamps (N,) s;
+    where contacts of some frame are withheld, reason (N,), empty for the others. However many
+    frames there are, it takes little memory.
     """
     reasons: list[str] = []
 
-    def take(result: Result, latency: float) -> None:
-        writer.append(
-            pressure=np.asarray(result.pressure, np.float32),
-            potential=np.asarray(result.potential, np.float32),
-            latency=latency,
-        )
+    def take(result: Result, latency: float, stamp: float) -> None:
+        if images:
+            writer.append(
+                pressure=np.asarray(result.pressure, np.float32),
+                potential=np.asarray(result.potential, np.float32),
+            )
+        writer.append(latency=latency, stamps=float(stamp))
         contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
         writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
         reasons.append(result.reason)
@@ -127,20 +167,17 @@ def results_writer(path: str) -> Iterator[Callable[[Result, float], None]]:
             writer.put(reason=np.array(reasons))
 
 
-def contact_entry(contact: ContactEstimate) -> dict[str, float]:
+def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
     """What a result file says of a contact.
 
-    Standard deviations (m, N) only where they were estimated; id, age (s) and velocity (m/s) only
-    where contacts are followed.
+    position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in JSON,
+    where the profile estimates none; id is 0 where nobody follows contacts.
     """
     entry = asdict(contact)
     vx, vy = entry.pop("velocity")
-    if contact.id:
-        entry |= {"vx": vx, "vy": vy}
-    else:
-        del entry["id"], entry["age"]
     covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
     if not np.isfinite(covariance).all():
-        del entry["force_std"], entry["probability"]
-        return entry
-    return {**entry, "position_std": float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))}
+        unknown = dict.fromkeys(("vx", "vy", "position_std", "force_std", "probability"))
+        return {**entry, **unknown}
+    spread = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    return {**entry, "vx": vx, "vy": vy, "position_std": spread}

@@ -102,9 +102,10 @@ class State:
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
     refused: float = 0.0  # what one more contact promised and did not keep
+    fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
 
     def forget(self) -> None:
-        self.unknowns = self.sheet = None
+        self.unknowns = self.sheet = self.fit = None
         self.misfit, self.refused = 1.0, 0.0
 
 
@@ -193,6 +194,7 @@ class Estimator:
         if reason:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
+        state.fit = fit
         parts = self._contacts(fit)
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
@@ -210,6 +212,11 @@ class Estimator:
         if self.sensor is None:
             return prior
         return self.sensor.prior(operator.used, drive_voltage, prior)
+
+    def sensor_of(self, used: tuple[int, ...], drive_voltage: float) -> tuple[SheetOperator, Prior]:
+        """The operator of the electrodes `used`, and what is expected of the sensor before any row."""
+        operator = self._search(used).operator
+        return operator, self._prior(operator, drive_voltage)
 
     def _search(self, used) -> Search:
         if used not in self._searches:

@@ -114,6 +114,16 @@ class SheetOperator:
         return self.field.at(places)
 
     @property
+    def share_table(self) -> np.ndarray:
+        """(J, M, n) derivative of H by the sheet's coefficients at the points of `lattice`."""
+        return self._share_change
+
+    @property
+    def bordered(self) -> np.ndarray:
+        """(n + 1, n + 1) inverse of [G 1; 1^T 0] for the electrodes."""
+        return self._inverse
+
+    @property
     def modes(self) -> int:
         return len(self.deviation)
 
@@ -208,7 +218,7 @@ class Patches:
     def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
         self._operator, self._places = operator, places
         stencil = operator.potentials.lattice.stencil(places)
-        potentials, steep = operator.potentials(places, stencil)
+        potentials, steep = operator.potentials(places, stencil=stencil)
         alone = operator.mutual.alone(stencil)
         self.around = Around(operator.lattice, places)
         inverse = operator._inverse

@@ -110,15 +110,45 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray, stencil=None):
-        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m; `stencil` of `lattice`, if known."""
+    def __call__(self, places: np.ndarray, radii: np.ndarray | None = None, stencil=None):
+        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m.
+
+        With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but where a disc
+        reaches an electrode, a ring: there the logarithm is averaged over the disc and the ring.
+        `stencil` : of `lattice` around the places, where it is known.
+        """
         points, weights, slopes = stencil or self.lattice.stencil(places)
         around = self._values[points]
         smooth = np.matmul(np.stack([weights, *slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
         values = smooth[:, 0] + singular
-        steep = (-self._scale / squared)[..., None] * apart
+        rate = -self._scale / squared
+        if radii is not None:
+            self._averaged(apart, radii, values, rate)
+        steep = rate[..., None] * apart
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+
+    def _averaged(self, apart, radii, values, rate):
+        """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart` (Q, n, 2)."""
+        squared = np.einsum("qnd,qnd->qn", apart, apart)
+        wide = np.maximum(radii, self._radius)
+        at, which = np.nonzero(squared < (radii + self._radius)[:, None] ** 2)
+        if not len(at):
+            return
+        wide, narrow = wide[at], np.minimum(radii[at], self._radius)
+        distance = np.sqrt(np.maximum(squared[at, which], 1e-18))
+        inside = np.minimum(distance / wide, 1.0)
+        mean = np.log(np.maximum(distance, wide)) - (1 - inside**2) / 2
+        slope = np.where(inside < 1, distance / wide**2, 1 / distance)
+        # the mean over the narrower one: a quarter of its radius squared times the Laplacian, as far as that is within
+        part = np.clip((wide + narrow - distance) / (2 * narrow), 0.0, 1.0)
+        share = part**2 * (3 - 2 * part)
+        mean += narrow**2 / (2 * wide**2) * share
+        slope -= narrow / (4 * wide**2) * 6 * part * (1 - part)
+        values[at, which] += self._scale * (
+            0.5 * np.log(np.maximum(squared[at, which], self._radius**2)) - mean
+        )
+        rate[at, which] = -self._scale * slope / distance
 
 
 class MutualTable:
@@ -234,14 +264,20 @@ class MutualTable:
         points, weights, _ = stencil
         return np.einsum("pi,pi->p", weights, self._own[points])
 
-    def __call__(self, places, radii, owner, alone, around: Around, chosen) -> np.ndarray:
+    def __call__(
+        self, places, radii, owner, alone=None, around: Around | None = None, chosen=slice(None)
+    ) -> np.ndarray:
         """(P, P) G between patches, ohm.
 
         Parameters
         ----------
-        places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to; alone (P,) see `alone`
-        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant
+        places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to
+        alone (P,) what `alone` says of them, where it is known
+        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant, where known
         """
+        if alone is None:
+            alone = self.alone(self._fine.stencil(places))
+        around = around or Around(self._coarse, places)
         weights = around.weights[chosen]
         out = weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
         out += self._logarithm(places, radii) + self._induced(places)

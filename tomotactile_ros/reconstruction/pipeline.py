@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
@@ -92,6 +93,7 @@ class Pipeline:
         kind = "nonlinear" if self.profile == ACCURATE else self.profile
         self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
+        self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile == ACCURATE:
             self._estimator = self._make_estimator()
@@ -148,6 +150,7 @@ class Pipeline:
         self.sensor = sensor
         if self._estimator is not None:
             self._estimator.sensor = sensor
+        self._rows = None
         self._forget()
 
     def _forget(self) -> None:
@@ -181,13 +184,68 @@ class Pipeline:
         else:
             result = self._imaged(voltages, grounded, drive_voltage)
         if stamp is not None and not result.reason:
-            last = stamp + row_period * (len(grounded) - 1)
-            followed = self._tracks.follow(result.contacts, last)
+            holds = self.holds_for(stamp, row_period, len(grounded))
+            followed = self._tracks.follow(result.contacts, holds)
             result.contacts = [
                 replace(contact, id=number, age=age)
                 for contact, (number, age) in zip(result.contacts, followed)
             ]
         return result
+
+    def rows(self) -> RowsState:
+        """The state of a sensor whose rows are followed, before the first of them (`process_row`)."""
+        return RowsState()
+
+    def process_row(
+        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+    ) -> Result:
+        """Contacts at the time of one row, s, whatever the profile; without images.
+
+        Parameters
+        ----------
+        voltages : (E,) V; NaN where there is no valid reading
+        grounded : electrode that was grounded
+        drive_voltage : V
+        state : of `rows`, changed in place; rows of one sensor in the order of their times
+
+        Raises InputError where the row does not fit the layout.
+        """
+        drive_voltage = check_drive_voltage(drive_voltage)
+        row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
+        if self._baseline is not None:
+            row = row - self._baseline[int(grounded)]
+            if self.sensor is not None:
+                row = row + self.sensor["offset"]
+        if self._rows is None:
+            self._rows = RowEstimator(self._estimator or self._make_estimator())
+        followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
+        contacts = [
+            replace(_reported(contact), id=number, age=age)
+            for number, age, contact in followed.contacts
+        ]
+        none = np.empty((0, 0))
+        bad = np.zeros(self.layout.electrodes, bool)
+        bad[list(state.left_out)] = True
+        return Result(
+            none,
+            none,
+            contacts,
+            _numbers(bad | self._excluded),
+            not contacts and not followed.reason,
+            0.0,
+            state=followed.state,
+            reason=followed.reason,
+            faults=dict(state.left_out),
+        )
+
+    def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
+        """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows` rows.
+
+        That of the last row where rows are estimated at their own times; of the middle where they are
+        taken for rows of one state.
+        """
+        lasts = row_period * (rows - 1)
+        return stamp + (lasts if self._estimator is not None else lasts / 2)
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""

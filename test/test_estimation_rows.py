@@ -1,0 +1,160 @@
+"""Contacts followed row by row."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tomotactile_ros import cli
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.estimator import Estimator
+from tomotactile_ros.estimation.follow import Follower
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.row_model import Known, RowModel
+from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.row_state import Belief, RowState
+from tomotactile_ros.estimation.solver import Prior
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+
+LAYOUT = load_layout("equal-4x4")
+DRIVE, NOISE = 3.3, 1e-3
+NEW = dict(center=(-0.045, 0.03), radius=0.008, pressure=15e3)
+RESTING = Contact("disc", center=(0.05, -0.04), radius=0.008, pressure=15e3)
+
+
+@pytest.fixture(scope="module")
+def operator():
+    return SheetOperator(LAYOUT)
+
+
+@pytest.fixture(scope="module")
+def known(operator):
+    prior = Prior.unknown(operator, ChannelPrior(), 0.008, DRIVE)
+    return Known.before(prior, (NOISE / DRIVE) ** 2)
+
+
+def frames_of(contacts, count):
+    """(count, L, E) readings of the finite-element model, V, frames without a pause."""
+    law = ContactLaw(1e-4, 1.0)
+    scene = Scene("rows", DRIVE, contacts, law, Noise(NOISE, 1), Adc(12, DRIVE))
+    simulator = Simulator(LAYOUT, scene, row_period=ROW_PERIOD)
+    return np.array([simulator.frame(i * 16 * ROW_PERIOD, i) for i in range(count)])
+
+
+def followed(operator, known, contacts, count):
+    """{number: place} after each row."""
+    follower = Follower(operator, 0.008, 0.6)
+    state = follower.begin(known)
+    out = []
+    for i, row in enumerate(frames_of(contacts, count).reshape(-1, 16)):
+        valid = np.arange(16) != i % 16
+        follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i % 16, i * ROW_PERIOD)
+        belief = state.belief
+        out.append(dict(zip(belief.numbers, belief.contacts()[:, :2])))
+    return out
+
+
+def test_derivatives_of_a_row(operator, known):
+    model = RowModel(operator, known)
+    contacts = np.array([[0.03, 0.02, np.log(1e-4), np.log(0.008)], [-0.05, 0.04, -9.0, -4.8]])
+    mutual, shift = model.mutual(contacts), np.zeros(len(known.shift_deviation))
+    row = model.row(contacts, 5, shift, mutual)
+    for i in range(2):
+        for j, step in enumerate((1e-6, 1e-6, 1e-4)):
+            sides = []
+            for sign in (1, -1):
+                moved = contacts.copy()
+                moved[i, j] += sign * step
+                sides.append(model.row(moved, 5, shift, mutual).readings)
+            slope = (sides[0] - sides[1]) / (2 * step)
+            assert np.allclose(row.by_contact[:, 3 * i + j], slope, atol=2e-3 * np.abs(slope).max())
+
+
+def test_a_row_is_that_of_the_estimator_of_frames(operator, known):
+    places = [[0.03, 0.02], [-0.05, 0.04], [0.033, 0.033]]
+    for place in places:  # the last one beside an electrode
+        contact = np.array([*place, np.log(1e-4), np.log(0.008)])
+        unknowns = Unknowns.at_rest(operator).with_contacts(
+            np.array([[*contact, 0.0, 0.0]]), (7,), np.array([[True] * 4 + [False] * 2])
+        )
+        whole = Prediction(operator, unknowns, np.array([6])).readings[0]
+        shift = np.zeros(len(known.shift_deviation))
+        row = RowModel(operator, known).row(contact[None], 6, shift).readings
+        assert np.abs(row - whole).max() < 5e-3
+
+
+def test_a_touch_is_known_from_its_first_row_keeps_its_number_and_goes(operator, known):
+    tap = Contact("disc", **NEW, start=0.0205, end=0.0505)
+    rows = followed(operator, known, [tap], 5)
+    assert all(not each for each in rows[:21])
+    first, fourth = rows[21], rows[24]
+    assert list(first) == [1] and np.hypot(*(first[1] - NEW["center"])) < 0.01
+    assert np.hypot(*(fourth[1] - NEW["center"])) < 0.003
+    assert all(list(each) == [1] for each in rows[21:51])
+    assert all(not each for each in rows[53:])
+
+
+def test_a_touch_beside_a_resting_one(operator, known):
+    tap = Contact("disc", **NEW, start=0.0405, end=0.0705)
+    rows = followed(operator, known, [RESTING, tap], 6)
+    assert all(list(each) == [1] for each in rows[2:41])
+    assert all(sorted(each) == [1, 2] for each in rows[44:71])
+    assert all(list(each) == [1] for each in rows[73:])
+    assert all(np.hypot(*(each[1] - RESTING.center)) < 2e-3 for each in rows[20:])
+
+
+def test_a_slide_is_followed_with_its_velocity(operator, known):
+    velocity = np.array([0.4, -0.3])
+    slide = Contact("disc", **NEW, velocity=tuple(velocity), start=0.0, end=1.0)
+    follower = Follower(operator, 0.008, 0.6)
+    state = follower.begin(known)
+    for i, row in enumerate(frames_of([slide], 5).reshape(-1, 16)):
+        valid = np.arange(16) != i % 16
+        follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i % 16, i * ROW_PERIOD)
+    place = np.add(NEW["center"], velocity * 79 * ROW_PERIOD)
+    assert state.belief.numbers == (1,)
+    assert np.hypot(*(state.belief.mean[:2] - place)) < 0.003
+    assert np.hypot(*(state.belief.mean[2:4] - velocity)) < 0.1
+
+
+def test_contacts_near_each_other_wait_for_a_frame():
+    state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
+    estimator = RowEstimator(Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008))
+    state.drive = DRIVE
+    for number, x in ((1, 0.0), (2, 0.04)):
+        mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])
+        rows = state.rows
+        rows.belief = rows.belief.with_contact(mean, np.full(5, 1e-6), [-4.8, 0.1], number, 0.9)
+    assert estimator._may_be_one(state)
+    state.confirmed = 1.0
+    assert not estimator._may_be_one(state)
+
+
+def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path):
+    tap = Contact("disc", **NEW, start=0.0205, end=1.0)
+    np.savez(
+        tmp_path / "frames.npz",
+        voltages=frames_of([tap], 4),
+        grounded=np.arange(16),
+        stamps=7.0 + 0.016 * np.arange(4),
+        row_period=ROW_PERIOD,
+    )
+    words = ["reconstruct", tmp_path / "frames.npz", "--layout", "equal-4x4", "--every-row"]
+    words += ["--contact-radius", 0.008, "--out", tmp_path / "out.npz"]
+    assert cli.main([str(word) for word in words]) == 0
+    with np.load(tmp_path / "out.npz") as file:
+        assert np.allclose(file["stamps"], 7.0 + ROW_PERIOD * np.arange(64))
+        assert file["latency"].shape == (64,) and (file["latency"] > 0).all()
+        contacts = json.loads(str(file["contacts"]))
+    assert len(contacts) == 64 and not any(contacts[:21])
+    keys = "id vx vy position_std force_std probability x y force pressure area radius age"
+    for (contact,) in contacts[25:]:
+        assert set(contact) == set(keys.split()) and contact["id"] == 1
+        assert np.hypot(contact["x"] - NEW["center"][0], contact["y"] - NEW["center"][1]) < 0.003
+        force = 15e3 * np.pi * 0.008**2
+        assert abs(contact["force"] - force) < max(0.2 * force, 3 * contact["force_std"])

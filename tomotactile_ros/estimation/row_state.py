@@ -1,0 +1,138 @@
+"""What is known of the contacts between one row and the next: their means, their covariance, their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+STATE = 5  # numbers of a contact: x, y (m), vx, vy (m/s), ln c
+PLACE, SPEED, STRENGTH = slice(0, 2), slice(2, 4), 4
+_ENDURING = 0.3  # m/s that the velocity changes by in `_WITHIN`, standard deviation
+_WITHIN = 1.0  # s: a hand's mean acceleration; jerks are noticed and told apart
+_FORGETTING = 60.0  # s: a minute of rows tells of the sensor, as many touches as a hand makes in it
+_PRESSING = 0.08  # of ln c in a millisecond's root: 10 /s over a frame of 64 rows as `solver.RATES`
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Gaussian belief of k contacts and of S numbers of the sensor: the sheet's coefficients, gains.
+
+    mean (5 k + S,), covariance (5 k + S, 5 k + S) : contacts first, then the sensor's shift from what is known
+    sizes (k, 2) ln a and its variance; numbers (k,) that stay; begun (k,) s; rows (k,) read since
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    sizes: np.ndarray
+    numbers: tuple[int, ...] = ()
+    begun: tuple[float, ...] = ()
+    rows: tuple[int, ...] = ()
+
+    @classmethod
+    def untouched(cls, deviation: np.ndarray) -> Belief:
+        return cls(np.zeros(len(deviation)), np.diag(deviation**2), np.empty((0, 2)))
+
+    @property
+    def count(self) -> int:
+        return len(self.sizes)
+
+    @property
+    def shift(self) -> np.ndarray:
+        return self.mean[STATE * self.count :]
+
+    def contacts(self, mean=None) -> np.ndarray:
+        """(k, 4) x, y, ln c, ln a of the `mean`."""
+        each = (self.mean if mean is None else mean)[: STATE * self.count].reshape(-1, STATE)
+        return np.column_stack([each[:, PLACE], each[:, STRENGTH], self.sizes[:, 0]])
+
+    def later(self, lasts: float, deviation: np.ndarray) -> Belief:
+        """What is expected `lasts` s later: contacts go on, with an acceleration of which only the size is known.
+
+        The sensor slowly becomes as unknown as before, standard deviation `deviation` (S,): what the model lacks makes
+        rows less independent than they are taken for.
+        """
+        if not self.count or lasts <= 0:
+            return self
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        sensor, kept = STATE * self.count, np.exp(-lasts / _FORGETTING)
+        mean[sensor:] *= kept
+        covariance[sensor:] *= kept
+        covariance[:, sensor:] *= kept
+        own = np.arange(sensor, len(mean))
+        covariance[own, own] += (1 - kept**2) * deviation**2
+        for i in range(self.count):
+            for axis in range(2):
+                at, by = STATE * i + axis, STATE * i + 2 + axis
+                mean[at] += lasts * mean[by]
+                covariance[at] += lasts * covariance[by]
+                covariance[:, at] += lasts * covariance[:, by]
+                q = _ENDURING**2 / _WITHIN * lasts
+                covariance[by, by] += q
+                covariance[at, by] += q * lasts / 2
+                covariance[by, at] += q * lasts / 2
+                covariance[at, at] += q * lasts**2 / 3
+            strength = STATE * i + STRENGTH
+            covariance[strength, strength] += _PRESSING**2 * lasts / 1e-3
+        return replace(self, mean=mean, covariance=covariance)
+
+    def renamed(self, numbers, begun, rows) -> Belief:
+        return replace(self, numbers=tuple(numbers), begun=tuple(begun), rows=tuple(rows))
+
+    def loosened(self, variances) -> Belief:
+        """The same with `variances` (5,) added to those of each contact."""
+        covariance = self.covariance.copy()
+        own = np.arange(STATE * self.count)
+        covariance[own, own] += np.tile(variances, self.count)
+        return replace(self, covariance=covariance)
+
+    def without(self, which: int) -> Belief:
+        """The belief of all contacts but one, whatever that one was."""
+        kept = np.ones(len(self.mean), bool)
+        kept[STATE * which : STATE * (which + 1)] = False
+        rest = [i for i in range(self.count) if i != which]
+        return Belief(
+            self.mean[kept],
+            self.covariance[np.ix_(kept, kept)],
+            self.sizes[rest],
+            tuple(self.numbers[i] for i in rest),
+            tuple(self.begun[i] for i in rest),
+            tuple(self.rows[i] for i in rest),
+        )
+
+    def with_contact(self, mean, variances, size, number: int, begun: float) -> Belief:
+        """One contact more, `mean` (5,) with the covariance `variances` (5,) or (5, 5); `size` as in `sizes`."""
+        at = STATE * self.count
+        total = len(self.mean) + STATE
+        old = np.r_[0:at, at + STATE : total]
+        covariance = np.zeros((total, total))
+        covariance[np.ix_(old, old)] = self.covariance
+        new = slice(at, at + STATE)
+        covariance[new, new] = np.diag(variances) if np.ndim(variances) == 1 else variances
+        return Belief(
+            np.insert(self.mean, at, mean),
+            covariance,
+            np.vstack([self.sizes, size]),
+            (*self.numbers, number),
+            (*self.begun, begun),
+            (*self.rows, 0),
+        )
+
+
+@dataclass
+class RowState:
+    """All that lasts from row to row; a new one begins anew.
+
+    time : s, of the last row; last : highest number given; unexplained : rows in a row that no contacts explain
+    model : `RowModel` of the sensor as known; sums : of the matched filter
+    wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed them
+    """
+
+    belief: Belief | None = None
+    time: float = -np.inf
+    last: int = 0
+    unexplained: int = 0
+    sums: np.ndarray | None = None
+    model: Any = None
+    wide: list = field(default_factory=list)
