@@ -1,8 +1,9 @@
 """Kills of faults.py: every program ended at random moments, and what it leaves behind.
 
 A program runs in an empty folder, with a mark in its environment by which all its descendants are
-found. After its end there must be none of them, every file must be whole, and no half-written one be
-left over - but for SIGKILL, which leaves nobody to tidy up: then whole files are all that is asked.
+found. After its end there must be none of them, every file must be whole, and no half-written one
+be left over - but for SIGKILL, which leaves nobody to tidy up: then whole files are all that is
+asked.
 """
 
 from __future__ import annotations

@@ -1,9 +1,12 @@
 """Learns sensors from touches of unknown place, size and force, and judges them by others.
 
-    scripts/setup python3 benchmark/learning.py [--source reference|simulator] [--cases 0 1 ...] [--before]
-                                                [--plot out/learning.png] [--out out/learning.json] [--markdown]
+    scripts/setup python3 benchmark/learning.py [--source reference|simulator] [--cases 0 1 ...]
+    [--before]
+                                                [--plot out/learning.png] [--out out/learning.json]
+                                                [--markdown]
 
-Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch after an untouched frame.
+Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch
+after an untouched frame.
 """
 
 import argparse

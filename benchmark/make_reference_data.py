@@ -2,8 +2,8 @@
 
     scripts/setup python3 benchmark/make_reference_data.py [--only NAME ...] [--again] [--few N]
 
-One file for each family of states (tomotactile_ros/bench/reference_cases.py); what is there already is left
-alone. About a second for each of some 870 states. Needs Gmsh and scikit-fem.
+One file for each family of states (tomotactile_ros/bench/reference_cases.py); what is there already
+is left alone. About a second for each of some 870 states. Needs Gmsh and scikit-fem.
 """
 
 import argparse

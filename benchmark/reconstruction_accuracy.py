@@ -1,26 +1,29 @@
 """Speed and accuracy of the profiles side by side, on data from an independent model.
 
-Finite elements (h = a 80th of the side, electrodes as equipotentials) make the frames, the closed form
-reconstructs them: 8 x 8 electrodes on 200 mm, discs of radius 5 mm, 1 mV noise, 12-bit converter, with a
-uniform sheet and with one that varies by 10 %. Prints a table; --out writes it as JSON, --pictures the
-images.
+Finite elements (h = a 80th of the side, electrodes as equipotentials) make the frames, the closed
+form reconstructs them: 8 x 8 electrodes on 200 mm, discs of radius 5 mm, 1 mV noise, 12-bit
+converter, with a uniform sheet and with one that varies by 10 %. Prints a table; --out writes it as
+JSON, --pictures the images.
 
-    OMP_NUM_THREADS=1 python benchmark/reconstruction_accuracy.py [--singles 200] [--pairs 40] [--idle 10000]
+    OMP_NUM_THREADS=1 python benchmark/reconstruction_accuracy.py [--singles 200] [--pairs 40]
+    [--idle 10000]
 
-With --parts it only does what `tomotactile bench --parts` does: the sensor as it is, on frames of the
-reference model, other reconstructions (--methods) beside the profiles. With --sizes N it only prints how
-the force of single discs depends on their radius, from N discs at each of five kinds of places for each
-of four pressures (40 s with N = 4), and with --contact-radius what that setting does. With --times N it
-only prints what a frame takes with N x N electrodes and --resolution, of two discs that move about.
+With --parts it only does what `tomotactile bench --parts` does: the sensor as it is, on frames of
+the reference model, other reconstructions (--methods) beside the profiles. With --sizes N it only
+prints how the force of single discs depends on their radius, from N discs at each of five kinds of
+places for each of four pressures (40 s with N = 4), and with --contact-radius what that setting
+does. With --times N it only prints what a frame takes with N x N electrodes and --resolution, of
+two discs that move about.
 
 Figures
 -------
-HWHM, PE        of the potential image (evaluation.metrics), of single contacts anywhere on the sheet up to its rim
-contact error   distance of the contact that belongs to the true one
-ghosts, missed  in all frames, of one contact and of two (evaluation.scoring); ghosts with doubled ones
-told apart      least distance from which on 9 of 10 pairs give exactly two contacts, each nearer to its own
-force error     mean |F - F_true| / F_true; two contacts 50 to 120 mm apart with 10 and 30 kPa
-noise gain      standard deviation of the image under noise over its maximum, in parts of noise / drive voltage
+HWHM, PE        of the potential image (evaluation.metrics), of single contacts anywhere on the
+sheet up to its rim contact error   distance of the contact that belongs to the true one ghosts,
+missed  in all frames, of one contact and of two (evaluation.scoring); ghosts with doubled ones told
+apart      least distance from which on 9 of 10 pairs give exactly two contacts, each nearer to its
+own force error     mean |F - F_true| / F_true; two contacts 50 to 120 mm apart with 10 and 30 kPa
+noise gain      standard deviation of the image under noise over its maximum, in parts of noise /
+drive voltage
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
-"""How well the reference model has converged, and how far the other two are from it, in mV of 3.3 V.
+"""How well the reference model has converged, and how far the other two are from it, in mV of 3.3
+V.
 
     scripts/setup python3 benchmark/reference_accuracy.py
 
-Root mean square (and maximum) over the readings of a frame, 8 x 8 electrodes of radius 2.5 mm on 200 mm,
-10 kohm/sq. The reference at its default against elements of half the size; closed form and finite elements as
-the simulation has them against the latter.
+Root mean square (and maximum) over the readings of a frame, 8 x 8 electrodes of radius 2.5 mm on
+200 mm, 10 kohm/sq. The reference at its default against elements of half the size; closed form and
+finite elements as the simulation has them against the latter.
 """
 
 import os

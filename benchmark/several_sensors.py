@@ -2,9 +2,9 @@
 
     scripts/setup python3 benchmark/several_sensors.py --sensors 1 2 4 8 --seconds 20
 
-Each sensor plays a recording of a 4 x 4 sheet at its full rate (62.5 frames/s: 1000 ground conditions
-a second) instead of simulating, which would cost more than what is measured. Latency is what the
-reconstruction says in its diagnostics: from the last row of a frame to its contacts.
+Each sensor plays a recording of a 4 x 4 sheet at its full rate (62.5 frames/s: 1000 ground
+conditions a second) instead of simulating, which would cost more than what is measured. Latency is
+what the reconstruction says in its diagnostics: from the last row of a frame to its contacts.
 """
 
 import argparse

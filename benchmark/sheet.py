@@ -2,10 +2,10 @@
 
     OMP_NUM_THREADS=1 python3 benchmark/sheet.py [--plot out/sheet.png]
 
-Transfer objects go to all nodes of a square lattice: 41 x 41 unless said otherwise. scikit-fem (where it is
-installed) assembles and factorises the untouched sheet on the same lattice and solves for all electrodes,
-which are nodes there. All is measured in turn: the median, the interquartile range, and the shortest time,
-which is what a busy machine disturbs least.
+Transfer objects go to all nodes of a square lattice: 41 x 41 unless said otherwise. scikit-fem
+(where it is installed) assembles and factorises the untouched sheet on the same lattice and solves
+for all electrodes, which are nodes there. All is measured in turn: the median, the interquartile
+range, and the shortest time, which is what a busy machine disturbs least.
 """
 
 import argparse
@@ -51,7 +51,8 @@ def compare_transfers(layout):
 
 
 def frames(layout):
-    """Durations of frames: contacts at rest solved anew; with noise and conversion, resting and moving."""
+    """Durations of frames: contacts at rest solved anew; with noise and conversion, resting and
+    moving."""
     scene = load_scene("default")
     resting = replace(scene, contacts=tuple(_disc(place) for place in PLACES))
     simulators = {

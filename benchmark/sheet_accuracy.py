@@ -2,9 +2,10 @@
 
     python3 benchmark/sheet_accuracy.py [--contacts 20]
 
-The closed form is scored on finite elements of side/160 with 32 nodes to an electrode, finite elements on
-the closed form with 12 charges to an electrode and twice as many patches to a contact. Contacts lie at
-seeded random places of an 8 x 8 sheet of 200 mm, 10 kohm/sq, electrodes of radius 2.5 mm.
+The closed form is scored on finite elements of side/160 with 32 nodes to an electrode, finite
+elements on the closed form with 12 charges to an electrode and twice as many patches to a contact.
+Contacts lie at seeded random places of an 8 x 8 sheet of 200 mm, 10 kohm/sq, electrodes of radius
+2.5 mm.
 """
 
 import argparse

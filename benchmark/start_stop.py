@@ -3,8 +3,8 @@
     scripts/setup python3 benchmark/start_stop.py reconstruction --times 200
 
 The moment is drawn anew each time, from before the first import to well after the start; the signal
-is SIGINT or SIGTERM, once or twice as under a launch. Ends with status 1 if any run did not end with
-status 0, wrote an error, or took longer than launch waits (5 s).
+is SIGINT or SIGTERM, once or twice as under a launch. Ends with status 1 if any run did not end
+with status 0, wrote an error, or took longer than launch waits (5 s).
 """
 
 import argparse

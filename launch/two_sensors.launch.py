@@ -1,8 +1,8 @@
 """Two sensors and the skin that they are: an example to copy.
 
-Each include is in a group of its own, without arguments from elsewhere: otherwise those of the first
-include would silently be those of the second one, too. Poses come from the robot's description by
-tf2, or with robot:=false from config/poses/two_sensors.yaml.
+Each include is in a group of its own, without arguments from elsewhere: otherwise those of the
+first include would silently be those of the second one, too. Poses come from the robot's
+description by tf2, or with robot:=false from config/poses/two_sensors.yaml.
 """
 
 from launch.actions import (

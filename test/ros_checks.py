@@ -95,7 +95,8 @@ def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link")
 
 
 def check_rate(frames: list) -> None:
-    """Frames are numbered and stamped as they follow each other: the scan's period from one to the next."""
+    """Frames are numbered and stamped as they follow each other: the scan's period from one to the
+    next."""
     numbers = np.array([m.sequence for m in frames])
     stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in frames])
     assert (np.diff(numbers) > 0).all()
@@ -136,7 +137,8 @@ def peak_of(message) -> tuple[int, int] | None:
 
 
 def check_surface(probe: Probe, prefix: str = "") -> None:
-    """Cloud, contacts and markers lie on the cylinder, where the scene presses, and so the wrench."""
+    """Cloud, contacts and markers lie on the cylinder, where the scene presses, and so the
+    wrench."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import PointCloud2
     from visualization_msgs.msg import MarkerArray

@@ -28,7 +28,8 @@ def program(name: str) -> str:
 def ros_arguments(
     parameters: dict, namespace: str = "", remaps: dict | None = None, files: Sequence = ()
 ) -> list[str]:
-    """Command line of a node with parameters, also from files, in a namespace, with names changed."""
+    """Command line of a node with parameters, also from files, in a namespace, with names
+    changed."""
     words = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
     words += [word for item in (remaps or {}).items() for word in ("-r", "{}:={}".format(*item))]
     words += [word for file in files for word in ("--params-file", str(file))]

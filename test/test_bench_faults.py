@@ -1,4 +1,5 @@
-"""benchmark/fault_kills.py sees what a killed program leaves behind, and nothing where nothing is."""
+"""benchmark/fault_kills.py sees what a killed program leaves behind, and nothing where nothing
+is."""
 
 import importlib.util
 import signal

@@ -1,4 +1,5 @@
-"""The reference model: converged, in agreement with the closed form, symmetric, any outline and form."""
+"""The reference model: converged, in agreement with the closed form, symmetric, any outline and
+form."""
 
 import subprocess
 import sys
@@ -68,7 +69,8 @@ def test_currents_balance_and_packing_keeps_them():
     contacts = [(disc(PLACE, 0.005), 2.0), (Ellipse((-0.02, 0.01), (0.01, 0.004), 30.0), 0.5)]
     state = ReferenceSheet(GRID).solve(contacts)
     np.testing.assert_allclose(state.matrix.sum(axis=1), state.drive, rtol=1e-9)
-    # all electrodes at V0: every contact is without current; all at 0 V: at most what its area passes
+    # all electrodes at V0: every contact is without current; all at 0 V: at most what its area
+    # passes
     assert 0 < state.drive.sum() < sum(shape.area * g for shape, g in contacts)
     again = Admittance.unpack(state.packed.astype(np.float32))
     assert rms(reference_frame(again, DRIVE) - reference_frame(state, DRIVE)) < 1e-6

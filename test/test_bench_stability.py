@@ -54,7 +54,8 @@ def test_place_and_force_of_every_profile():
 
 
 def test_the_contact_law_stays_while_the_sheet_changes():
-    """A contact on a sheet of a millionth of the resistance cannot be seen; it was as easy before."""
+    """A contact on a sheet of a millionth of the resistance cannot be seen; it was as easy
+    before."""
     (row,) = rows("sheet resistance", 0.01)[1:]
     assert {each["refusal"] for each in row["error"]} == {"idle"}
 

@@ -266,7 +266,8 @@ def test_no_contact_reads_nothing():
     ],
 )
 def test_the_limit_of_a_bare_conductor(radius, place, limit):
-    """However hard: g grows and stays finite, readings end at those of the bare conductor, within `limit` V."""
+    """However hard: g grows and stays finite, readings end at those of the bare conductor, within
+    `limit` V."""
     bare = Contact("disc", center=place, radius=radius)
     frame = Simulator(LAYOUT, Scene("test", DRIVE, (bare,))).ideal_frame(0.0)
     form, across = contact(*place, radius)

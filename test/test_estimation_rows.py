@@ -13,8 +13,8 @@ from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layout import load_layout
@@ -23,7 +23,7 @@ from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT = load_layout("equal-4x4")
 DRIVE, NOISE = 3.3, 1e-3
-NEW = dict(center=(-0.045, 0.03), radius=0.008, pressure=15e3)
+NEW = {"center": (-0.045, 0.03), "radius": 0.008, "pressure": 15e3}
 RESTING = Contact("disc", center=(0.05, -0.04), radius=0.008, pressure=15e3)
 
 

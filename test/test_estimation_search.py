@@ -272,7 +272,8 @@ def test_a_turned_frame_has_the_turned_estimate(turn):
     first, second = find("4x4", frame), find("4x4", turned)
     expected, got = first.unknowns.contacts, second.unknowns.contacts
     assert len(expected) == len(got) == 2
-    np.testing.assert_allclose(got[:, :2], expected[:, :2] @ turn.T, atol=0.1e-3)  # 40 modes cut pairs of equal ones
+    # 40 modes cut pairs of equal ones
+    np.testing.assert_allclose(got[:, :2], expected[:, :2] @ turn.T, atol=0.1e-3)
     np.testing.assert_allclose(got[:, 2], expected[:, 2], atol=0.03)
     deviations = np.sqrt(first.covariance.diagonal()[3::4])  # of ln a, which readings hardly tell
     assert (np.abs(got[:, 3] - expected[:, 3]) < 2 * deviations).all()

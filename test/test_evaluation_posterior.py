@@ -1,4 +1,5 @@
-"""What a contact can be known to: against what the estimator says of itself, and between layouts."""
+"""What a contact can be known to: against what the estimator says of itself, and between
+layouts."""
 
 import numpy as np
 import pytest
@@ -39,7 +40,8 @@ def test_it_is_what_the_estimator_reports_of_the_same_contact():
 
 
 def test_a_pair_is_told_by_the_misfit_that_is_left_when_one_contact_has_done_its_best():
-    """By the solver, which finds the best single contact on a frame of two: nothing is linear there."""
+    """By the solver, which finds the best single contact on a frame of two: nothing is linear
+    there."""
     expectation = EXPECTATION
     middle, way = np.array([0.004, 0.03]), np.array([0.03, 0.02])
     forms = np.array([expectation.form(middle + s * way / 2) for s in (1, -1)])

@@ -1,4 +1,5 @@
-"""`evaluate --profile`: contacts off the lattice, of other sizes than assumed, on the sheet only."""
+"""`evaluate --profile`: contacts off the lattice, of other sizes than assumed, on the sheet
+only."""
 
 import json
 

@@ -1,4 +1,5 @@
-"""Grids, hexagonal grids and rings: where their electrodes are, and the command that writes them."""
+"""Grids, hexagonal grids and rings: where their electrodes are, and the command that writes
+them."""
 
 import shlex
 

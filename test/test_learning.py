@@ -1,4 +1,5 @@
-"""A sensor learned from touches of unknown place and force: against the truth and against its own covariance."""
+"""A sensor learned from touches of unknown place and force: against the truth and against its own
+covariance."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,5 @@
-"""Messages hold what the arrays held: values, order, orientation, stamps; bad frames are refused."""
+"""Messages hold what the arrays held: values, order, orientation, stamps; bad frames are
+refused."""
 
 from dataclasses import replace
 

@@ -1,4 +1,5 @@
-"""`make run`'s program: shows contacts near the truth, writes the picture, leaves nothing behind."""
+"""`make run`'s program: shows contacts near the truth, writes the picture, leaves nothing
+behind."""
 
 import os
 import re

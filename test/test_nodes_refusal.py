@@ -108,7 +108,8 @@ def test_extreme_voltages_never_give_an_image_that_is_not_finite(probe, start):
 
 
 def answers(images, reports, stamp):
-    """Whether there is an image of this stamp, or a report that frames are refused or contacts withheld."""
+    """Whether there is an image of this stamp, or a report that frames are refused or contacts
+    withheld."""
     messages = [status.message for report in reports for status in report.status]
     refused = any("refused" in message or "withheld" in message for message in messages)
     return refused or any(image.header.stamp.sec == stamp for image in images)

@@ -44,7 +44,8 @@ def pictures(images):
 
 
 class Player:
-    """Publishes a bag as `ros2 bag play --clock` does: the bytes as they are, and the time of each."""
+    """Publishes a bag as `ros2 bag play --clock` does: the bytes as they are, and the time of
+    each."""
 
     def __init__(self, probe, folder, namespace):
         from rosbags.rosbag2 import Reader

@@ -89,7 +89,7 @@ def endless():
         try:
             while True:
                 time.sleep(0.01)
-        except Exception:  # noqa: S110 - as a callback of a library may swallow it, once
+        except Exception:  # noqa: S110, BLE001 - as a callback of a library may swallow it, once
             pass
         time.sleep(1000)
 

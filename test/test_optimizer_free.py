@@ -174,7 +174,8 @@ def test_constraints_hold_after_every_step():
 
 @pytest.mark.parametrize("x, y", [(0.0, 0.075), (0.03, 0.1)])
 def test_zones_without_the_symmetries_of_the_layout_stay_free(x, y):
-    """Electrodes of scaled grids lie in the first, on one side alone; the second covers the start."""
+    """Electrodes of scaled grids lie in the first, on one side alone; the second covers the
+    start."""
     layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
     how = {"keep_out": ((x, y, 0.04),), "starts": 1, "steps": 1, "resolution": 10}
     request = Request(layout, "free", **how)

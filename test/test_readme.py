@@ -1,4 +1,5 @@
-"""README.md: its headline figures are those of its table, its files exist, its commands are known."""
+"""README.md: its headline figures are those of its table, its files exist, its commands are
+known."""
 
 import importlib
 import re

@@ -1,4 +1,5 @@
-"""The one-step image of eq. 1 through the compressed frames equals the dense solution, also with readings missing."""
+"""The one-step image of eq. 1 through the compressed frames equals the dense solution, also with
+readings missing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Frames of finite elements in, contacts by the closed form out; broken channels and bad input on the way."""
+"""Frames of finite elements in, contacts by the closed form out; broken channels and bad input on
+the way."""
 
 import warnings
 

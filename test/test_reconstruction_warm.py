@@ -21,7 +21,8 @@ LAYOUT = equal_grid(6, 6, (0.15, 0.15), 0.0025, 1e4, margin=0.005)
 
 
 def recording(radius, count=8, step=0.0005):
-    """(count, 36, 36) V of a disc that moves by `step` (m) from frame to frame, with 1 mV of noise."""
+    """(count, 36, 36) V of a disc that moves by `step` (m) from frame to frame, with 1 mV of
+    noise."""
     contacts = [
         Contact("disc", center=(-0.02 + step * k, 0.013), radius=radius, pressure=20e3,
                 start=float(k), end=float(k + 1))

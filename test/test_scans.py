@@ -1,4 +1,5 @@
-"""The order of the scan: from the layout file through simulation, devices and files to a contact."""
+"""The order of the scan: from the layout file through simulation, devices and files to a
+contact."""
 
 import json
 import threading
@@ -92,10 +93,12 @@ def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
 
 def test_a_device_of_version_1_keeps_its_order_and_says_so():
     settings = DeviceSettings(replace(SMALL, scan=(4, 1)), "serial", port="")
-    with plugged(sensor(versions=[1])) as port:
-        with watched(make_device(replace(settings, port=port.path))) as watch:
-            watch.wait_for_frames(2)
-            message = watch.device.status().message
+    with (
+        plugged(sensor(versions=[1])) as port,
+        watched(make_device(replace(settings, port=port.path))) as watch,
+    ):
+        watch.wait_for_frames(2)
+        message = watch.device.status().message
     assert "scan: of 2 rows, the device takes its own order only" in message
     assert watch.frames[-1].grounded.tolist() == list(range(E))
 

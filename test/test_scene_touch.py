@@ -430,7 +430,8 @@ def test_mistakes_in_the_law_get_one_line_with_file_and_key(tmp_path, law, line)
 
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_never_leave_the_sheet(name):
-    """At 10,000 times of ten hours: every contact wholly on the sheet; none further than it says."""
+    """At 10,000 times of ten hours: every contact wholly on the sheet; none further than it
+    says."""
     scene = load_scene(name)
     outline = load_layout(scene.layout or "equal-8x8").outline
     moving = [c for c in scene.contacts if c.moves]
@@ -447,7 +448,8 @@ def test_shipped_scenes_never_leave_the_sheet(name):
 
 
 def test_overlapping_contacts_of_no_shipped_scene_hide_each_other():
-    """Contacts of the shipped moving scenes stay apart, so that each can be told from the others."""
+    """Contacts of the shipped moving scenes stay apart, so that each can be told from the
+    others."""
     for name in ("default", "slide"):
         scene = load_scene(name)
         for t in np.random.default_rng(1).uniform(0, 3600, 2000):

@@ -1,4 +1,5 @@
-"""Uneven, anisotropic, torn and warm sheets: against closed forms, smaller sheets and the reference."""
+"""Uneven, anisotropic, torn and warm sheets: against closed forms, smaller sheets and the
+reference."""
 
 import numpy as np
 import pytest
@@ -49,7 +50,8 @@ EVEN = simulated(SheetField())
 
 @pytest.mark.parametrize("ratio, limit", [(1.5, 0.01), (1 / 3, 0.02)])
 def test_anisotropy_is_the_closed_form_of_a_stretched_sheet(ratio, limit):
-    """Isotropic where x is shortened and y lengthened; ellipses there, here discs of their mean semi-axis."""
+    """Isotropic where x is shortened and y lengthened; ellipses there, here discs of their mean
+    semi-axis."""
     scale = np.array([ratio**-0.25, ratio**0.25])
     radius = scale.mean()
     outline = Outline.rectangle(*(0.1 * scale))

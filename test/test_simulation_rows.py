@@ -87,7 +87,8 @@ def test_rows_of_an_uneven_sheet_behind_a_switch():
 
 @pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
 def test_rows_of_an_anisotropic_torn_sheet(contacts):
-    """Distances that count are those in stretched coordinates, with electrodes as ellipses there."""
+    """Distances that count are those in stretched coordinates, with electrodes as ellipses
+    there."""
     tear = Tear(((-0.09, 0.01), (0.02, 0.06)), 1e-4)
     uneven = Defects(sheet=SheetField(Anisotropy(1.5, 30.0), tears=(tear,)))
     rows = simulator(*contacts, defects=uneven)

@@ -53,7 +53,8 @@ def test_opposite_contacts_around_a_cylinder_cancel_their_force_not_their_torque
 
 
 def test_moved_contacts_have_the_moved_wrench():
-    """f' = R f, t' = R t + p x f' (Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.27)."""
+    """f' = R f, t' = R t + p x f' (Featherstone, Rigid Body Dynamics Algorithms, 2008, eq.
+    2.27)."""
     pose = Pose(np.array([0.3, -0.2, 0.5]), Rotation.from_euler("xyz", [0.3, -1.0, 2.0]))
     placed = in_space(Cylinder(0.05), [contact(), contact(-0.04, 0.05, 3.0)])
     force, torque = placed.wrench()

@@ -1,4 +1,5 @@
-"""urdf/*.xacro: a link whose frame is the sensor's; the example is where config/poses says it is."""
+"""urdf/*.xacro: a link whose frame is the sensor's; the example is where config/poses says it
+is."""
 
 from pathlib import Path
 from xml.etree import ElementTree

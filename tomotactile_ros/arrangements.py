@@ -24,7 +24,8 @@ def hexagonal_grid(
     margin: float = 0.0,
     name: str | None = None,
 ) -> Layout:
-    """Rows of ``cols - 1`` and of ``cols`` electrodes in turn over a rectangle, in each other's gaps.
+    """Rows of ``cols - 1`` and of ``cols`` electrodes in turn over a rectangle, in each other's
+    gaps.
 
     Parameters
     ----------

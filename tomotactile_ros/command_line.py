@@ -43,7 +43,8 @@ def _interrupt(number: int, frame: object) -> None:
 
 
 def say_doubts(program: str) -> None:
-    """From now on a doubt about the input is one line on stderr; other warnings stay as they are."""
+    """From now on a doubt about the input is one line on stderr; other warnings stay as they
+    are."""
     usual = warnings.showwarning
 
     def show(message, category, *where, **more):

@@ -48,7 +48,8 @@ class Contact:
     angle : of a rectangle, degrees counter-clockwise.
     points : (V, 2) vertices of a polygon at the time ``start``, m.
     pressure : mean, Pa; or None.
-    force : N, instead of the pressure; or None. With neither, a bare conductor at the drive voltage.
+    force : N, instead of the pressure; or None. With neither, a bare conductor at the drive
+        voltage.
     profile : how the pressure varies inside a disc, of `profile.PROFILES`; "even" for all shapes.
     course : of the force from ``start`` on, see `course`; None: constant.
     start, end : s; the contact is there while start <= t < end.

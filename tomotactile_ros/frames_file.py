@@ -160,7 +160,8 @@ def _check_frames(path: str | os.PathLike, shape: tuple[int, ...], dtype: np.dty
 def load_arrays(
     path: str | os.PathLike, *, without: Sequence[str] = (), most: int = MAX_BYTES
 ) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz` file but some; InputError for anything else, also for one too large."""
+    """All arrays of an `.npz` file but some; InputError for anything else, also for one too
+    large."""
     with _complaining(path), os.fdopen(open_regular(path, most), "rb") as file:
         _check_sizes(path, file, most)
         with np.lib.npyio.NpzFile(file, allow_pickle=False) as content:

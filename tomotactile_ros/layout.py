@@ -38,8 +38,8 @@ class Layout:
     positions : (E, 2) centres, m, inside the outline or on its rim, more than 2 radius apart.
     provenance : how the layout came about; free-form, kept in the file.
     surface : how the sheet is bent.
-    scan : electrodes that are grounded, row after row: any of them, as often as one likes; empty for all
-        in turn. Devices that take an order scan so, simulated frames have these rows.
+    scan : electrodes that are grounded, row after row: any of them, as often as one likes; empty
+        for all in turn. Devices that take an order scan so, simulated frames have these rows.
     """
 
     name: str

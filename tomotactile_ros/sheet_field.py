@@ -1,9 +1,11 @@
-"""How the conductance of a real sheet differs from an even one: described, read from a scene, evaluated.
+"""How the conductance of a real sheet differs from an even one: described, read from a scene,
+evaluated.
 
-Sheet resistances multiply: a random field, a gradient, patches and tears. Anisotropy turns the scalar
-conductance sigma into a tensor with sigma_1 / sigma_2 = ratio and sigma_1 sigma_2 = sigma^2: in
-coordinates that are shortened by ratio^(1/4) along its direction, and lengthened by it across, the sheet
-is isotropic with conductance sigma. Temperature is one factor of all resistances, in time.
+Sheet resistances multiply: a random field, a gradient, patches and tears. Anisotropy turns the
+scalar conductance sigma into a tensor with sigma_1 / sigma_2 = ratio and sigma_1 sigma_2 = sigma^2:
+in coordinates that are shortened by ratio^(1/4) along its direction, and lengthened by it across,
+the sheet is isotropic with conductance sigma. Temperature is one factor of all resistances, in
+time.
 """
 
 from __future__ import annotations

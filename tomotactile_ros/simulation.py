@@ -46,8 +46,8 @@ class Simulator:
     model : `fem` by default, so that data and images never share a model; or of `sheet.MODELS`
     h : element size of the mesh, m
     row_period : s from one row to the next; 0 for frames that are taken all at once
-    order : electrodes that are grounded, row after row, in any order and as often as one likes; that
-        of the layout's scan without it
+    order : electrodes that are grounded, row after row, in any order and as often as one likes;
+        that of the layout's scan without it
 
     Raises InputError where the scene does not fit the layout or the model cannot do what it names.
     """

@@ -44,7 +44,8 @@ class SpatialContacts:
 def wrench_of(
     positions: np.ndarray, normals: np.ndarray, forces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Force (3,), N, and torque (3,) about the origin, N m, of forces (N,) against normals (N, 3)."""
+    """Force (3,), N, and torque (3,) about the origin, N m, of forces (N,) against normals
+    (N, 3)."""
     pushes = -np.asarray(forces, float).reshape(-1, 1) * np.reshape(normals, (-1, 3))
     force, torque = pushes.sum(axis=0), np.cross(np.reshape(positions, (-1, 3)), pushes).sum(axis=0)
     return force + 0.0, torque + 0.0  # no -0

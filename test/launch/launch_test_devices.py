@@ -1,4 +1,5 @@
-"""launch/tactile.launch.py with a serial line and with a recording: what test_nodes_devices.py checks."""
+"""launch/tactile.launch.py with a serial line and with a recording: what test_nodes_devices.py
+checks."""
 
 import sys
 import tempfile

@@ -1,4 +1,5 @@
-"""launch/tactile.launch.py, plain, managed, in one process: what test_nodes_chain.py checks, under launch."""
+"""launch/tactile.launch.py, plain, managed, in one process: what test_nodes_chain.py checks, under
+launch."""
 
 import os
 import signal

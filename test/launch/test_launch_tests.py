@@ -1,7 +1,7 @@
 """The launch tests, launch_test_*.py, each by the program `launch_test` in a process of its own.
 
-The plugin of launch_testing for pytest does the same, but knows only some versions of pytest; so it is
-left out (pyproject.toml), and the tests run under all of them.
+The plugin of launch_testing for pytest does the same, but knows only some versions of pytest; so it
+is left out (pyproject.toml), and the tests run under all of them.
 """
 
 import subprocess

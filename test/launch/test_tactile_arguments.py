@@ -1,4 +1,5 @@
-"""Every launch argument of tactile.launch.py, with a right and with a wrong value; nothing is started."""
+"""Every launch argument of tactile.launch.py, with a right and with a wrong value; nothing is
+started."""
 
 import importlib.util
 from pathlib import Path

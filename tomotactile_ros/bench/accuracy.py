@@ -19,7 +19,8 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
 
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
     blur                  of the same image, see evaluation/metrics.py
-    scores                ghosts, missed contacts and more of `one` contact, on the sensor with `defects`
+    scores                ghosts, missed contacts and more of `one` contact, on the sensor with
+    `defects`
                           and of `two`, see `evaluation.scoring`
     contact_error         distance of the strongest reported contact from the true one
     defective             position and contact error on the sensor with defects

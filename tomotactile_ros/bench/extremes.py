@@ -2,8 +2,8 @@
 
 Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
-places, in parts of the longer side, with the true ones: the mean distance of a true contact from the
-nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
+places, in parts of the longer side, with the true ones: the mean distance of a true contact from
+the nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
 """
 
 from __future__ import annotations

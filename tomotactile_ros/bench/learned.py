@@ -1,8 +1,10 @@
-"""How well a sensor is learned from touches of unknown place, size and force, and what that is worth.
+"""How well a sensor is learned from touches of unknown place, size and force, and what that is
+worth.
 
-Each case is one sensor. Some of its touches are learned from, others judge: places, forces and ghosts with what was
-learned, and gains, resistances and sheet against the truth and against the learned covariance. Frames come from the
-reference model (`reference_data`) or from the simulator; the estimator is neither.
+Each case is one sensor. Some of its touches are learned from, others judge: places, forces and
+ghosts with what was learned, and gains, resistances and sheet against the truth and against the
+learned covariance. Frames come from the reference model (`reference_data`) or from the simulator;
+the estimator is neither.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ SOURCES = "reference", "simulator"
 
 @dataclass(frozen=True)
 class Case:
-    """One sensor: layout, number of `worn_sheets` (None: even), what is wrong with its channels, touches learned from."""
+    """One sensor: layout, number of `worn_sheets` (None: even), what is wrong with its channels,
+    touches learned from."""
 
     name: str
     touches: int
@@ -65,7 +68,8 @@ CASES = (
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Touches of a sensor: frames (N, L, E), V, of the potentials that they cause, and their truth."""
+    """Touches of a sensor: frames (N, L, E), V, of the potentials that they cause, and their
+    truth."""
 
     layout: Layout
     potentials: list[np.ndarray]
@@ -181,7 +185,8 @@ def compared(state: SensorState, learned: Learned, case: Case, layout: Layout) -
 
 
 def _sheet(case, layout, places):
-    """(C,) logarithm of the true conductance at `places`, 0 in the mean, and the ratio of anisotropy."""
+    """(C,) logarithm of the true conductance at `places`, 0 in the mean, and the ratio of
+    anisotropy."""
     if case.sheet is None:
         return np.zeros(len(places)), 1.0
     sheet = worn_sheets()[case.sheet]

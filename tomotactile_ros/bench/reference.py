@@ -3,12 +3,12 @@
     -div(sigma grad phi) + g (phi - V0) = 0 in the sheet,    sigma dphi/dn = 0 on the rim
 
 with quadratic triangles that are bent along the rims of electrodes and contacts (`reference_mesh`;
-scikit-fem, Gustafsson and McBain 2020). Contacts are areas, the sheet's conductance is any field, also
-anisotropic. Nothing is shared with `tomotactile_ros.sheet`.
+scikit-fem, Gustafsson and McBain 2020). Contacts are areas, the sheet's conductance is any field,
+also anisotropic. Nothing is shared with `tomotactile_ros.sheet`.
 
-The driving layer is the reference. All that the electrodes can tell is then one symmetric matrix, the
-currents Y u that they draw at the potentials u, from one factorisation; with electrode l grounded through
-R_l and the others floating,
+The driving layer is the reference. All that the electrodes can tell is then one symmetric matrix,
+the currents Y u that they draw at the potentials u, from one factorisation; with electrode l
+grounded through R_l and the others floating,
 
     v_n = V0 (1 - Z_nl / (Z_ll + R_l)),    Z = Y^-1
 
@@ -109,10 +109,10 @@ class ReferenceSheet:
     def solve(self, contacts: Sequence[tuple[Shape | Contact | ArrayLike, Flow]]) -> Admittance:
         """What the electrodes see of `contacts`.
 
-        Each is a form and its conductance per area. Forms are `disc(...)`, an `Ellipse`, a `Region`,
-        a `Contact` or the corners (V, 2) of a polygon; where they overlap they conduct side by side.
-        A conductance of infinity is a bare conductor at the drive voltage; it may not touch an
-        electrode. What lies outside the outline does not touch.
+        Each is a form and its conductance per area. Forms are `disc(...)`, an `Ellipse`, a
+        `Region`, a `Contact` or the corners (V, 2) of a polygon; where they overlap they conduct
+        side by side. A conductance of infinity is a bare conductor at the drive voltage; it may not
+        touch an electrode. What lies outside the outline does not touch.
         """
         contacts = [(_shape(form), flow) for form, flow in contacts]
         mesh = self._mesh(contacts)
@@ -264,7 +264,8 @@ def _mass(mesh, elements, flow):
 
 
 def _schur(matrix, layer, group, count) -> Admittance:
-    """Eliminate all but the electrodes, groups 0 to `count` - 1; group `count` is the driving layer.
+    """Eliminate all but the electrodes, groups 0 to `count` - 1; group `count` is the driving
+    layer.
 
     `matrix` (N, N) is that of the sheet with its contacts, `layer` (N,) its coupling to the driving
     layer.

@@ -178,7 +178,8 @@ def textbook_states(layout, random, count, case="textbook", sheet=0, reach=1.0) 
 
 
 def near_states(layout, random, count) -> list[State]:
-    """Discs of 8 and 12 mm on electrodes, beside them, over the rim and in corners, `count` each."""
+    """Discs of 8 and 12 mm on electrodes, beside them, over the rim and in corners, `count`
+    each."""
     half = np.array(layout.outline.size) / 2
     inner = layout.positions[(np.abs(layout.positions) < 0.8 * half).all(axis=1)]
     states = []
@@ -378,7 +379,8 @@ def worn_sheets() -> list[Sheet]:
 
 
 def _learning_families() -> Iterator[tuple[str, Callable]]:
-    """Touches of one sheet each: those that a sensor is learned from, then those that it is judged by."""
+    """Touches of one sheet each: those that a sensor is learned from, then those that it is judged
+    by."""
 
     def family(layout, sheets, count, reach=1.0):
         def made(random):

@@ -1,8 +1,8 @@
 """Curved quadratic triangles that follow electrodes, contacts and outline, made by Gmsh.
 
-Gmsh (https://gmsh.info, Geuzaine and Remacle 2009) cuts the outline by the rims of all electrodes and
-contacts and meshes what is between them; triangles along a circle or an ellipse are bent to it. Elements
-are small at rims and grow with the distance from them.
+Gmsh (https://gmsh.info, Geuzaine and Remacle 2009) cuts the outline by the rims of all electrodes
+and contacts and meshes what is between them; triangles along a circle or an ellipse are bent to it.
+Elements are small at rims and grow with the distance from them.
 """
 
 from __future__ import annotations

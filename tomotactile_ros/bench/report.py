@@ -148,7 +148,8 @@ def _extreme(row):
 
 
 def _of_profiles(row, refusals):
-    """Place and force of each profile at one value; `refusals` numbers the reasons where there are none."""
+    """Place and force of each profile at one value; `refusals` numbers the reasons where there are
+    none."""
     found = row["error"] or [{"refusal": row["refusal"]}] * len(PROFILES)
     cells = []
     for each in found:

@@ -100,7 +100,8 @@ def undisturbed(times: Times) -> float:
 
 
 def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Ratio of undisturbed times that were measured in turn; median and quartiles of single rounds."""
+    """Ratio of undisturbed times that were measured in turn; median and quartiles of single
+    rounds."""
     each = [undisturbed([a]) / undisturbed([b]) for a, b in zip(numerator, denominator)]
     low, median, high = np.percentile(each, [25, 50, 75])
     of_all = undisturbed(numerator) / undisturbed(denominator)

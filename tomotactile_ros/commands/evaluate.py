@@ -27,7 +27,8 @@ HELP = "measure the resolution of a layout: HWHM and position error all over the
 _LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}
 _REGIONAL = ("hwhm", "position_error")
 _TOUCH_PLACES = 6  # contacts along the longer side
-_MOST_FOR_TOUCH = 64  # electrodes; beyond, what is expected of a contact takes a minute and is asked for
+# electrodes; beyond, what is expected of a contact takes a minute and is asked for
+_MOST_FOR_TOUCH = 64
 _SHOWN = 12  # regions in the text; --json has all
 
 

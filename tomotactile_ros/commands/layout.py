@@ -1,4 +1,5 @@
-"""`tomotactile layout`: electrodes on an equal grid, a hexagonal one or a ring, as a layout file."""
+"""`tomotactile layout`: electrodes on an equal grid, a hexagonal one or a ring, as a layout
+file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""`tomotactile learn`: what is wrong with a sensor, from frames of touches of unknown place and force."""
+"""`tomotactile learn`: what is wrong with a sensor, from frames of touches of unknown place and
+force."""
 
 from __future__ import annotations
 
@@ -74,7 +75,8 @@ def run(args: Namespace) -> None:
 
 
 def _all_of(paths: list[str], layout: Layout, drive_voltage: float | None) -> FramesFile:
-    """The frames of all recordings one after the other; they must agree in rows and drive voltage."""
+    """The frames of all recordings one after the other; they must agree in rows and drive
+    voltage."""
     found = [load_recording(path, layout, drive_voltage) for path in paths]
     first = found[0]
     for path, each in zip(paths, found):

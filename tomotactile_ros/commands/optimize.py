@@ -144,7 +144,8 @@ def _summary(start, best):
 
 
 def _choose_scan(args, layout, report):
-    """Compare scans of fewer rows, and write the layout with the last of those that were asked for."""
+    """Compare scans of fewer rows, and write the layout with the last of those that were asked
+    for."""
     from tomotactile_ros.optimizer.report import save_grounding
     from tomotactile_ros.optimizer.scan import FEW, Chooser, scans
 

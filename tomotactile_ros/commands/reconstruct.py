@@ -141,9 +141,11 @@ def _stamps(recorded) -> tuple[np.ndarray, str]:
 def results_writer(
     path: str, images: bool = True
 ) -> Iterator[Callable[[Result, float, float], None]]:
-    """A function that takes each result, its latency, s, and the time for which it holds, s, into a file.
+    """A function that takes each result, its latency, s, and the time for which it holds, s, into a
+    file.
 
-    pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s, stamps (N,) s;
+    pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s,
+        stamps (N,) s;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.
     """
@@ -170,8 +172,8 @@ def results_writer(
 def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
     """What a result file says of a contact.
 
-    position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in JSON,
-    where the profile estimates none; id is 0 where nobody follows contacts.
+    position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in
+    JSON, where the profile estimates none; id is 0 where nobody follows contacts.
     """
     entry = asdict(contact)
     vx, vy = entry.pop("velocity")

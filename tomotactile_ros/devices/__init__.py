@@ -43,7 +43,8 @@ class DeviceSettings:
     rows_per_message : int
         Rows of a frame that are handed over together, to whoever wants rows.
     scan : tuple of int
-        Electrodes to ground, row after row; none: the scan of the layout, or the device's own order.
+        Electrodes to ground, row after row; none: the scan of the layout, or the device's own
+        order.
     address : int
         For ``serial``: of the device on a bus; 0: it has none.
     capture : str

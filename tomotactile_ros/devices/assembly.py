@@ -23,8 +23,9 @@ _BLOCK = 16  # rows converted at a time: one by one costs more, all at the end t
 class RowsOfFrame:
     """A frame, or rows of one, in device time; begin and last sample in µs, voltages (L, E) in V.
 
-    `frame_time` is when the first of the rows began. `row_period` (µs) is the median time from the end of one row to the end of the next, so that a
-    row that was late or a counter that slipped does not move it; 0 where no row tells.
+    `frame_time` is when the first of the rows began. `row_period` (µs) is the median time from the
+    end of one row to the end of the next, so that a row that was late or a counter that slipped
+    does not move it; 0 where no row tells.
     """
 
     voltages: np.ndarray

@@ -222,7 +222,8 @@ class ThreadedDevice:
         self._changed.set()
 
     def set_scan(self, order: Sequence[int]) -> None:
-        """Ask for an order of the scan, none for the device's own; InputError for an impossible one."""
+        """Ask for an order of the scan, none for the device's own; InputError for an impossible
+        one."""
         wanted = checks.order(list(order), "scan", self._electrodes).tolist() if order else ()
         self._scan = tuple(wanted)
         self._changed.set()

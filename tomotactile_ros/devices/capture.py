@@ -1,7 +1,7 @@
 """Raw capture: all that a serial device learns from outside, in a file, and the way back.
 
-The format is that of docs/protocol.md, section 7.  The device decides from what the file holds alone
-(devices/world.py): living it again gives the same frames, to the bit.
+The format is that of docs/protocol.md, section 7.  The device decides from what the file holds
+alone (devices/world.py): living it again gives the same frames, to the bit.
 """
 
 from __future__ import annotations
@@ -272,7 +272,7 @@ def relive(
         def call(frame: Frame) -> None:
             try:
                 receive(frame)
-            except Exception as error:  # noqa: BLE001 - a device goes on, whatever its receiver does
+            except Exception as error:  # noqa: BLE001 - a device goes on, whatever it does
                 raised.append(error)
 
         return call

@@ -325,7 +325,8 @@ def wrong_lengths_are_refused(trial: Trial) -> str:
 
 
 def damage_does_no_harm(trial: Trial) -> None:
-    """What is damaged, too long or empty is thrown away, and the next command is heard (section 1)"""
+    """What is damaged, too long or empty is thrown away, and the next command is heard (section
+    1)"""
     probe = trial.probe
     tag = probe.next_tag()
     command = protocol.Command(protocol.START, tag)
@@ -356,7 +357,8 @@ def acks_tell_the_next_frame(trial: Trial) -> None:
 
 
 def an_order_is_followed(trial: Trial) -> str:
-    """SET_SCAN holds from the frame on that its ACK tells, in any order, with repeats (section 4)"""
+    """SET_SCAN holds from the frame on that its ACK tells, in any order, with repeats (section
+    4)"""
     i = trial.identity
     if not i.max_scan:
         raise Untried("the device has a fixed order (max_scan 0)")

@@ -1,7 +1,7 @@
 """The sensor as a program: speaks docs/protocol.md on a pseudo-terminal or a TCP port.
 
-`firmware` is the device, a port of `ports` the cable, and `Emulator` joins them in a loop that never
-sleeps longer than to the end of the frame.
+`firmware` is the device, a port of `ports` the cable, and `Emulator` joins them in a loop that
+never sleeps longer than to the end of the frame.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The firmware of a simulated sensor: the device's side of docs/protocol.md, without input or output.
+"""The firmware of a simulated sensor: the device's side of docs/protocol.md, without input or
+output.
 
 Bytes of the host go in, bytes for the host come out, and time is told from outside.
 """

@@ -82,7 +82,8 @@ class Malformed(ValueError):
 
 
 class Command(NamedTuple):
-    """IDENTIFY, START of version 1, STOP or KEEP_ALIVE, host to device; the answer repeats `tag`."""
+    """IDENTIFY, START of version 1, STOP or KEEP_ALIVE, host to device; the answer repeats
+    `tag`."""
 
     type: int
     tag: int
@@ -118,7 +119,8 @@ class SetRate(NamedTuple):
 
 
 class SetScan(NamedTuple):
-    """SET_SCAN, host to device: electrodes to ground, row after row; none: the device's own order."""
+    """SET_SCAN, host to device: electrodes to ground, row after row; none: the device's own
+    order."""
 
     type = SET_SCAN
 
@@ -226,8 +228,8 @@ class Error(NamedTuple):
 class Status(NamedTuple):
     """STATUS, device to host: the answer to KEEP_ALIVE.
 
-    `temperature` in °C or NaN, `time` in µs since power-up; `dropped` counts ROW packets, `sequence`
-    is that of the next frame that begins.
+    `temperature` in °C or NaN, `time` in µs since power-up; `dropped` counts ROW packets,
+    `sequence` is that of the next frame that begins.
     """
 
     type = STATUS

@@ -1,4 +1,5 @@
-"""Frames of a device one after another in the caller's thread, or one line that says why none come."""
+"""Frames of a device one after another in the caller's thread, or one line that says why none
+come."""
 
 from __future__ import annotations
 

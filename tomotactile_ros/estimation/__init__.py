@@ -1,1 +1,2 @@
-"""One estimate of contacts, sheet and channels from whatever rows there are (docs/estimation.md)."""
+"""One estimate of contacts, sheet and channels from whatever rows there are
+(docs/estimation.md)."""

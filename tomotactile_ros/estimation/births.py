@@ -1,13 +1,15 @@
-"""Where a new contact would explain what a row has beyond what was expected: a matched filter over a coarse lattice.
+"""Where a new contact would explain what a row has beyond what was expected: a matched filter over
+a coarse lattice.
 
-A current alpha that a new contact at x feeds in changes the row by alpha s(x), s = M h(x) (`row_model`), whatever else
-touches, exactly; alpha = c (h . rho) / (1 + c h . s) > 0 bounds it. With the covariance S of what was not expected
+A current alpha that a new contact at x feeds in changes the row by alpha s(x), s = M h(x)
+(`row_model`), whatever else touches, exactly; alpha = c (h . rho) / (1 + c h . s) > 0 bounds it.
+With the covariance S of what was not expected
 
     gain(x) = (s^T S^-1 e)^2 / (s^T S^-1 s)
 
-is the square of a standard normal number where there is nothing new, and counts for alpha > 0 only. The threshold
-is exceeded somewhere once in `HOURS` of rows: the probability for a row is divided by the number of places and of sums
-over rows that are looked at (Bonferroni), one-sided.
+is the square of a standard normal number where there is nothing new, and counts for alpha > 0 only.
+The threshold is exceeded somewhere once in `HOURS` of rows: the probability for a row is divided by
+the number of places and of sums over rows that are looked at (Bonferroni), one-sided.
 """
 
 from __future__ import annotations
@@ -47,16 +49,19 @@ class Births:
         return np.zeros((2, len(self.places)))
 
     def look(self, model: RowModel, row: Row, ground: int, misfit, root, sums, gain):
-        """Gains (K,) of this row or with those before, conductances (K,), S, and the sums to go on with.
+        """Gains (K,) of this row or with those before, conductances (K,), S, and the sums to go on
+        with.
 
-        misfit (n,) of the readings; root (n, n) lower Cholesky factor of its covariance; gain (n,) of channels
+        misfit (n,) of the readings; root (n, n) lower Cholesky factor of its covariance; gain (n,)
+            of channels
         """
         if self._model is not model:
             self._shares = model.shares(self.places, self._radii)[0]
             self._spread = model.impedance @ self._shares
             self._model = model
         share, spread = self._shares, self._spread
-        if np.isinf(row.own):  # nothing touches: what is common to all electrodes is infinite and cancels
+        # nothing touches: what is common to all electrodes is infinite and cancels
+        if np.isinf(row.own):
             z = model.impedance[ground]
             shape = spread - z[:, None] - z @ share + z[ground]
         else:

@@ -1,7 +1,8 @@
-"""Gains, offsets and resistances to ground as unknowns of the fit, eliminated before anything is solved.
+"""Gains, offsets and resistances to ground as unknowns of the fit, eliminated before anything is
+solved.
 
-They outnumber all else (three a channel), but each touches one column or one row of the readings only: the blocks of
-their normal matrix are diagonal, but for gains against resistances.
+They outnumber all else (three a channel), but each touches one column or one row of the readings
+only: the blocks of their normal matrix are diagonal, but for gains against resistances.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ class ChannelFit:
 
     Parameters
     ----------
-    columns (P, L, n) derivatives of the readings by all other parameters, times the weights; weights (L, n); misfit (L, n)
-    slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and by the resistance of its
-        row; offsets have 1
+    columns (P, L, n) derivatives of the readings by all other parameters, times the weights;
+        weights (L, n); misfit (L, n)
+    slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
+        by the resistance of its row; offsets have 1
     rows (L,) grounded electrode of each row
     now : gain - 1, offset, resistance (n,) each; deviations of their priors, in the same units
     """
@@ -86,6 +88,7 @@ class ChannelFit:
         self.promised = float(right @ self._right)  # what the channels' own steps take off the cost
 
     def step(self, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all else."""
+        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all
+        else."""
         step = (self._right - self._back @ others) * self._scale
         return tuple(step.reshape(3, self._count))

@@ -1,17 +1,18 @@
 """Where one more contact would explain most of what is left: a matched filter over the whole sheet.
 
-A contact of conductance c at x adds c h h^T to Y, h = H(x). To first order in c, and exactly so for the first contact if
-its row is taken as measured, the readings change by
+A contact of conductance c at x adds c h h^T to Y, h = H(x). To first order in c, and exactly so for
+the first contact if its row is taken as measured, the readings change by
 
     d v_ln = c (h . rho_l) [(Z h)_n - rho_ln (Z h)_l]
 
-All rows share the one c: its best value, and the misfit that it removes, follow for every pixel from three products of
-matrices. The place of the largest gain starts the fit of one more (the conditional-gradient step of Denoyelle et al. 2019, "The sliding
-Frank-Wolfe algorithm", whose sliding is the Gauss-Newton fit).
-The first look at a frame has no fit to start from. By Kirchhoff's law a floating electrode draws no current: with rho as
-measured, (Y0 rho_l)_n is what contacts feed into it, - sum_k c_k H_nk (h_k . rho_l), linear in all c at once and local,
-as electrodes held at potentials screen contacts from each other. Pixels are picked in turn and all conductances, not negative,
-solved for each time (orthogonal matching pursuit).
+All rows share the one c: its best value, and the misfit that it removes, follow for every pixel
+from three products of matrices. The place of the largest gain starts the fit of one more (the
+conditional-gradient step of Denoyelle et al. 2019, "The sliding Frank-Wolfe algorithm", whose
+sliding is the Gauss-Newton fit). The first look at a frame has no fit to start from. By Kirchhoff's
+law a floating electrode draws no current: with rho as measured, (Y0 rho_l)_n is what contacts feed
+into it, - sum_k c_k H_nk (h_k . rho_l), linear in all c at once and local, as electrodes held at
+potentials screen contacts from each other. Pixels are picked in turn and all conductances, not
+negative, solved for each time (orthogonal matching pursuit).
 """
 
 from __future__ import annotations
@@ -28,22 +29,21 @@ from tomotactile_ros.grid import Grid
 _PER_PITCH = 4  # pixels to one spacing of the electrodes
 _PIXELS = 24, 60  # along the longer side, at least and at most
 _PICKS = 24  # pixels that a first look takes at the most
-_EXPLAINED = (
-    1e-3  # of the sum of squares that a pick removes at least: what a place between pixels leaves
-)
+# of the sum of squares that a pick removes at least: what a place between pixels leaves
+_EXPLAINED = 1e-3
 _ADJACENT = 2.2  # pixels: those nearer are taken for one contact at first
 _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fitted
 _INEXACT = 0.02  # of a current: pixels stand for contacts that lie between them
 _FILLING = 20  # steps that fill in missing readings from their neighbours
-_PATCH = (
-    0.447  # radius of the disc that acts like a square, in sides: its mean log distance to itself
-)
+# radius of the disc that acts like a square, in sides: its mean log distance to itself
+_PATCH = 0.447
 
 
 class Detector:
     """Gain of one more contact at each pixel.
 
-    pixels : (K, 2) places, m; share : (n, K) H; impedance : (K,) D of a disc as large as a pixel, ohm
+    pixels : (K, 2) places, m; share : (n, K) H; impedance : (K,) D of a disc as large as a pixel,
+        ohm
     """
 
     def __init__(self, operator: SheetOperator):
@@ -75,7 +75,8 @@ class Detector:
         return np.where(best > 0, along * best, 0.0), best
 
     def first_look(self, rows: Rows) -> list[tuple[np.ndarray, float]]:
-        """Place (2,), m, and conductance, S, of contacts that together explain most, strongest first.
+        """Place (2,), m, and conductance, S, of contacts that together explain most, strongest
+        first.
 
         `rows` without what is known of gains and offsets (`Rows.corrected`).
         """
@@ -112,7 +113,8 @@ class Detector:
         return self._gathered(np.array(picked, int), strengths)
 
     def _currents(self, rows: Rows):
-        """(L, n) what contacts must feed into each electrode, S, 0 into the grounded one; and (L, n) rho as measured."""
+        """(L, n) what contacts must feed into each electrode, S, 0 into the grounded one; and
+        (L, n) rho as measured."""
         admittance = self.operator.admittance
         ratio = np.where(rows.weights > 0, 1 - rows.readings, np.nan)
         ground = np.arange(len(ratio)), rows.grounded
@@ -129,7 +131,8 @@ class Detector:
         return currents, ratio
 
     def _metric(self, currents, rows):
-        """(n, n) inverse covariance of the currents: noise of the readings, and a part of themselves."""
+        """(n, n) inverse covariance of the currents: noise of the readings, and a part of
+        themselves."""
         admittance = self.operator.admittance
         noise = 1 / np.median(rows.weights[rows.weights > 0])
         unknown = _INEXACT**2 * (currents**2).mean()

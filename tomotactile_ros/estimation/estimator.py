@@ -1,7 +1,7 @@
 """Frames in, contacts with their uncertainty out.
 
-What is left out, and why, is part of the answer: channels that contradict all others, rows from before a change,
-frames that no contacts explain.
+What is left out, and why, is part of the answer: channels that contradict all others, rows from
+before a change, frames that no contacts explain.
 """
 
 from __future__ import annotations
@@ -29,9 +29,8 @@ from tomotactile_ros.layout import Layout
 
 _KEPT = 4  # operators for sets of electrodes in use
 _SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
-_REFUSED = (
-    60.0  # the same from which on nothing is said; errors of 8 standard deviations everywhere
-)
+# the same from which on nothing is said; errors of 8 standard deviations everywhere
+_REFUSED = 60.0
 _FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
 _LATEST = (24, 12, 6, 3, 2)  # last rows of a frame that are looked at alone where it changes
@@ -44,15 +43,15 @@ _FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
 _TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
-_PLACE_FLOOR = (
-    1.5e-3  # spacings: what the model of electrodes and contacts errs in places, standard deviation
-)
+# spacings: what the model of electrodes and contacts errs in places, standard deviation
+_PLACE_FLOOR = 1.5e-3
 _FORCE_FLOOR = 0.02  # the same of forces, relative
 
 
 @dataclass(frozen=True)
 class Contact:
-    """One contact: place x, y (m), force (N), pressure (Pa), area (m²), radius (m), with uncertainty.
+    """One contact: place x, y (m), force (N), pressure (Pa), area (m²), radius (m), with
+    uncertainty.
 
     conductance : g as a whole, S
     covariance : (4,) of x and y, row by row, m²; force_std : N; radius_std : m
@@ -95,7 +94,8 @@ class Estimate:
 
 @dataclass
 class State:
-    """What lasts from frame to frame: where the last fit ended, its derivatives by the sheet, and of which electrodes."""
+    """What lasts from frame to frame: where the last fit ended, its derivatives by the sheet, and
+    of which electrodes."""
 
     unknowns: Unknowns | None = None
     sheet: SheetColumns | None = None
@@ -140,9 +140,11 @@ class Estimator:
     def estimate(
         self, voltages, grounded, drive_voltage: float, state: State, row_period: float = 0.0
     ) -> Estimate:
-        """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in turn.
+        """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in
+        turn.
 
-        Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of the last row.
+        Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of
+        the last row.
         """
         voltages = np.asarray(voltages, float)
         grounded = np.asarray(grounded, int)
@@ -202,7 +204,8 @@ class Estimator:
         return Estimate(joined(parts), parts, "valid", "", left_out, misfit, first)
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
-        """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known to lie below."""
+        """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
+        to lie below."""
         below = np.zeros(self.layout.electrodes, bool)
         below[list(used)] = prior.offset < 0
         return clipped(voltages) & (below | (voltages > 0))
@@ -214,7 +217,8 @@ class Estimator:
         return self.sensor.prior(operator.used, drive_voltage, prior)
 
     def sensor_of(self, used: tuple[int, ...], drive_voltage: float) -> tuple[SheetOperator, Prior]:
-        """The operator of the electrodes `used`, and what is expected of the sensor before any row."""
+        """The operator of the electrodes `used`, and what is expected of the sensor before any
+        row."""
         operator = self._search(used).operator
         return operator, self._prior(operator, drive_voltage)
 
@@ -239,7 +243,8 @@ class Estimator:
         return rows, grounded[silent & (at >= 0)]
 
     def _fit(self, search: Search, rows: Rows, prior: Prior, start, state, begun) -> tuple[Fit, int]:
-        """The fit of all rows, or of those since the last change where they contradict each other."""
+        """The fit of all rows, or of those since the last change where they contradict each
+        other."""
         count, timed = len(rows.grounded), rows.times is not None
         windows, unlike = _LATEST, _CHANGING * state.misfit
         if timed and begun:  # what has just begun grows: few rows are nearer to one state of motion
@@ -267,11 +272,13 @@ class Estimator:
         return (fit if start is None else _better(fit, search.contacts(rows, prior))), 0
 
     def _moved(self, search: Search, fit: Fit, unlike: float = _CHANGING) -> Fit:
-        """The fit, with contacts that move if it leaves more than `unlike`, chi-squared per reading."""
+        """The fit, with contacts that move if it leaves more than `unlike`, chi-squared per
+        reading."""
         return search.in_motion(fit) if fit.chi_squared > unlike * fit.rows.count else fit
 
     def _rows_that_ask(self, fit: Fit, unlike: float) -> int:
-        """How many of the last rows are to be looked at alone: those that contradict what was there, or are near in place.
+        """How many of the last rows are to be looked at alone: those that contradict what was
+        there, or are near in place.
 
         A row contradicts that leaves more than `unlike`, chi-squared per reading.
         """
@@ -287,7 +294,8 @@ class Estimator:
     def _latest(
         self, search: Search, rows: Rows, prior: Prior, start, windows, budget: int
     ) -> Fit | None:
-        """The fit of the last rows alone, of as many as one state of motion explains; None where that are too few."""
+        """The fit of the last rows alone, of as many as one state of motion explains; None where
+        that are too few."""
         count, best = len(rows.grounded), None
         if start is not None:
             prior = _after_a_frame(prior, start)
@@ -307,7 +315,8 @@ class Estimator:
         return None if best is None or _is_suspect(best) else best
 
     def _without_bad_channels(self, search, fit: Fit, left_out) -> Fit:
-        """Leaves out the channels that contradict all others, one after the other, as long as that helps."""
+        """Leaves out the channels that contradict all others, one after the other, as long as that
+        helps."""
         used = search.operator.used
         for _ in range(_MOST_LEFT_OUT):
             if not _is_suspect(fit):
@@ -415,7 +424,8 @@ def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
 
 
 def joined(parts: list[Contact]) -> list[Contact]:
-    """Contacts from discs: those that touch each other are one, wide or of a free shape; strongest first."""
+    """Contacts from discs: those that touch each other are one, wide or of a free shape; strongest
+    first."""
     if len(parts) < 2:
         return parts
     places = np.array([[each.x, each.y] for each in parts])

@@ -1,8 +1,10 @@
 """What is not known of a sheet: the logarithm of its conductance as a Gaussian random field.
 
-Two lengths: unevenness of the sheet's make, alike over a quarter of a side, and slow changes over half of one. The field is cut into cells of half a spacing, its Karhunen-Loeve modes are those of the largest variance,
-and its mean over the sheet is 0: the mean is part of the calibration, a common factor of all conductances. Two
-coefficients more tell a uniform anisotropy: half the difference of the logarithms along x and y, and along the diagonals.
+Two lengths: unevenness of the sheet's make, alike over a quarter of a side, and slow changes over
+half of one. The field is cut into cells of half a spacing, its Karhunen-Loeve modes are those of
+the largest variance, and its mean over the sheet is 0: the mean is part of the calibration, a
+common factor of all conductances. Two coefficients more tell a uniform anisotropy: half the
+difference of the logarithms along x and y, and along the diagonals.
 """
 
 from __future__ import annotations
@@ -11,9 +13,8 @@ import numpy as np
 
 from tomotactile_ros.layout import Layout
 
-UNEVEN = (
-    0.15  # standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
-)
+# standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
+UNEVEN = 0.15
 ANISOTROPIC = 0.15  # of half the logarithm of the ratio: 1.5 : 1 is 0.2
 _SHORT = 0.6  # part of the variance that is alike over _NEAR only
 _NEAR = 0.25  # longer sides
@@ -28,7 +29,8 @@ class SheetField:
 
     centres : (C, 2) of cells, m; modes : (C, J - 2) value of each mode with variance 1
     deviation : (J,) prior standard deviation of the coefficients
-    owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell begins
+    owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell
+        begins
     """
 
     def __init__(self, layout: Layout, places: np.ndarray, areas: np.ndarray, pitch: float):

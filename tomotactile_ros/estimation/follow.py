@@ -1,11 +1,12 @@
 """Contacts row by row: the recursive form of the estimate, one row after the other.
 
-The belief about contacts and sheet is brought to the time of a row and corrected by its readings: the iterated extended
-Kalman filter of the cost that `solver` minimises (Bell and Cathey 1993). A row that the expected contacts do not
-explain is looked at again: contacts may have moved or changed at once, one or all of them have gone, one has come,
-or one that has just come was somewhere else. Of these the likeliest is believed, -2 ln(likelihood) with the belief
-marginal, and what begins or ends costs in addition what its prior probability says. One that comes must, besides,
-exceed what noise does anywhere on the lattice (`births`).
+The belief about contacts and sheet is brought to the time of a row and corrected by its readings:
+the iterated extended Kalman filter of the cost that `solver` minimises (Bell and Cathey 1993). A
+row that the expected contacts do not explain is looked at again: contacts may have moved or changed
+at once, one or all of them have gone, one has come, or one that has just come was somewhere else.
+Of these the likeliest is believed, -2 ln(likelihood) with the belief marginal, and what begins or
+ends costs in addition what its prior probability says. One that comes must, besides, exceed what
+noise does anywhere on the lattice (`births`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
-from tomotactile_ros.estimation.row_state import PLACE, SPEED, STATE, STRENGTH, Belief, RowState
+from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH, Belief, RowState
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
 _UNEXPLAINED = 1e-6  # the same of a row that nothing explains
@@ -37,7 +38,8 @@ _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 @dataclass(frozen=True)
 class _Fit:
-    """A belief after a row, and how likely the row was: cost -2 ln(likelihood), chi-squared, what is left, its factor."""
+    """A belief after a row, and how likely the row was: cost -2 ln(likelihood), chi-squared, what
+    is left, its factor."""
 
     belief: Belief
     cost: float
@@ -72,7 +74,8 @@ class Follower:
     def follow(self, state: RowState, readings, valid, ground: int, time: float) -> None:
         """Takes a row into `state`.
 
-        readings (n,) parts of V0 of the electrodes in use; valid (n,) bool; ground : the grounded one of them
+        readings (n,) parts of V0 of the electrodes in use; valid (n,) bool; ground : the grounded
+            one of them
         time : s, of the row, not before the one before
         """
         lasts = max(time - state.time, 0.0) if np.isfinite(state.time) else 0.0
@@ -198,7 +201,8 @@ class Follower:
         return replace(best, belief=belief)
 
     def _idle(self, model, prior, readings, valid, ground) -> _Fit:
-        """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing is learned."""
+        """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
+        is learned."""
         row = model.row(np.empty((0, 4)), ground, prior.shift)
         left = np.where(valid, readings - row.readings, 0.0)
         deviation = np.sqrt(np.where(valid, row.variance, _NOT_READ))
@@ -222,7 +226,8 @@ class Follower:
         return out
 
     def _tidied(self, belief: Belief) -> Belief:
-        """Without contacts of which it is no longer known that they conduct, and of which two are one."""
+        """Without contacts of which it is no longer known that they conduct, and of which two are
+        one."""
         for i in reversed(range(belief.count)):
             at = STATE * i + STRENGTH
             if belief.covariance[at, at] > _GONE**-2 and belief.rows[i] > 1:

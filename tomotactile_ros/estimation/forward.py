@@ -1,7 +1,7 @@
 """What the readings should be: the forward model of the estimator, and its derivatives.
 
-Row l of a scan grounds electrode l through the resistance R_l. With Y = Y0 + H C H^T and Z = Y^-1 (equations a
-and b of `reconstruction.grounded`)
+Row l of a scan grounds electrode l through the resistance R_l. With Y = Y0 + H C H^T and Z = Y^-1
+(equations a and b of `reconstruction.grounded`)
 
     v_ln / V0 = a_n (1 - rho_ln) + o_n,     rho_ln = Z_ln / N_l,    N_l = Z_ll + R_l
 
@@ -9,7 +9,8 @@ and any change dY of the admittance changes a row by
 
     d rho_l = -(Z - z_l z_l^T / N_l) dY rho_l,    z_l = Z e_l
 
-the bracket being the impedance with electrode l grounded. All rows at once are two products of matrices.
+the bracket being the impedance with electrode l grounded. All rows at once are two products of
+matrices.
 """
 
 from __future__ import annotations
@@ -29,9 +30,12 @@ RATED = (X, Y, CONDUCTANCE)  # parameters of contacts that may change while rows
 class Unknowns:
     """A point in the space of all that is estimated.
 
-    contacts (k, 6), see `touch`; across: patches to the width of each; free (k, 6) which of them are estimated
-    rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are estimated
-    sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R, ohm
+    contacts (k, 6), see `touch`; across: patches to the width of each; free (k, 6) which of them
+        are estimated
+    rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are
+        estimated
+    sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R,
+        ohm
     """
 
     contacts: np.ndarray
@@ -85,8 +89,8 @@ class Unknowns:
 class Prediction:
     """Readings of the rows `rows` (L,) under `unknowns`; derivatives on demand.
 
-    Where contacts move, `unknowns` hold for the time 0 and rows were read at `times` (L,), s: to first order in the way
-    between the two.
+    Where contacts move, `unknowns` hold for the time 0 and rows were read at `times` (L,), s: to
+    first order in the way between the two.
 
     Attributes
     ----------
@@ -139,11 +143,13 @@ class Prediction:
         damping = np.linalg.inv(mutual)
         strength = weights[:, None] * damping
         self._strength = (strength + strength.T) / 2
-        self._inner = self.share @ damping.T  # what a change of the patches' conductances acts through
+        # what a change of the patches' conductances acts through
+        self._inner = self.share @ damping.T
         self._fed = self.share @ self._strength
 
     def contact_columns(self) -> np.ndarray:
-        """(F, L, n) derivatives of the readings by the contacts' free parameters, in their order, then by rates."""
+        """(F, L, n) derivatives of the readings by the contacts' free parameters, in their order,
+        then by rates."""
         if not len(self.unknowns.free):
             return np.empty((0, *self.ratio.shape))
         return np.concatenate([self._by_contact(self.unknowns.free), self._drifts])
@@ -185,7 +191,8 @@ class Prediction:
         return np.array(changes)
 
     def force_slope(self, i: int, exponent: float) -> np.ndarray:
-        """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c p^exponent.
+        """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c
+        p^exponent.
 
         Force is pressure times area, and the area goes with the square of the radius.
         """
@@ -219,7 +226,8 @@ class Prediction:
         return (inner * (rate * touches.weight[part])) @ inner.T + np.diag(rate * touches.direct[i])
 
     def _columns(self, changes):
-        """(P, L, n) derivatives of the readings by parameters that change Y by `changes` (P, n, n)."""
+        """(P, L, n) derivatives of the readings by parameters that change Y by `changes`
+        (P, n, n)."""
         moved = np.matmul(np.matmul(self.ratio, changes), self.impedance)
         at_ground = moved[:, np.arange(len(self.rows)), self.rows]
         moved -= self.ratio * at_ground[:, :, None]

@@ -1,9 +1,11 @@
-"""What a complete frame tells whoever follows rows: sizes, wide contacts, what was missed or is not there.
+"""What a complete frame tells whoever follows rows: sizes, wide contacts, what was missed or is not
+there.
 
-Rows have told of the sensor and of small contacts what the frame tells, which is the same readings: they keep it,
-unless a resting contact is significantly elsewhere; then the frame is right, which fits all rows at once. It tells
-sizes, contacts that rows missed, and which of theirs are none. Wide contacts and shapes of several discs are not followed:
-rows take them for a part of the sheet until the next frame.
+Rows have told of the sensor and of small contacts what the frame tells, which is the same readings:
+they keep it, unless a resting contact is significantly elsewhere; then the frame is right, which
+fits all rows at once. It tells sizes, contacts that rows missed, and which of theirs are none. Wide
+contacts and shapes of several discs are not followed: rows take them for a part of the sheet until
+the next frame.
 """
 
 from __future__ import annotations
@@ -25,16 +27,19 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
-_TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one shape, as in `estimator`
+# of the sum of two radii: discs nearer to each other are one shape, as in `estimator`
+_TOUCHING = 1.15
 _MOVING = 0.005  # m/s: slower contacts rest, as in `estimator`
-_SAME = 0.6  # spacings between a contact of rows and one of a frame at the same time, as in `tracks`
+# spacings between a contact of rows and one of a frame at the same time, as in `tracks`
+_SAME = 0.6
 _NEW_SPEED = 0.3  # m/s, standard deviation for a contact that rows had missed, as `solver.RATES`
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
 
 def corrected(follower: Follower, state: RowState, fit: Fit, estimate: Estimate, begun: float):
-    """Takes a valid frame, whose first row was read at `begun` s and whose last is that of `state`, into `state`."""
+    """Takes a valid frame, whose first row was read at `begun` s and whose last is that of `state`,
+    into `state`."""
     operator, unknowns = follower.operator, fit.unknowns
     lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
     seen = unknowns.after(lasts)
@@ -62,7 +67,8 @@ def corrected(follower: Follower, state: RowState, fit: Fit, estimate: Estimate,
 
 
 def _agreed(belief: Belief, which: int, mean, covariance, sizes) -> Belief:
-    """The contact `which` of rows with the size that the frame found, and with its place where they contradict."""
+    """The contact `which` of rows with the size that the frame found, and with its place where they
+    contradict."""
     at = slice(STATE * which, STATE * which + STATE)
     change = (mean - belief.mean[at])[:2]
     own = belief.covariance[at, at]
@@ -105,7 +111,8 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
 
 
 def _covariance(fit: Fit, which: int, misfit: float):
-    """Variance of ln a, and (5, 5) covariance of x, y, nothing of the velocity, ln c of a contact of a fit."""
+    """Variance of ln a, and (5, 5) covariance of x, y, nothing of the velocity, ln c of a contact
+    of a fit."""
     free = fit.unknowns.free
     first = int(np.count_nonzero(free[:which]))
     index = {int(each): first + k for k, each in enumerate(np.flatnonzero(free[which]))}

@@ -1,18 +1,19 @@
 """The sheet as the electrodes see it, for contacts anywhere and for a sheet that is not quite even.
 
-All electrodes held at potentials u against the driving layer draw the currents Y u. Without contacts Y is
-Y0; contacts add H (diag(1/g) + D)^-1 H^T (`reconstruction.grounded`, equation b). Y0 is the
-Dirichlet-to-Neumann map of the sheet at its electrodes, H holds the potentials of the sheet with one
-electrode at 1 V and all others at 0 V, D the Green function with all electrodes at 0 V.
+All electrodes held at potentials u against the driving layer draw the currents Y u. Without
+contacts Y is Y0; contacts add H (diag(1/g) + D)^-1 H^T (`reconstruction.grounded`, equation b). Y0
+is the Dirichlet-to-Neumann map of the sheet at its electrodes, H holds the potentials of the sheet
+with one electrode at 1 V and all others at 0 V, D the Green function with all electrodes at 0 V.
 
 A sheet whose conductance is sigma exp(m(x)) instead of sigma changes them by (first order in m)
 
     dY0_nk = int sigma m grad H_n . grad H_k,     dH_n(x) = - int sigma m grad D_x . grad H_n
 
-and D near x by the factor exp(-m(x)). For pairs of electrodes that see each other the first is taken as a
-change of the logarithm, which is right to second order for a field that varies slowly between them. A uniform
-anisotropy exchanges m grad . grad for the difference of the parts along and across (Polydorides and Lionheart
-2002 derive such sensitivities for electrical impedance tomography).
+and D near x by the factor exp(-m(x)). For pairs of electrodes that see each other the first is
+taken as a change of the logarithm, which is right to second order for a field that varies slowly
+between them. A uniform anisotropy exchanges m grad . grad for the difference of the parts along and
+across (Polydorides and Lionheart 2002 derive such sensitivities for electrical impedance
+tomography).
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
 
-_SEEN = (
-    2e-3  # couplings above this part of the largest admittance change by a factor, others by a sum
-)
+# couplings above this part of the largest admittance change by a factor, others by a sum
+_SEEN = 2e-3
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
-_SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing: electrodes take all
+# spacings between contacts beyond which D between them is nothing: electrodes take all
+_SCREENED = 2.0
 
 
 class SheetOperator:
@@ -66,7 +67,8 @@ class SheetOperator:
         self._uneven()
 
     def points(self, places: np.ndarray, radii: np.ndarray):
-        """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places` (Q, 2)."""
+        """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places`
+        (Q, 2)."""
         transfer = self.sheet.transfer(places, radii)
         fed = np.vstack([transfer.electrode_point[self.used], np.ones(len(places))])
         solved = self._inverse @ fed
@@ -74,7 +76,8 @@ class SheetOperator:
         return solved[:-1], own
 
     def placed(self, places: np.ndarray):
-        """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest` says; (P,) which were on one."""
+        """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest`
+        says; (P,) which were on one."""
         layout = self.layout
         half = np.array(layout.outline.size) / 2
         places = np.clip(places, -half, half)
@@ -100,11 +103,13 @@ class SheetOperator:
         return _balanced(self._factor * now + self._term)
 
     def share_change(self, around: Around, fed: np.ndarray) -> np.ndarray:
-        """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's coefficients."""
+        """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's
+        coefficients."""
         return np.matmul(fed @ around.weights, self._share_change[:, around.nodes])
 
     def share_added(self, sheet: np.ndarray, around: Around):
-        """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes, 1/m."""
+        """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes,
+        1/m."""
         near = self._share_change[:, around.nodes]
         added = (sheet @ near.reshape(len(sheet), -1)).reshape(near.shape[1:]).T
         return added @ around.weights.T, np.matmul(added, around.slopes.transpose(0, 2, 1))
@@ -206,7 +211,8 @@ class Patches:
 
     Parameters
     ----------
-    places (P, 2), radii (P,), m; parts: slices of the patches of each contact; forms (k, 3) their centres, m, and ln a
+    places (P, 2), radii (P,), m; parts: slices of the patches of each contact; forms (k, 3) their
+        centres, m, and ln a
     sheet (J,) coefficients of the field
 
     Attributes
@@ -250,18 +256,21 @@ class Patches:
             )
 
     def impedance_slope(self, part: slice, near: np.ndarray) -> np.ndarray:
-        """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`, ohm/m."""
+        """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
+        ohm/m."""
         out = self._operator.mutual.slope(self._places[part], self._places[near])
         out -= np.matmul(self._steep[:, part], self._solved[:, near])
         return out * self._factor[part, None] * self._factor[near]
 
     def half_per_log(self, part: slice) -> np.ndarray:
-        """(p,) half of what D of a patch with itself loses as its radius grows by its logarithm, ohm."""
+        """(p,) half of what D of a patch with itself loses as its radius grows by its logarithm,
+        ohm."""
         return self._operator.resistance / (4 * np.pi) * self._factor[part] ** 2
 
 
 def _groups(forms: np.ndarray, reach: float) -> np.ndarray:
-    """(k,) number of the group of each of `forms` (k, 3), see `Patches`: contacts no more than `reach`, m, from another."""
+    """(k,) number of the group of each of `forms` (k, 3), see `Patches`: contacts no more than
+    `reach`, m, from another."""
     apart = np.hypot(*(forms[:, None, :2] - forms[:, :2]).transpose(2, 0, 1))
     radii = np.exp(forms[:, 2])
     linked = apart - np.add.outer(radii, radii) < reach

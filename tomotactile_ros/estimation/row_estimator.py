@@ -1,7 +1,8 @@
-"""Rows in, contacts out, one estimate a row: the follower between frames, the estimator once a frame.
+"""Rows in, contacts out, one estimate a row: the follower between frames, the estimator once a
+frame.
 
-Nothing about a scan needs to be complete or in order: rows are followed as they come, and whenever as many have come as
-there are electrodes, they are a frame.
+Nothing about a scan needs to be complete or in order: rows are followed as they come, and whenever
+as many have come as there are electrodes, they are a frame.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from tomotactile_ros.estimation.estimator import (
     _FORCE_FLOOR,
     _PLACE_FLOOR,
     Contact,
-    Estimate,
     Estimator,
     State,
 )
@@ -25,7 +25,8 @@ from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 _CLOSE = 1.5  # spacings: nearer contacts may be one wide one, as `search._CLOSE`
-_SIMILAR = 0.04  # spacings, and of ln a in tenths: within, the mean D of a contact stays, as `solver._SIMILAR`
+# spacings, and of ln a in tenths: within, the mean D of a contact stays, as `solver._SIMILAR`
+_SIMILAR = 0.04
 
 
 @dataclass
@@ -52,7 +53,8 @@ class RowsState:
 
 @dataclass(frozen=True)
 class Followed:
-    """What is known after a row: contacts, strongest first, each with its number and the time since it began, s."""
+    """What is known after a row: contacts, strongest first, each with its number and the time since
+    it began, s."""
 
     contacts: list[tuple[int, float, Contact]]
     state: str = "valid"

@@ -1,14 +1,19 @@
-"""One row as contacts that are small against the spacing make it, and its derivatives, fast enough for every row.
+"""One row as contacts that are small against the spacing make it, and its derivatives, fast enough
+for every row.
 
-The forward model is that of `forward` with one patch to a contact. With Zb the impedance of sheet and wide contacts, H
-the shares of the small ones, C^-1 = diag(1/c) + D (0 on the diagonal, as c includes it), and electrode l grounded through R_l
+The forward model is that of `forward` with one patch to a contact. With Zb the impedance of sheet
+and wide contacts, H the shares of the small ones, C^-1 = diag(1/c) + D (0 on the diagonal, as c
+includes it), and electrode l grounded through R_l
 
     z = Zb e_l - Q A^-1 Q_l,     Q = Zb H,    A = C^-1 + H^T Q         (Woodbury)
-    rho = z / N,   N = z_l + R_l,   v = a (1 - rho) + o,   dv = a M dY rho,   M = Zb - Q A^-1 Q^T - z z^T / N
+    rho = z / N,   N = z_l + R_l,   v = a (1 - rho) + o,   dv = a M dY rho,   M = Zb - Q A^-1 Q^T -
+    z z^T / N
 
-Without wide contacts the sheet floats, Y0 1 = 0, and Zb is infinite along 1. Any generalised inverse then serves as Zb if M and z
-are given what a potential of all electrodes adds, p p^T / s with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb with as many columns as there are unknowns. The share of a disc in an electrode is
-that of its centre but for the logarithm of their distance, which is averaged over the disc where it reaches the electrode.
+Without wide contacts the sheet floats, Y0 1 = 0, and Zb is infinite along 1. Any generalised
+inverse then serves as Zb if M and z are given what a potential of all electrodes adds, p p^T / s
+with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb with as many columns
+as there are unknowns. The share of a disc in an electrode is that of its centre but for the
+logarithm of their distance, which is averaged over the disc where it reaches the electrode.
 """
 
 from __future__ import annotations
@@ -21,7 +26,8 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Prior
 
-INEXACT = 0.01  # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
+# of a reading: what elements, electrodes and one patch to a contact err, standard deviation
+INEXACT = 0.01
 SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing, as in `operator`
 
 
@@ -46,7 +52,8 @@ class Known:
 
     @property
     def shift_deviation(self) -> np.ndarray:
-        """(J + n,) of what is estimated of the sensor beside contacts: the sheet's coefficients, and gains."""
+        """(J + n,) of what is estimated of the sensor beside contacts: the sheet's coefficients,
+        and gains."""
         return np.concatenate([self.sheet_deviation, self.deviations[0]])
 
     @classmethod
@@ -63,7 +70,8 @@ class Known:
         )
 
     def moved(self, shift: np.ndarray, wide: Unknowns | None) -> Known:
-        """The same sensor with `shift` (J + n,) added to the sheet's coefficients and to gains, and what is wide."""
+        """The same sensor with `shift` (J + n,) added to the sheet's coefficients and to gains, and
+        what is wide."""
         modes = len(self.sheet)
         sheet, gain = self.sheet + shift[:modes], self.gain + shift[modes:]
         return replace(self, sheet=sheet, gain=gain, wide=wide)
@@ -73,10 +81,13 @@ class Known:
 class Row:
     """A row as predicted.
 
-    readings (n,) parts of V0; by_contact (n, 3 k) derivatives by x, y, ln c of each contact; by_sheet (n, J)
+    readings (n,) parts of V0; by_contact (n, 3 k) derivatives by x, y, ln c of each contact;
+        by_sheet (n, J)
     driven (n,) 1 - rho, derivatives by gains
-    variance (n,) of what is not known of single readings; common (n,) standard deviation that all share (R_l)
-    ratio (n,) rho; own : N, ohm; z (n,), solved (n, k) Q, inner (k, k) A^-1, lifted (n,) p / s^(1/2): see the module
+    variance (n,) of what is not known of single readings; common (n,) standard deviation that all
+        share (R_l)
+    ratio (n,) rho; own : N, ohm; z (n,), solved (n, k) Q, inner (k, k) A^-1, lifted (n,) p /
+        s^(1/2): see the module
     """
 
     readings: np.ndarray
@@ -113,7 +124,8 @@ class RowModel:
         self._inverse = operator.bordered[:-1]
 
     def shares(self, places: np.ndarray, radii: np.ndarray):
-        """H (n, k) of discs, its slopes (2, n, k), 1/m, and the stencil of `operator.lattice` at their places."""
+        """H (n, k) of discs, its slopes (2, n, k), 1/m, and the stencil of `operator.lattice` at
+        their places."""
         inverse = self._inverse
         potentials, steep = self.operator.potentials(places, radii)
         share = inverse[:, :-1] @ potentials.T + inverse[:, -1:]
@@ -203,7 +215,8 @@ class RowModel:
         )
 
     def mutual(self, contacts: np.ndarray) -> np.ndarray:
-        """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen them."""
+        """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
+        them."""
         count = len(contacts)
         out = np.zeros((count, count))
         apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))

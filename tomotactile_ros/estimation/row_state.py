@@ -1,4 +1,5 @@
-"""What is known of the contacts between one row and the next: their means, their covariance, their numbers."""
+"""What is known of the contacts between one row and the next: their means, their covariance, their
+numbers."""
 
 from __future__ import annotations
 
@@ -17,10 +18,12 @@ _PRESSING = 0.08  # of ln c in a millisecond's root: 10 /s over a frame of 64 ro
 
 @dataclass(frozen=True)
 class Belief:
-    """Gaussian belief of k contacts and of S numbers of the sensor: the sheet's coefficients, gains.
+    """Gaussian belief of k contacts and of S numbers of the sensor: the sheet's coefficients,
+    gains.
 
-    mean (5 k + S,), covariance (5 k + S, 5 k + S) : contacts first, then the sensor's shift from what is known
-    sizes (k, 2) ln a and its variance; numbers (k,) that stay; begun (k,) s; rows (k,) read since
+    mean (5 k + S,), covariance (5 k + S, 5 k + S) : contacts first, then the sensor's shift from
+    what is known sizes (k, 2) ln a and its variance; numbers (k,) that stay; begun (k,) s; rows
+    (k,) read since
     """
 
     mean: np.ndarray
@@ -48,10 +51,11 @@ class Belief:
         return np.column_stack([each[:, PLACE], each[:, STRENGTH], self.sizes[:, 0]])
 
     def later(self, lasts: float, deviation: np.ndarray) -> Belief:
-        """What is expected `lasts` s later: contacts go on, with an acceleration of which only the size is known.
+        """What is expected `lasts` s later: contacts go on, with an acceleration of which only the
+        size is known.
 
-        The sensor slowly becomes as unknown as before, standard deviation `deviation` (S,): what the model lacks makes
-        rows less independent than they are taken for.
+        The sensor slowly becomes as unknown as before, standard deviation `deviation` (S,): what
+        the model lacks makes rows less independent than they are taken for.
         """
         if not self.count or lasts <= 0:
             return self
@@ -102,7 +106,8 @@ class Belief:
         )
 
     def with_contact(self, mean, variances, size, number: int, begun: float) -> Belief:
-        """One contact more, `mean` (5,) with the covariance `variances` (5,) or (5, 5); `size` as in `sizes`."""
+        """One contact more, `mean` (5,) with the covariance `variances` (5,) or (5, 5); `size` as
+        in `sizes`."""
         at = STATE * self.count
         total = len(self.mean) + STATE
         old = np.r_[0:at, at + STATE : total]
@@ -124,9 +129,11 @@ class Belief:
 class RowState:
     """All that lasts from row to row; a new one begins anew.
 
-    time : s, of the last row; last : highest number given; unexplained : rows in a row that no contacts explain
+    time : s, of the last row; last : highest number given; unexplained : rows in a row that no
+        contacts explain
     model : `RowModel` of the sensor as known; sums : of the matched filter
-    wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed them
+    wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed
+        them
     """
 
     belief: Belief | None = None

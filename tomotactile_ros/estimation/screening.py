@@ -1,6 +1,8 @@
-"""Channels that no model explains: nothing read, a reading that never changes, a switch that never closes.
+"""Channels that no model explains: nothing read, a reading that never changes, a switch that never
+closes.
 
-Only what a row or a column shows by itself is judged here; what contradicts the others shows in the misfit of the fit.
+Only what a row or a column shows by itself is judged here; what contradicts the others shows in the
+misfit of the fit.
 """
 
 from __future__ import annotations
@@ -11,11 +13,13 @@ _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at t
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
-_OPEN = 0.25  # of the largest share of the drive voltage that is typically left at an electrode in a row
+# of the largest share of the drive voltage that is typically left at an electrode in a row
+_OPEN = 0.25
 
 
 def dead_channels(valid: np.ndarray) -> np.ndarray:
-    """(E,) channels with less than half of their readings; valid (L, E), the grounded electrode's own entries counted as read."""
+    """(E,) channels with less than half of their readings; valid (L, E), the grounded electrode's
+    own entries counted as read."""
     return np.count_nonzero(valid, axis=0) < len(valid) / 2
 
 
@@ -43,9 +47,11 @@ def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarra
 
 
 def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:
-    """Number of the first row from which on the sheet is touched all the time, or untouched all the time.
+    """Number of the first row from which on the sheet is touched all the time, or untouched all the
+    time.
 
-    left (L, E) drive voltage minus reading, in parts of the drive voltage, as `noise` is. Untouched, nothing drives the
+    left (L, E) drive voltage minus reading, in parts of the drive voltage, as `noise` is.
+        Untouched, nothing drives the
     sheet, and all that is read is offsets.
     """
     counts = np.maximum(np.count_nonzero(valid, axis=1), 1)
@@ -58,8 +64,8 @@ def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:
 def clipped(voltages: np.ndarray) -> np.ndarray:
     """Which of the voltages (..., L, E), V, are at an end of the converter's range.
 
-    The lower end is 0 V where nothing is negative. The upper one is the highest value if it is far more frequent
-    than the next one: noise would spread it.
+    The lower end is 0 V where nothing is negative. The upper one is the highest value if it is far
+    more frequent than the next one: noise would spread it.
     """
     valid = voltages[np.isfinite(voltages)]
     out = np.zeros(voltages.shape, bool)

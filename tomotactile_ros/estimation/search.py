@@ -1,10 +1,11 @@
 """Contacts one by one, each as long as the readings ask for it.
 
-The matched filter says where one more contact would explain most; the fit then moves all of them. A contact is there
-if it lowers the cost (minus twice the logarithm of the posterior) by more than noise does anywhere on the sheet
-but with the stated probability, a chi-squared test with its four parameters for as many places as can be told apart
-(Wilks 1938; look-elsewhere by Bonferroni). What the model cannot explain is no white noise: readings of one electrode err
-together, so the threshold grows with the excess of chi-squared for each electrode (`Fit.doubt`).
+The matched filter says where one more contact would explain most; the fit then moves all of them. A
+contact is there if it lowers the cost (minus twice the logarithm of the posterior) by more than
+noise does anywhere on the sheet but with the stated probability, a chi-squared test with its four
+parameters for as many places as can be told apart (Wilks 1938; look-elsewhere by Bonferroni). What
+the model cannot explain is no white noise: readings of one electrode err together, so the threshold
+grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from cont
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
-_LONG = 0.3  # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
+# half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
+_LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 _GOOD = 1.05  # chi-squared per reading of a fit that is not tried with more contacts at first
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
@@ -40,7 +42,8 @@ _POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to b
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
-BUDGET = 12000  # Gauss-Newton steps times patches for one frame: what no few discs explain is given up
+# Gauss-Newton steps times patches for one frame: what no few discs explain is given up
+BUDGET = 12000
 
 
 class Search:
@@ -65,7 +68,8 @@ class Search:
         """The fit with as many contacts as the readings ask for, from those of `start` on.
 
         sheet : derivatives by the sheet that an earlier fit ended with, or None
-        refused : what one more contact promised when an earlier fit ended; it was tried then, and is not again
+        refused : what one more contact promised when an earlier fit ended; it was tried then, and
+            is not again
         """
         operator, self._left, self._sheet = self.operator, budget, sheet
         self._refused = refused
@@ -99,14 +103,16 @@ class Search:
         return more if more.cost < found.cost - self._threshold * more.doubt else found
 
     def in_motion(self, fit: Fit) -> Fit:
-        """The same or a fit of contacts that move while the rows are read, if the readings ask for it."""
+        """The same or a fit of contacts that move while the rows are read, if the readings ask for
+        it."""
         if fit.rows.times is None or not len(fit.unknowns.contacts):
             return fit
         tried = self._solve(fit.unknowns.in_motion(), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
     def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
-        """The best fit from `start` of the rows that `like` is a fit of; given up where `goal` seems out of reach."""
+        """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
+        seems out of reach."""
         if like.prior.learned and len(start.contacts):
             start = self._settled(start, like)
         fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal)
@@ -124,7 +130,8 @@ class Search:
         return wanted if wanted > before or wanted < before - 2 else before
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
-        """Contacts from `start` on, also from other sizes, with the sensor held as it was learned."""
+        """Contacts from `start` on, also from other sizes, with the sensor held as it was
+        learned."""
         held, best = like.prior.held(), None
         for factor in (None, *_SIZES):
             contacts, across = start.contacts.copy(), start.across
@@ -142,7 +149,8 @@ class Search:
         return best.unknowns
 
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
-        """The fit without contacts, where offsets of the channels may be all there is, and are; else None."""
+        """The fit without contacts, where offsets of the channels may be all there is, and are;
+        else None."""
         largest = (_OFFSETS * prior.deviations[1]) ** 2
         squares = (rows.weights * (rows.readings - prior.offset) ** 2).sum()
         if squares > (rows.weights * largest).sum() + 2.0 * rows.count:
@@ -183,14 +191,16 @@ class Search:
         return found
 
     def _likelier(self, fewer: Fit | None, more: Fit) -> Fit:
-        """Of two fits the one with more contacts only if it is so much better as each of them must be."""
+        """Of two fits the one with more contacts only if it is so much better as each of them must
+        be."""
         if fewer is None:
             return more
         extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
     def _split(self, fit: Fit) -> Fit:
-        """The same or a fit with two discs in the place of each long contact: two fingers side by side are no rod."""
+        """The same or a fit with two discs in the place of each long contact: two fingers side by
+        side are no rod."""
         for which in range(len(fit.unknowns.contacts)):
             contact = fit.unknowns.contacts[which]
             long = float(np.hypot(*contact[STRETCH:]))
@@ -218,12 +228,14 @@ class Search:
         return unknowns
 
     def _clusters(self, contacts: np.ndarray) -> np.ndarray:
-        """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6), two at least, is in."""
+        """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6),
+        two at least, is in."""
         tree = linkage(contacts[:, :2], "single")
         return fcluster(tree, _CLOSE * self.operator.pitch, "distance")
 
     def _next(self, fit: Fit):
-        """Place (2,), m, and conductance, S, of the contact that would explain most beside those of a fit; None, 0 if noise may."""
+        """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
+        a fit; None, 0 if noise may."""
         gains, strengths = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)
@@ -255,7 +267,8 @@ class Search:
         return self._other_sizes(found, len(found.unknowns.contacts) - 1)
 
     def _other_sizes(self, fit: Fit, which: int) -> Fit:
-        """The same or a better fit that starts with contact `which` smaller or larger, if this one explains too little."""
+        """The same or a better fit that starts with contact `which` smaller or larger, if this one
+        explains too little."""
         for factor in _RADII:
             if fit.chi_squared < _MISFIT * fit.rows.count or self._left <= 0:
                 break
@@ -287,7 +300,8 @@ class Search:
         )
 
     def _simplified(self, fit: Fit) -> Fit:
-        """As few contacts as explain the readings as well: those near each other as one, then each left to its neighbour."""
+        """As few contacts as explain the readings as well: those near each other as one, then each
+        left to its neighbour."""
         fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1 and self._left > 0:
@@ -327,7 +341,8 @@ class Search:
         return fit
 
     def _may_go(self, contacts, which) -> bool:
-        """Whether a contact is so weak, or so near a stronger one, that it may be none of its own."""
+        """Whether a contact is so weak, or so near a stronger one, that it may be none of its
+        own."""
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
@@ -346,7 +361,8 @@ class Search:
 
 
 def overlaps(contacts: np.ndarray, which: int) -> bool:
-    """Whether a contact and another one lie on each other, so that they are one thing that presses."""
+    """Whether a contact and another one lie on each other, so that they are one thing that
+    presses."""
     others = np.delete(contacts, which, axis=0)
     apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T)
     reach = np.exp(np.maximum(others[:, RADIUS], contacts[which, RADIUS]))
@@ -368,7 +384,8 @@ def merged(unknowns: Unknowns, which: int) -> Unknowns:
 
 
 def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
-    """The same with one contact in the place of those `which` (m,): as strong as all of them, an ellipse of their moments."""
+    """The same with one contact in the place of those `which` (m,): as strong as all of them, an
+    ellipse of their moments."""
     contacts = unknowns.contacts[which]
     strengths = np.exp(contacts[:, CONDUCTANCE])
     share = strengths / strengths.sum()

@@ -1,7 +1,9 @@
-"""The one solver: maximum a posteriori of contacts, sheet and channels by Gauss-Newton with Levenberg's damping.
+"""The one solver: maximum a posteriori of contacts, sheet and channels by Gauss-Newton with
+Levenberg's damping.
 
-Minimises the sum of ((reading - prediction) / noise)^2 and of what the priors take for each unknown (Tarantola 2005,
-chapter 3). Channels are eliminated first; the damping acts on contacts alone, the rest is nearly linear.
+Minimises the sum of ((reading - prediction) / noise)^2 and of what the priors take for each unknown
+(Tarantola 2005, chapter 3). Channels are eliminated first; the damping acts on contacts alone, the
+rest is nearly linear.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
-_CONVERGED = 0.05  # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
+# of the cost, which is in units of the noise: a twentieth of one standard deviation squared
+_CONVERGED = 0.05
 STEPS = 12  # at most, from one start
 _TRIES = 6  # of damping in one step
 _FEW_TRIES, _LITTLE = (
@@ -32,16 +35,19 @@ RATES = (
     0.3,
     10.0,
 )  # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
-_SIMILAR = 0.04  # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
+# spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
+_SIMILAR = 0.04
 
 
 @dataclass(frozen=True)
 class Rows:
     """What was read: L rows of the n electrodes in use.
 
-    readings (L, n) in parts of V0; weights (L, n) one over the variance of the noise, 0 where nothing was read
+    readings (L, n) in parts of V0; weights (L, n) one over the variance of the noise, 0 where
+        nothing was read
     grounded (L,) electrode in use that is grounded in each row
-    times (L,) s, of each row against the time for which contacts are estimated; None where all were read at once
+    times (L,) s, of each row against the time for which contacts are estimated; None where all were
+        read at once
     """
 
     readings: np.ndarray
@@ -55,7 +61,8 @@ class Rows:
         return int(np.count_nonzero(self.weights))
 
     def corrected(self, channels) -> Rows:
-        """What channels without gains and offsets would have read; `channels` has both: `Prior`, `Unknowns`."""
+        """What channels without gains and offsets would have read; `channels` has both: `Prior`,
+        `Unknowns`."""
         read = (self.readings - channels.offset) / channels.gain
         return replace(self, readings=np.where(self.weights > 0, read, 0.0))
 
@@ -75,8 +82,10 @@ class Prior:
     stretch : standard deviation of p and q of a contact that is no disc
     rates : (3,) of how fast x and y change, m/s, and ln c, 1/s
     sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
-    gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation of each of them
-    learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is only trimmed
+    gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation
+        of each of them
+    learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is
+        only trimmed
     """
 
     radius: float
@@ -127,11 +136,13 @@ class Fit:
 
     Attributes
     ----------
-    unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost with the priors
-    covariance (F, F) of the contacts' free parameters, all else marginal, and the number of
+    unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost
+    with the priors covariance (F, F) of the contacts' free parameters, all else marginal, and the
+    number of
         steps that led here; None and 0 before `solve`
     sheet : the last derivatives by the sheet, None before `solve`
-    promised : what one more contact would take off the cost to first order, as far as that was asked
+    promised : what one more contact would take off the cost to first order, as far as that was
+        asked
     """
 
     def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior):
@@ -156,9 +167,11 @@ class Fit:
 
     @property
     def doubt(self) -> float:
-        """What a significant change of the cost is to be multiplied with: 1 where noise explains the misfit.
+        """What a significant change of the cost is to be multiplied with: 1 where noise explains
+        the misfit.
 
-        What the model lacks makes all readings of an electrode err together; its excess counts once for each.
+        What the model lacks makes all readings of an electrode err together; its excess counts once
+        for each.
         """
         excess = self.chi_squared - self.rows.count
         return 1.0 + max(excess, 0.0) / self.operator.count
@@ -168,7 +181,8 @@ class Fit:
 
 
 class SheetColumns:
-    """Derivatives of the readings by the sheet's coefficients, (J, L n), and their normal matrix (J, J), at a fit.
+    """Derivatives of the readings by the sheet's coefficients, (J, L n), and their normal matrix
+    (J, J), at a fit.
 
     They change slowly with the contacts, and only how fast the solver converges depends on them.
     """
@@ -235,7 +249,8 @@ class Linear:
         self.right = right - self.channels.right
 
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the priors add to the diagonal of the normal matrix and to its right side, channels aside."""
+        """What the priors add to the diagonal of the normal matrix and to its right side, channels
+        aside."""
         u, prior = self.fit.unknowns, self.fit.prior
         curvature = np.zeros(u.contacts.shape)
         pull = np.zeros(u.contacts.shape)
@@ -255,7 +270,8 @@ class Linear:
         )
 
     def step(self, damping: float) -> Unknowns:
-        """Where the damped step leads; `promised` is then how much the cost should fall by the linear model."""
+        """Where the damped step leads; `promised` is then how much the cost should fall by the
+        linear model."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaled = self.normal * scale[:, None] * scale
         damped = scaled.copy()
@@ -353,7 +369,8 @@ def _channels(each):
 
 
 def _smallest(operator) -> float:
-    """Radius of the smallest contact, m: a fiftieth of the spacing, where nothing tells it from a point."""
+    """Radius of the smallest contact, m: a fiftieth of the spacing, where nothing tells it from a
+    point."""
     return operator.pitch / 50
 
 

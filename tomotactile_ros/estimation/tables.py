@@ -1,8 +1,9 @@
 """Potentials of the electrodes at any place with their slopes, read off a lattice.
 
-The Green function of the sheet between an electrode and a place falls with the logarithm of their distance, which is
-taken off before and added again after; what is left changes slowly and is interpolated by cubic convolution
-(Keys 1981), to 1e-3 of a volt per volt within a millimetre of an electrode and far less elsewhere.
+The Green function of the sheet between an electrode and a place falls with the logarithm of their
+distance, which is taken off before and added again after; what is left changes slowly and is
+interpolated by cubic convolution (Keys 1981), to 1e-3 of a volt per volt within a millimetre of an
+electrode and far less elsewhere.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from tomotactile_ros.sheet.green import FAR, softened
 _PER_PITCH = 10  # points of the lattice along one spacing
 _POINTS = 41, 131  # along the longer side, at least and at most
 _BEYOND = 1.6  # radii from the centre of an electrode: nearer, its rim is not a few charges
-RIM = 1.001  # radii from the centre of an electrode: patches on it are moved here and have no weight
+# radii from the centre of an electrode: patches on it are moved here and have no weight
+RIM = 1.001
 _NEAR_RIM = 0.3  # spacings from a rim within which derivatives know of images in it
 _TINY = 1e-15  # m²: a patch does not push itself
 _CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
@@ -36,7 +38,8 @@ class Lattice:
         self.points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
     def stencil(self, places: np.ndarray):
-        """Points (Q, 16) around `places` (Q, 2), their weights (Q, 16), and of the slopes (2, Q, 16), 1/m."""
+        """Points (Q, 16) around `places` (Q, 2), their weights (Q, 16), and of the slopes
+        (2, Q, 16), 1/m."""
         at = (places - self._start) / self.step
         low = np.clip(np.floor(at).astype(int), 1, self._counts - 3)
         part = np.clip(at - low, 0.0, 1.0)
@@ -52,7 +55,8 @@ class Lattice:
 
 
 class Around:
-    """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes (2, Q, m), 1/m."""
+    """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes
+    (2, Q, m), 1/m."""
 
     def __init__(self, lattice: Lattice, places: np.ndarray):
         points, weights, slopes = lattice.stencil(places)
@@ -68,7 +72,8 @@ class Around:
 
 
 def _convolution(part: np.ndarray):
-    """Weights (Q, 2, 4) of four neighbours for the positions `part` (Q, 2) between the middle two, and their slopes."""
+    """Weights (Q, 2, 4) of four neighbours for the positions `part` (Q, 2) between the middle two,
+    and their slopes."""
     t = part[..., None]
     powers = np.concatenate([np.ones_like(t), t, t**2, t**3], axis=-1)
     slopes = np.concatenate([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=-1)
@@ -79,7 +84,8 @@ _KEYS = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) 
 
 
 def mirrored(points: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """`points` (K, 2) beyond the rim of a rectangle of half sides `half`, mirrored in it as potentials are."""
+    """`points` (K, 2) beyond the rim of a rectangle of half sides `half`, mirrored in it as
+    potentials are."""
     beyond = np.maximum(np.abs(points) - half, 0.0)
     return np.sign(points) * (np.minimum(np.abs(points), half) - beyond)
 
@@ -104,7 +110,8 @@ class PotentialTable:
         self._values = values - self._logarithm(self.lattice.points)[0]
 
     def _logarithm(self, places):
-        """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared distance."""
+        """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared
+        distance."""
         apart = places[:, None] - self._centres
         squared = np.einsum("qnd,qnd->qn", apart, apart)
         squared = np.maximum(squared, self._radius**2)
@@ -113,9 +120,9 @@ class PotentialTable:
     def __call__(self, places: np.ndarray, radii: np.ndarray | None = None, stencil=None):
         """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m.
 
-        With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but where a disc
-        reaches an electrode, a ring: there the logarithm is averaged over the disc and the ring.
-        `stencil` : of `lattice` around the places, where it is known.
+        With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but
+        where a disc reaches an electrode, a ring: there the logarithm is averaged over the disc and
+        the ring. `stencil` : of `lattice` around the places, where it is known.
         """
         points, weights, slopes = stencil or self.lattice.stencil(places)
         around = self._values[points]
@@ -129,7 +136,8 @@ class PotentialTable:
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
 
     def _averaged(self, apart, radii, values, rate):
-        """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart` (Q, n, 2)."""
+        """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart`
+        (Q, n, 2)."""
         squared = np.einsum("qnd,qnd->qn", apart, apart)
         wide = np.maximum(radii, self._radius)
         at, which = np.nonzero(squared < (radii + self._radius)[:, None] ** 2)
@@ -140,7 +148,8 @@ class PotentialTable:
         inside = np.minimum(distance / wide, 1.0)
         mean = np.log(np.maximum(distance, wide)) - (1 - inside**2) / 2
         slope = np.where(inside < 1, distance / wide**2, 1 / distance)
-        # the mean over the narrower one: a quarter of its radius squared times the Laplacian, as far as that is within
+        # the mean over the narrower one: a quarter of its radius squared times the Laplacian, as
+        # far as that is within
         part = np.clip((wide + narrow - distance) / (2 * narrow), 0.0, 1.0)
         share = part**2 * (3 - 2 * part)
         mean += narrow**2 / (2 * wide**2) * share
@@ -154,10 +163,11 @@ class PotentialTable:
 class MutualTable:
     """G between any two places, ohm, for patches of contacts.
 
-    Taken apart into the logarithm of the distance, that to mirror images beyond a near rim included; the charges that it
-    induces on floating electrodes close by (circle theorem); a part that is smooth over the whole sheet, known on a
-    coarse lattice on both sides; and what electrodes farther away and rims of other outlines add, which is known
-    for a patch with itself and taken as the mean of two for others of the same contact.
+    Taken apart into the logarithm of the distance, that to mirror images beyond a near rim
+    included; the charges that it induces on floating electrodes close by (circle theorem); a part
+    that is smooth over the whole sheet, known on a coarse lattice on both sides; and what
+    electrodes farther away and rims of other outlines add, which is known for a patch with itself
+    and taken as the mean of two for others of the same contact.
     """
 
     def __init__(self, sheet, lattice: Lattice, potentials: PotentialTable, inverse, used):
@@ -188,7 +198,8 @@ class MutualTable:
         self._own = own
 
     def _logarithm(self, places, radii, own_only=False):
-        """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,) its diagonal only."""
+        """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,)
+        its diagonal only."""
         scale, size = -self._resistance / (4 * np.pi), np.array(self._outline.size)
         mutual = radii**2 if own_only else np.add.outer(radii**2, radii**2) / 2
         reach = FAR * mutual.max()
@@ -203,7 +214,8 @@ class MutualTable:
         return scale * np.log(product)
 
     def slope(self, places: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """(2, P, Q) change of G with the first of two places (P, 2) and (Q, 2), ohm/m, but for what changes slowly."""
+        """(2, P, Q) change of G with the first of two places (P, 2) and (Q, 2), ohm/m, but for what
+        changes slowly."""
         size = np.array(self._outline.size)
         mirrors = [np.zeros((1, 2))]
         if self._outline.is_uniform_rectangle:
@@ -243,7 +255,8 @@ class MutualTable:
         return 1 - far**2 * (3 - 2 * far)
 
     def _induced(self, places):
-        """(P, P) what floating electrodes close by add: the charge that a current induces on a disc, in its inverse point."""
+        """(P, P) what floating electrodes close by add: the charge that a current induces on a
+        disc, in its inverse point."""
         apart = places[:, None] - self._centres
         squared = np.maximum((apart**2).sum(axis=-1), (RIM * self._radius) ** 2)
         out = np.zeros((len(places), len(places)))
@@ -260,7 +273,8 @@ class MutualTable:
         return self._resistance / (4 * np.pi) * out
 
     def alone(self, stencil) -> np.ndarray:
-        """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials' lattice around them."""
+        """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials'
+        lattice around them."""
         points, weights, _ = stencil
         return np.einsum("pi,pi->p", weights, self._own[points])
 
@@ -273,7 +287,8 @@ class MutualTable:
         ----------
         places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to
         alone (P,) what `alone` says of them, where it is known
-        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant, where known
+        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant,
+            where known
         """
         if alone is None:
             alone = self.alone(self._fine.stencil(places))

@@ -1,16 +1,18 @@
-"""Contacts as the sheet feels them: an even conductance over a disc or an ellipse, cut into patches.
+"""Contacts as the sheet feels them: an even conductance over a disc or an ellipse, cut into
+patches.
 
-A contact has the place x, y, the logarithms of the conductance c that it has as a whole, the way through the sheet
-included, and of its radius a, and two numbers p, q that stretch it: its shape is the unit disc times
+A contact has the place x, y, the logarithms of the conductance c that it has as a whole, the way
+through the sheet included, and of its radius a, and two numbers p, q that stretch it: its shape is
+the unit disc times
 
     a exp([[p, q], [q, -p]]),    1/c = 1/g + mean D
 
-Frames tell c and the place almost independently of the radius, g only together with it: with g in the place of c the
-valley of equal misfit bends, and Gauss-Newton creeps along it. Where 1/c comes near the mean of D the contact is as
-good as a bare conductor, and g is bounded smoothly.
+Frames tell c and the place almost independently of the radius, g only together with it: with g in
+the place of c the valley of equal misfit bends, and Gauss-Newton creeps along it. Where 1/c comes
+near the mean of D the contact is as good as a bare conductor, and g is bounded smoothly.
 
-A patch on an electrode feeds the electrode and nothing else. One that a rim crosses does so in part, so that all
-derivatives exist.
+A patch on an electrode feeds the electrode and nothing else. One that a rim crosses does so in
+part, so that all derivatives exist.
 """
 
 from __future__ import annotations
@@ -60,7 +62,8 @@ def _shape(contact):
 class Form:
     """How the patches of one contact lie: what follows from its parameters alone.
 
-    places (P, 2), m; radii (P,), m; area (P,) shares of its area; moves (5, P, 2) of the places, by `MOVING`
+    places (P, 2), m; radii (P,), m; area (P,) shares of its area; moves (5, P, 2) of the places, by
+        `MOVING`
     """
 
     places: np.ndarray
@@ -86,7 +89,8 @@ class Touches:
     ----------
     parts : slices of the patches of each contact
     share (n, P) H; impedance (P, P) D, ohm, on the sheet with the coefficients given
-    weight (P,) parts of a contact's area on the sheet; direct (k, n) parts of each contact on electrodes
+    weight (P,) parts of a contact's area on the sheet; direct (k, n) parts of each contact on
+        electrodes
     covered (k,) the part of each that lies on the sheet and its electrodes
     mean (k,) mean D of each, ohm; 0 on electrodes
     """
@@ -110,7 +114,8 @@ class Touches:
         self.mean = self.mean / self.covered**2
 
     def _place(self, places, radii, area):
-        """Places moved off electrodes and into the outline, and what part of each patch lies where."""
+        """Places moved off electrodes and into the outline, and what part of each patch lies
+        where."""
         layout, operator = self.operator.layout, self.operator
         beyond, inwards = layout.outline.depth(places)
         there, grows = _part(beyond / radii)
@@ -124,18 +129,21 @@ class Touches:
         self.direct = np.zeros((len(self.parts), operator.count + 1))
         np.add.at(self.direct, (self.owner, self._electrode), area * there * (1 - off))
         self.direct = self.direct[:, :-1]
-        # by the place and by the logarithm of the radius: of what is on the sheet and electrodes, and off electrodes
+        # by the place and by the logarithm of the radius: of what is on the sheet and electrodes,
+        # and off electrodes
         steep = (area * grows / radii)[:, None] * inwards, -area * grows * beyond / radii
         rising = (rises / radii)[:, None] * way, -rises * (distance - layout.radius) / radii
         self._on = there * area, off, steep, rising
 
     def moves(self, i: int) -> np.ndarray:
-        """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; none on electrodes."""
+        """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; none on
+        electrodes."""
         part = self.parts[i]
         return self.forms[i].moves * (self._moving[part] & ~self._inside[part][:, None])
 
     def d_covered(self, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """(5, p) change of the weights of contact i by `MOVING`, and (5, n) of what it has on electrodes."""
+        """(5, p) change of the weights of contact i by `MOVING`, and (5, n) of what it has on
+        electrodes."""
         part, moves = self.parts[i], self.forms[i].moves
         on, off, steep, rising = self._on
         on, off = on[part], off[part]
@@ -148,7 +156,8 @@ class Touches:
         return by_rim * off + on * by_electrode, direct[:, :-1]
 
     def d_impedance(self, i: int) -> np.ndarray:
-        """(5, p, m) E with dD = E + E^T by `MOVING` of contact i, ohm: its patches, and the patches `near(i)`."""
+        """(5, p, m) E with dD = E + E^T by `MOVING` of contact i, ohm: its patches, and the patches
+        `near(i)`."""
         part, near = self.parts[i], self.near(i)
         slope = self.patches.impedance_slope(part, near)
         moved = self.moves(i)
@@ -158,7 +167,8 @@ class Touches:
         return out
 
     def near(self, i: int) -> np.ndarray:
-        """(m,) patches that feel those of contact i, its own among them; electrodes screen the others."""
+        """(m,) patches that feel those of contact i, its own among them; electrodes screen the
+        others."""
         return self.patches.near[i]
 
     def _first(self, i) -> int:
@@ -166,7 +176,8 @@ class Touches:
         return int(np.searchsorted(self.near(i), self.parts[i].start))
 
     def mean_changes(self, i: int, by_impedance, d_weight, d_direct) -> np.ndarray:
-        """(5,) derivatives of `mean` of contact i, ohm, with `d_impedance(i)` and `d_covered(i)`."""
+        """(5,) derivatives of `mean` of contact i, ohm, with `d_impedance(i)` and
+        `d_covered(i)`."""
         part, covered = self.parts[i], self.covered[i]
         weight, first = self.weight[part], self._first(i)
         found = 2 * (by_impedance[:, :, first : first + len(weight)] @ weight) @ weight
@@ -182,7 +193,8 @@ class Touches:
         return mass / self.covered[i]
 
     def conductance(self, i: int) -> tuple[float, float, float]:
-        """g of contact i as a whole, S, and the derivatives of ln g by ln c and by the mean of D (1/ohm)."""
+        """g of contact i as a whole, S, and the derivatives of ln g by ln c and by the mean of D
+        (1/ohm)."""
         way, mean = np.exp(-self.contacts[i, CONDUCTANCE]), self.mean[i]
         rest = (way - mean) / (_BOUND * way)
         slope = 1 / (1 + np.exp(-np.clip(rest, -500, 500)))

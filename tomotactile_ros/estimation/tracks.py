@@ -1,7 +1,8 @@
 """Which contact of one frame is which of the next: numbers that stay while a contact lasts.
 
-Contacts go to the nearest of those expected from place and velocity, all together as cheaply as possible (Kuhn 1955, "The
-Hungarian method for the assignment problem"), and none farther than a finger gets while a frame is read.
+Contacts go to the nearest of those expected from place and velocity, all together as cheaply as
+possible (Kuhn 1955, "The Hungarian method for the assignment problem"), and none farther than a
+finger gets while a frame is read.
 """
 
 from __future__ import annotations

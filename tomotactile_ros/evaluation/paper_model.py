@@ -18,9 +18,8 @@ from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, s
 from tomotactile_ros.sheet.transfer import Transfer
 
 CONTACT_RADIUS = 0.001  # m
-_LARGEST_CONTACT = (
-    0.5  # in electrode radii: a contact as large as the electrode it touches is a short circuit
-)
+# in electrode radii: a contact as large as the electrode it touches is a short circuit
+_LARGEST_CONTACT = 0.5
 _POINT = 1e-6  # radius of what is replaced, in parts of the radius that replaces it
 
 

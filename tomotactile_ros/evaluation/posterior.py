@@ -1,25 +1,30 @@
-"""How well a contact can be known at all: what the one estimator expects to be wrong, before any frame.
+"""How well a contact can be known at all: what the one estimator expects to be wrong, before any
+frame.
 
 At a contact the estimator's own linearisation (`estimation.solver.Linear`) gives the covariance of
 place, conductance and radius with the sheet's modes and the channels marginal: the inverse of
 
     J' W J + P^-1,     W = 1 / noise^2,  P the covariance of the priors
 
-(Fisher information with priors; Van Trees 1968, the Bayesian Cramer-Rao bound at one point). No frame
-is simulated. The figures at a contact, the sheet even and the channels perfect but not known to be:
+(Fisher information with priors; Van Trees 1968, the Bayesian Cramer-Rao bound at one point). No
+frame is simulated. The figures at a contact, the sheet even and the channels perfect but not known
+to be:
 
-* place: root of the trace of the covariance of x and y, m. A contact on an electrode can be anywhere
+* place: root of the trace of the covariance of x and y, m. A contact on an electrode can be
+anywhere
   on it without a trace; by the share of it that lies there, its place has the variance of an even
   distribution over the electrode as a prior, r^2 / 4 in x and in y.
 * force: standard deviation of ln(force), by the contact law, relative
-* d': two contacts at a distance, told from one. With the difference of the frames of both and of the
+* d': two contacts at a distance, told from one. With the difference of the frames of both and of
+the
   one contact that resembles them most, its place, conductance and radius free as well as the sheet
-  and the channels, d' is the root of the rise of the misfit in units of the noise: to second order in
-  the distance the frames of a pair and of one wide contact are the same, so that this is what is left
-  of the squared difference after all other unknowns have taken what they can (Green and Swets 1966).
+  and the channels, d' is the root of the rise of the misfit in units of the noise: to second order
+  in the distance the frames of a pair and of one wide contact are the same, so that this is what is
+  left of the squared difference after all other unknowns have taken what they can (Green and Swets
+  1966).
 
-What the bound leaves out: ghosts and misses, what the model errs, shapes that are no discs. It ranks
-layouts; it is no promise (docs/layouts.md compares it with what was measured).
+What the bound leaves out: ghosts and misses, what the model errs, shapes that are no discs. It
+ranks layouts; it is no promise (docs/layouts.md compares it with what was measured).
 """
 
 from __future__ import annotations
@@ -92,7 +97,8 @@ class Posterior:
 
     @cached_property
     def metrics(self) -> dict:
-        """Mean and worst tenth of place, m, and force, relative; of d', empty where no pair fits."""
+        """Mean and worst tenth of place, m, and force, relative; of d', empty where no pair
+        fits."""
         return {
             "place": {"mean": float(self.place.mean()), "worst_tenth": worst(self.place)},
             "force": {"mean": float(self.force.mean()), "worst_tenth": worst(self.force)},
@@ -134,7 +140,8 @@ class Expectation:
         return self._linear(forms, grounded)
 
     def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
-        """Standard deviations of the place, m, and of the force, relative, of a disc at `centre`."""
+        """Standard deviations of the place, m, and of the force, relative, of a disc at
+        `centre`."""
         linear = self.linear(centre, grounded=grounded)
         linear.normal[[X, Y], [X, Y]] += self.on_electrode(linear)
         covariance = linear.covariance()
@@ -184,7 +191,8 @@ class Expectation:
         return Unknowns.at_rest(self.operator).with_contacts(forms, self._patches(forms), free)
 
     def _linear(self, forms, grounded=None, readings=None) -> Linear:
-        """Linearised at contacts `forms` (k, 6) that have been read as `readings` (L, n), or exactly."""
+        """Linearised at contacts `forms` (k, 6) that have been read as `readings` (L, n), or
+        exactly."""
         unknowns = self.unknowns(forms)
         grounded = self.layout.grounded if grounded is None else np.asarray(grounded)
         if readings is None:
@@ -197,7 +205,8 @@ class Expectation:
 
 
 class RowInformation:
-    """What each single row says of contacts at `centres` (P, 2), m: any scan is the sum of its rows.
+    """What each single row says of contacts at `centres` (P, 2), m: any scan is the sum of its
+    rows.
 
     Channels count as known: they are common to rows, and would have to be eliminated for each scan.
     """
@@ -219,7 +228,8 @@ class RowInformation:
         self._rows, self._priors, self._slopes = map(np.array, (rows, priors, slopes))
 
     def figures(self, grounded: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) standard deviations of place, m, and force, relative, by rows of these electrodes."""
+        """(P,) standard deviations of place, m, and force, relative, by rows of these
+        electrodes."""
         normal = self._priors + self._rows[:, list(grounded)].sum(axis=1)
         scale = 1 / np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
         inverse = np.linalg.inv(normal * scale[:, :, None] * scale[:, None])
@@ -237,7 +247,8 @@ def expected(
     grounded: Sequence[int] | None = None,
     operator: SheetOperator | None = None,
 ) -> Posterior:
-    """Figures of contacts on a lattice of `places` along the longer side, off the electrodes' lattice.
+    """Figures of contacts on a lattice of `places` along the longer side, off the electrodes'
+    lattice.
 
     grounded : (L,) rows of a frame; those of the layout's scan without it
 
@@ -256,11 +267,12 @@ def expected(
 
 
 def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:
-    """(P, 2) middles, m, of discs of `radius` (m) that lie wholly on the sheet, `places` along its longer side.
+    """(P, 2) middles, m, of discs of `radius` (m) that lie wholly on the sheet, `places` along its
+    longer side.
 
-    One to a cell, moved within it by a fixed share (additive recurrence of the plastic number, Roberts
-    2018), so that no lattice of electrodes is favoured. (A disc across the rim shows where the part of
-    it lies that is on the sheet; where the rest is, nothing tells.)
+    One to a cell, moved within it by a fixed share (additive recurrence of the plastic number,
+    Roberts 2018), so that no lattice of electrodes is favoured. (A disc across the rim shows where
+    the part of it lies that is on the sheet; where the rest is, nothing tells.)
     """
     xmin, ymin, xmax, ymax = layout.outline.bounds
     low, high = np.array([xmin, ymin]) + radius, np.array([xmax, ymax]) - radius

@@ -1,9 +1,9 @@
 """Quality of a layout with one of the reconstruction profiles, on frames from another model.
 
-One disc at a time, in every cell of the image but not at its centre, of sizes that differ from the one
-that the reconstruction assumes, with the noise of the readings. Where the profile images with the
-closed form, the frames come from finite elements; where it images with finite elements, from a mesh
-twice as fine. Judged are the pressure image (HWHM, position error) and the reported contacts
+One disc at a time, in every cell of the image but not at its centre, of sizes that differ from the
+one that the reconstruction assumes, with the noise of the readings. Where the profile images with
+the closed form, the frames come from finite elements; where it images with finite elements, from a
+mesh twice as fine. Judged are the pressure image (HWHM, position error) and the reported contacts
 (`scoring`).
 """
 

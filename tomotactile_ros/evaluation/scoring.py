@@ -10,15 +10,16 @@ missed    true, without a pair
 OSPA      the distance between the two sets, optimal sub-pattern assignment of order p with the
           cut-off c = 10 mm: ((sum over pairs of distance^p + c^p (n - pairs)) / n)^(1/p), n the
           larger number of contacts. A frame with nothing on either side has 0, a frame with nothing
-          on one side c: places, ghosts and misses in one figure. Schuhmacher, Vo and Vo: A consistent
-          metric for performance evaluation of multi-object filters, IEEE Trans. Signal Process.
-          56(8), 2008, eq. 3.
+          on one side c: places, ghosts and misses in one figure. Schuhmacher, Vo and Vo: A
+          consistent metric for performance evaluation of multi-object filters, IEEE Trans. Signal
+          Process. 56(8), 2008, eq. 3.
 
-A contact that is there for a part of a frame only, or with less than 0.02 N, may be reported or not:
-it is never missed, and its force is not judged. A frame whose result is withheld is counted and not judged.
+A contact that is there for a part of a frame only, or with less than 0.02 N, may be reported or
+not: it is never missed, and its force is not judged. A frame whose result is withheld is counted
+and not judged.
 
-Estimates that state their own uncertainty are held to it: the true place lies in the ellipse of 95 %
-of `position_covariance`, the true force within 1.96 `force_std`, 95 times in 100 where both are
+Estimates that state their own uncertainty are held to it: the true place lies in the ellipse of 95
+% of `position_covariance`, the true force within 1.96 `force_std`, 95 times in 100 where both are
 right.
 """
 
@@ -129,7 +130,8 @@ def score(results: Iterable, truths: Iterable[Sequence[dict]]) -> dict:
 
 
 def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
-    """Figures of many frames as plain data; lengths in m, errors of force in parts; None of nothing.
+    """Figures of many frames as plain data; lengths in m, errors of force in parts; None of
+    nothing.
 
     frames, withheld            number judged, and not judged
     true, ghosts, doubled, missed, weak  numbers in all frames

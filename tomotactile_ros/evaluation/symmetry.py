@@ -101,7 +101,8 @@ class Symmetry:
 
     @cached_property
     def _single(self):
-        """Signs (g,), indices (d,) into `first`, and roots (d,) of the stabilizers, of each block."""
+        """Signs (g,), indices (d,) into `first`, and roots (d,) of the stabilizers, of each
+        block."""
         found = [
             (signs, *_basis(self.pixels, signs, self.first)) for signs in _SIGNS[len(self.pixels)]
         ]

@@ -1,1 +1,2 @@
-"""The sensor learned from ordinary touches: sheet, gains, offsets and resistances (docs/estimation.md)."""
+"""The sensor learned from ordinary touches: sheet, gains, offsets and resistances
+(docs/estimation.md)."""

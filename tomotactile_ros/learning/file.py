@@ -1,8 +1,9 @@
 """`sensor.yaml`: what was learned of one sensor, format tomotactile-sensor/1 (docs/learning.md).
 
-Numbers that people read stand in plain lists with their deviations. Correlations and the modes of the sheet are packed:
-float32, little endian, zlib, base64. Modes are kept as values at places on the sheet: eigenvectors differ between machines in
-sign and order, and a later release may take others; what was learned is brought into the modes of the machine that reads.
+Numbers that people read stand in plain lists with their deviations. Correlations and the modes of
+the sheet are packed: float32, little endian, zlib, base64. Modes are kept as values at places on
+the sheet: eigenvectors differ between machines in sign and order, and a later release may take
+others; what was learned is brought into the modes of the machine that reads.
 """
 
 from __future__ import annotations
@@ -146,7 +147,8 @@ def _expected(reader, operator, count):
 
 
 def _correlation(upper, size):
-    """(D, D) from its upper triangle; rounded so that no direction is known better than it can be."""
+    """(D, D) from its upper triangle; rounded so that no direction is known better than it can
+    be."""
     correlation = np.eye(size)
     correlation[np.triu_indices(size, 1)] = upper
     correlation = correlation + correlation.T - np.eye(size)
@@ -159,7 +161,8 @@ def _correlation(upper, size):
 
 
 def _in_modes(operator, places, values, mean, covariance, expected, counts) -> SensorState:
-    """The state with the modes of `operator`, from one with other modes (places (C, 2), values (C, J - 2))."""
+    """The state with the modes of `operator`, from one with other modes (places (C, 2), values (C,
+    J - 2))."""
     field, modes = operator.field, values.shape[1]
     if len(places) != len(field.centres) or np.abs(places - field.centres).max() > 1e-6:
         apart = ((field.centres[:, None] - places) ** 2).sum(axis=-1)

@@ -1,4 +1,5 @@
-"""What was learned, in words and numbers: what is off by how much, and what could not be determined."""
+"""What was learned, in words and numbers: what is off by how much, and what could not be
+determined."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ _OUT = 3.0  # deviations of a channel from the others, beside which it is named
 
 
 def anisotropy(state: SensorState) -> tuple[float, float, float]:
-    """Ratio of the conductance along to that across, the direction (degrees from x), and the ratio's deviation."""
+    """Ratio of the conductance along to that across, the direction (degrees from x), and the
+    ratio's deviation."""
     p, q = state["sheet"][-2:]
     size = float(np.hypot(p, q))
     where = slice(state.modes - 2, state.modes)

@@ -1,13 +1,15 @@
 """What one frame says of the sensor, its contacts marginal.
 
-At a fit with contacts c and sensor theta the readings are linear, v = f + J_c dc + J_theta dtheta. Contacts enter anew in
-each frame, with the prior that the estimator gives them; eliminated (Schur complement) they leave the information
+At a fit with contacts c and sensor theta the readings are linear, v = f + J_c dc + J_theta dtheta.
+Contacts enter anew in each frame, with the prior that the estimator gives them; eliminated (Schur
+complement) they leave the information
 
     L = J_theta^T W J_theta - J_theta^T W J_c (J_c^T W J_c + P_c^-1)^-1 J_c^T W J_theta
 
-and the same of the gradient. A resting load is in c: it says nothing but what all else agrees with. Frames add up (batch
-Gauss-Newton with contacts eliminated, as bundle adjustment does with cameras; Triggs et al. 2000) or follow each other
-(information filter). Channels touch one column or one row of the readings each: no dense derivative is formed.
+and the same of the gradient. A resting load is in c: it says nothing but what all else agrees with.
+Frames add up (batch Gauss-Newton with contacts eliminated, as bundle adjustment does with cameras;
+Triggs et al. 2000) or follow each other (information filter). Channels touch one column or one row
+of the readings each: no dense derivative is formed.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ class Information:
 def information(
     operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior, drive: float
 ) -> Information:
-    """Information of `rows` at `unknowns`; `prior` of contacts is used, that of the sensor is not."""
+    """Information of `rows` at `unknowns`; `prior` of contacts is used, that of the sensor is
+    not."""
     fit = Fit(operator, unknowns, rows, prior)
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
     contacts, sheet, by_gain, by_resistance = _derivatives(prediction, unknowns)
@@ -81,7 +84,8 @@ def information(
 
 
 def _derivatives(prediction: Prediction, unknowns: Unknowns):
-    """Of the readings (.., L, n): by contacts (F, ..), sheet (J, ..), gain of their column, resistance of their row."""
+    """Of the readings (.., L, n): by contacts (F, ..), sheet (J, ..), gain of their column,
+    resistance of their row."""
     ratio = prediction.ratio
     return (
         prediction.contact_columns(),

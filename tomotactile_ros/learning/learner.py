@@ -1,8 +1,9 @@
 """The recursion: one frame after the other into what is known of the sensor.
 
-Kept is the precision (inverse covariance) of theta and its mean. A frame with contacts is fitted with what is known; its
-information, contacts marginal, is taken where the fit ended (iterated extended Kalman filter in information
-form; Bell and Cathey 1993) and added with the weight that `Ledger` gives. Untouched frames give offsets.
+Kept is the precision (inverse covariance) of theta and its mean. A frame with contacts is fitted
+with what is known; its information, contacts marginal, is taken where the fit ended (iterated
+extended Kalman filter in information form; Bell and Cathey 1993) and added with the weight that
+`Ledger` gives. Untouched frames give offsets.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ class Learner:
         return self.state.prior(self.operator.used, self.drive, self.like)
 
     def look(self, rows: Rows, enough: float = DOUBTFUL) -> Fit:
-        """Contacts of a frame: one if it leaves chi-squared a reading below `enough`, else what the search finds."""
+        """Contacts of a frame: one if it leaves chi-squared a reading below `enough`, else what the
+        search finds."""
         prior = self.prior()
         one = self._single(rows, prior)
         if one is not None and one.chi_squared < enough * rows.count:
@@ -89,7 +91,8 @@ class Learner:
         )
 
     def learn(self, fit: Fit, time: float = 0.0) -> bool:
-        """Take what a frame says of the sensor, once its contacts are explained; whether it was taken."""
+        """Take what a frame says of the sensor, once its contacts are explained; whether it was
+        taken."""
         rows, contacts = fit.rows, fit.unknowns.contacts
         by_reading = fit.chi_squared / max(rows.count, 1)
         if not len(contacts) or by_reading > DOUBTFUL:
@@ -115,7 +118,8 @@ class Learner:
         self._count(idle=frames)
 
     def again(self, start: SensorState, parts) -> None:
-        """All frames anew from `start`: parts (Information, weight), taken where the sensor is known to be now."""
+        """All frames anew from `start`: parts (Information, weight), taken where the sensor is
+        known to be now."""
         at, about = self._mean.copy(), self._about
         self.set(start)
         self._about = about

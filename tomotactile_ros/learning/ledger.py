@@ -1,14 +1,15 @@
 """What has been learned from before: how often a touch counts.
 
-Noise differs from frame to frame. What the model lacks (elements, patches, the shape of a finger) does not: the same touch
-errs in the same way each time. Where the model's error has m times the variance of the noise, k frames of one
-touch hold the information of
+Noise differs from frame to frame. What the model lacks (elements, patches, the shape of a finger)
+does not: the same touch errs in the same way each time. Where the model's error has m times the
+variance of the noise, k frames of one touch hold the information of
 
     k / (1 + k m)
 
-frames without such errors, 1 / m at most, however long a load rests. What each frame adds is the difference. A finger
-that has moved on by a part of the spacing, or presses clearly more or less, errs differently and is another touch.
-Old touches fade, or a sensor that changes could never be learned again.
+frames without such errors, 1 / m at most, however long a load rests. What each frame adds is the
+difference. A finger that has moved on by a part of the spacing, or presses clearly more or less,
+errs differently and is another touch. Old touches fade, or a sensor that changes could never be
+learned again.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ class Ledger:
         self._touches: list[list] = []  # contacts (k, 3) in units of difference, count, time
 
     def weight(self, contacts: np.ndarray, chi_squared: float, time: float = 0.0) -> float:
-        """How much one more frame of `contacts` (k, 6) counts; `chi_squared` per reading, `time` s."""
+        """How much one more frame of `contacts` (k, 6) counts; `chi_squared` per reading, `time`
+        s."""
         model = max(chi_squared - 1.0, _MODEL)
         number = self._number(contacts, time)
         return _total(number + 1, model) - _total(number, model)

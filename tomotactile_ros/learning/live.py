@@ -42,7 +42,8 @@ _UNEXPLAINED = 0.5  # of the touches: with more the sensor is not what the model
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """One frame (E, E), V, row l with electrode l grounded, NaN where not read; drive, V; time, s."""
+    """One frame (E, E), V, row l with electrode l grounded, NaN where not read; drive, V; time,
+    s."""
 
     voltages: np.ndarray
     drive: float
@@ -102,7 +103,8 @@ class LiveLearner:
         self.unexplained = 0  # touches that no contacts explained
 
     def offer(self, voltages, grounded, drive: float, time: float = 0.0) -> bool:
-        """Look at a frame (L, E), V, as it was read, of `time` s; whether there is something for `work`.
+        """Look at a frame (L, E), V, as it was read, of `time` s; whether there is something for
+        `work`.
 
         Takes a fraction of a millisecond.
         """
@@ -125,7 +127,8 @@ class LiveLearner:
             return True
 
     def work(self) -> SensorState | None:
-        """Learn from what was kept; what is known then, None where nothing new is. May take seconds."""
+        """Learn from what was kept; what is known then, None where nothing new is. May take
+        seconds."""
         with self._working:
             return self._work()
 

@@ -1,4 +1,5 @@
-"""A picture of what was learned: map of the sheet's conductance, and each channel with its error bars."""
+"""A picture of what was learned: map of the sheet's conductance, and each channel with its error
+bars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Readings as the learning takes them: rows for the estimator, what is clipped, whether the sheet is untouched."""
+"""Readings as the learning takes them: rows for the estimator, what is clipped, whether the sheet
+is untouched."""
 
 from __future__ import annotations
 
@@ -20,10 +21,11 @@ _WIDTH = 6.0  # standard deviations that they span
 def rows_of(
     operator: SheetOperator, voltages, grounded, drive: float, noise: float, unused=None
 ) -> Rows:
-    """`Rows` of one frame (L, E), V, grounded electrodes (L,); `unused` (L, E) readings that are left out.
+    """`Rows` of one frame (L, E), V, grounded electrodes (L,); `unused` (L, E) readings that are
+    left out.
 
-    The grounded electrode's own reading is one like all others (its potential is the drop over its resistance);
-    where it was not taken it is NaN.
+    The grounded electrode's own reading is one like all others (its potential is the drop over its
+    resistance); where it was not taken it is NaN.
     """
     voltages, grounded = np.asarray(voltages, float), np.asarray(grounded, int)
     valid = np.isfinite(voltages)
@@ -38,7 +40,8 @@ def rows_of(
 
 
 def square(voltages: np.ndarray, grounded: np.ndarray, unused: np.ndarray) -> np.ndarray:
-    """(E, E) V, row l the mean of the rows with electrode l grounded; NaN: not read, or `unused`."""
+    """(E, E) V, row l the mean of the rows with electrode l grounded; NaN: not read, or
+    `unused`."""
     kept = np.isfinite(voltages) & ~unused
     count = np.zeros((voltages.shape[1],) * 2)
     total = np.zeros_like(count)
@@ -72,10 +75,12 @@ class Offsets:
 
 
 def offsets(frames: np.ndarray, grounded, noise: float, mean: np.ndarray, deviation) -> Offsets:
-    """Offsets from untouched frames (F, L, E), V, where `mean` +- `deviation` (E,), V, was expected.
+    """Offsets from untouched frames (F, L, E), V, where `mean` +- `deviation` (E,), V, was
+    expected.
 
-    A reading at 0 V, the end of the range, says that offset and noise were below half a step: those of a channel are
-    censored (Tobin 1958), and mean and variance of the exact posterior stand for it.
+    A reading at 0 V, the end of the range, says that offset and noise were below half a step: those
+    of a channel are censored (Tobin 1958), and mean and variance of the exact posterior stand for
+    it.
     """
     valid = np.isfinite(frames)
     valid[:, np.arange(len(grounded)), grounded] = False

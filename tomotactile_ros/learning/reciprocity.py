@@ -1,18 +1,21 @@
 """Gains and offsets from reciprocity alone: no model of the sheet, no place, no force.
 
-With electrode l grounded, 1 - (v_ln - o_n) / a_n = Z_ln / N_l, and the transfer impedance Z is symmetric
-(reciprocity; Geselowitz 1971). Two readings of each pair of electrodes have one Z_ln in common:
+With electrode l grounded, 1 - (v_ln - o_n) / a_n = Z_ln / N_l, and the transfer impedance Z is
+symmetric (reciprocity; Geselowitz 1971). Two readings of each pair of electrodes have one Z_ln in
+common:
 
     r_ln = rho_ln N_l - rho_nl N_n = 0,    rho_ln = 1 - (v_ln - o_n) / a_n
 
-For each frame N_l is free (contacts, sheet and resistances to ground are all in it), a and o are those of the
-sensor. Readings err, and so do the factors that they are compared with: to fit them in the space of readings, each Z_ln
-eliminated, is to divide r by its own standard deviation, parameters included (errors in variables; Fuller 1987),
+For each frame N_l is free (contacts, sheet and resistances to ground are all in it), a and o are
+those of the sensor. Readings err, and so do the factors that they are compared with: to fit them in
+the space of readings, each Z_ln eliminated, is to divide r by its own standard deviation,
+parameters included (errors in variables; Fuller 1987),
 
     e_ln = r_ln / s_ln,    s_ln^2 = s^2 (N_l^2 / a_n^2 + N_n^2 / a_l^2)
 
-which is free of the bias that plain least squares of r has. Gauss-Newton; the N of each frame are eliminated. The common
-factor of all gains shows only in how N differs between electrodes: weakly, its prior decides.
+which is free of the bias that plain least squares of r has. Gauss-Newton; the N of each frame are
+eliminated. The common factor of all gains shows only in how N differs between electrodes: weakly,
+its prior decides.
 """
 
 from __future__ import annotations
@@ -52,7 +55,8 @@ def fit_gains(
 
     Parameters
     ----------
-    frames : (F, n, n) V, row l with electrode l grounded; NaN: not read. Of touches, not of the untouched sheet
+    frames : (F, n, n) V, row l with electrode l grounded; NaN: not read. Of touches, not of the
+        untouched sheet
     drive, noise : V; of a reading, V rms
     gain, offset : means and standard deviations (n,) of the prior; relative, V
     """
@@ -129,7 +133,8 @@ def _differences(v, both, log_scale, now, noise):
 
 
 def _logarithms(v, both, log_scale, now, noise):
-    """The same of ln (rho_ln N_l / rho_nl N_n), nearly linear; biased where shares are not far above noise."""
+    """The same of ln (rho_ln N_l / rho_nl N_n), nearly linear; biased where shares are not far
+    above noise."""
     gain, offset = now[: len(v)], now[len(v) :]
     share = 1 - (v - offset) / gain
     seen = both & (np.minimum(share, share.T) > _CLEAR * noise)
@@ -176,7 +181,8 @@ class _Terms:
 def _block(first, second):
     """(n, n) normal block of two kinds of parameters, of all unordered pairs.
 
-    first, second (n, n): derivative of e_ln by the parameter of its row's electrode l; that by n's is -(..)_nl.
+    first, second (n, n): derivative of e_ln by the parameter of its row's electrode l; that by n's
+        is -(..)_nl.
     """
     out = -(first * second.T)
     np.fill_diagonal(out, (first * second).sum(axis=1))

@@ -1,8 +1,9 @@
 """A sensor from recorded frames, of touches of unknown place and force and of the untouched sheet.
 
-Untouched frames give offsets; reciprocity gives gains, without any model; then one frame after the other is fitted and
-learned from, and in the end all of them together about what has come out (Gauss-Newton on all frames with the
-contacts of each eliminated). Frames that are alike are taken once: most of a recording is.
+Untouched frames give offsets; reciprocity gives gains, without any model; then one frame after the
+other is fitted and learned from, and in the end all of them together about what has come out
+(Gauss-Newton on all frames with the contacts of each eliminated). Frames that are alike are taken
+once: most of a recording is.
 """
 
 from __future__ import annotations
@@ -42,10 +43,12 @@ Watch = Callable[[Iterable, str], Iterable]
 class Learned:
     """A sensor, and how it was learned.
 
-    untouched, alike, unexplained : frames without a touch, like another one, and those that no contacts explain
+    untouched, alike, unexplained : frames without a touch, like another one, and those that no
+        contacts explain
     ended : electrodes whose offset lies below what the converter shows
     faults : {electrode: what is wrong with its channel}
-    asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None without touches
+    asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None
+        without touches
     clipped : share of the readings of touches that are at an end of the converter's range
     courses : state after each touch, where asked for
     """
@@ -190,7 +193,8 @@ def _gains(learner, frames, ends, grounded, chosen, drive, noise):
 
 
 def _one_by_one(learner, rows, watch, course):
-    """Fits of all frames, each with what those before have shown; and the states, where asked for."""
+    """Fits of all frames, each with what those before have shown; and the states, where asked
+    for."""
     fits, courses = [], []
     for each in watch(rows, "learning from touches"):
         fit = learner.look(each)

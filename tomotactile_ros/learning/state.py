@@ -2,8 +2,9 @@
 
     theta = (sheet (J,), gain (E,), offset (E,) V, resistance (E,) ohm)
 
-with one mean and one covariance (D, D), D = J + 3 E: what is confused with each other stays so. In time it is a
-random walk (`walked`), never wider than what is expected of a sensor of which nothing is known.
+with one mean and one covariance (D, D), D = J + 3 E: what is confused with each other stays so. In
+time it is a random walk (`walked`), never wider than what is expected of a sensor of which nothing
+is known.
 """
 
 from __future__ import annotations
@@ -89,7 +90,8 @@ class SensorState:
         return self.deviation[self.slice(part)]
 
     def known(self, part: str) -> np.ndarray:
-        """Share of what was not known before that is known now, 0 to 1, of each number of a part."""
+        """Share of what was not known before that is known now, 0 to 1, of each number of a
+        part."""
         where = self.slice(part)
         return 1 - np.minimum(self.deviation[where] / self.expected[where], 1.0)
 
@@ -118,7 +120,8 @@ class SensorState:
         )
 
     def corrected(self, voltages: np.ndarray, tared: bool = False) -> np.ndarray:
-        """(L, E) V without what gains and offsets do to them; `tared`: offsets are off them already."""
+        """(L, E) V without what gains and offsets do to them; `tared`: offsets are off them
+        already."""
         return (voltages if tared else voltages - self["offset"]) / self["gain"]
 
     def walked(self, seconds: float) -> SensorState:
@@ -135,7 +138,8 @@ class SensorState:
         return self._wider(rates**2 * hours)
 
     def widened(self) -> SensorState:
-        """The same after something happened to it: as uncertain as a new one, about what is known."""
+        """The same after something happened to it: as uncertain as a new one, about what is
+        known."""
         return self._wider(self.expected**2)
 
     def _wider(self, variances) -> SensorState:

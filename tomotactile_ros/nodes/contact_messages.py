@@ -50,7 +50,8 @@ def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> 
 
 
 def message_to_contacts(message: ContactArray, layout: Layout) -> list[ContactEstimate]:
-    """Contact estimates on the flat sheet of a message, in its order; without what only space has."""
+    """Contact estimates on the flat sheet of a message, in its order; without what only space
+    has."""
     return [
         ContactEstimate(
             float(x),

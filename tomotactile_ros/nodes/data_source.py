@@ -1,4 +1,5 @@
-"""What the driver says of where its frames come from, so that nobody takes a simulation for a sensor."""
+"""What the driver says of where its frames come from, so that nobody takes a simulation for a
+sensor."""
 
 import time
 from collections.abc import Callable, Mapping

@@ -1,4 +1,5 @@
-"""The subscription to voltage frames: messages in, frames out, and word of a publisher that does not suit."""
+"""The subscription to voltage frames: messages in, frames out, and word of a publisher that does
+not suit."""
 
 from collections.abc import Callable
 

@@ -1,7 +1,8 @@
-"""Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best layout.
+"""Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best
+layout.
 
-Its parameters are the options of `tomotactile optimize` (`optimizer/options.py`). It ends by itself;
-a stop (Ctrl-C) ends it at once and keeps the best layout so far.
+Its parameters are the options of `tomotactile optimize` (`optimizer/options.py`). It ends by
+itself; a stop (Ctrl-C) ends it at once and keeps the best layout so far.
 """
 
 import threading

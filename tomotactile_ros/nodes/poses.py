@@ -16,7 +16,8 @@ Locate = Callable[[Header], Pose]
 
 
 def make_locator(node: Node, frame_id: str, file: str) -> Locate:
-    """What says where the frame of a header is in `frame_id`; it raises InputError if it is not known.
+    """What says where the frame of a header is in `frame_id`; it raises InputError if it is not
+    known.
 
     Parameters
     ----------

@@ -1,4 +1,5 @@
-"""Driver and reconstruction in one process as managed nodes; frames go directly, as in `tactile`."""
+"""Driver and reconstruction in one process as managed nodes; frames go directly, as in
+`tactile`."""
 
 import sys
 

@@ -1,8 +1,8 @@
 """The services `~/tare` and `~/untare`, and the file by which a tare survives a crash.
 
 A crash leaves the file behind, and the next start takes the tare from it; a clean end removes it,
-unless the parameter `tare_file` names it: then it is kept. A start that finds a tare which it cannot
-use says so for as long as there is none.
+unless the parameter `tare_file` names it: then it is kept. A start that finds a tare which it
+cannot use says so for as long as there is none.
 """
 
 import os

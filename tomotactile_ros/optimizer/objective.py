@@ -12,9 +12,9 @@ all figures, each divided by its aim, so that none can be bought with another:
 
     log(mean(exp(s r))) / s,    s = 50
 
-Contacts are sharp within a few millimetres of an electrode, so that one lattice of contact positions
-rewards electrodes that lie on it. Every figure is therefore the mean over several lattices. Figures
-and gradient on one are those of `figures`.
+Contacts are sharp within a few millimetres of an electrode, so that one lattice of contact
+positions rewards electrodes that lie on it. Every figure is therefore the mean over several
+lattices. Figures and gradient on one are those of `figures`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What an optimization can be told: one table, from which the command line makes its options and the
-ROS node its parameters, and one way from their values to a start and a `Request`.
+"""What an optimization can be told: one table, from which the command line makes its options and
+the ROS node its parameters, and one way from their values to a start and a `Request`.
 
 A value of None is one that nobody gave; on ROS, where a parameter always has a value, that is 0,
 an empty text or an empty list.

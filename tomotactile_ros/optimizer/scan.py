@@ -1,12 +1,12 @@
 """Which electrodes a frame should ground, and in which order.
 
-**Which**: a frame takes as long as it has rows. Rows are added one at a time, each time the one that
-makes the expected place error of a contact (`evaluation.posterior`), mean over the sheet, least. The
-choices are nested: eight rows are the first eight of sixteen.
+**Which**: a frame takes as long as it has rows. Rows are added one at a time, each time the one
+that makes the expected place error of a contact (`evaluation.posterior`), mean over the sheet,
+least. The choices are nested: eight rows are the first eight of sixteen.
 
-**In which order**: a touch that begins between two rows is to be known after as few rows as possible,
-wherever it is. Successive rows tell most where they look from different sides, so that the next row
-is the one farthest from those just taken: the electrode e with the largest
+**In which order**: a touch that begins between two rows is to be known after as few rows as
+possible, wherever it is. Successive rows tell most where they look from different sides, so that
+the next row is the one farthest from those just taken: the electrode e with the largest
 
     min over the rows before of (distance from e to their electrode) x (how many rows ago)
 

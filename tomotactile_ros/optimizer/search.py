@@ -2,8 +2,8 @@
 
 On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
 every round the worse half is dropped. Evolution (`descent`) can refine the best, but finds hardly
-anything. Other outlines have no closed form: there evolution alone searches, with scores from finite
-elements.
+anything. Other outlines have no closed form: there evolution alone searches, with scores from
+finite elements.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Processes that search side by side, and stop at once without one of them being killed in its work.
+"""Processes that search side by side, and stop at once without one of them being killed in its
+work.
 
-A process that is killed while it writes a result leaves half a message, for the rest of which its reader
-waits for ever. So workers are not killed: a signal makes the function that a worker runs end with an
-exception, as does every function after it, and the worker then ends in the ordinary way.
+A process that is killed while it writes a result leaves half a message, for the rest of which its
+reader waits for ever. So workers are not killed: a signal makes the function that a worker runs end
+with an exception, as does every function after it, and the worker then ends in the ordinary way.
 """
 
 from __future__ import annotations
@@ -62,10 +63,11 @@ class Workers(ProcessPoolExecutor):
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Signals are held back until the end: from this process, and from those that it starts for good.
+    """Signals are held back until the end: from this process, and from those that it starts for
+    good.
 
-    An exception in the midst of starting a process would leave one that nobody knows of; a signal to
-    one that is not prepared for it would kill it.
+    An exception in the midst of starting a process would leave one that nobody knows of; a signal
+    to one that is not prepared for it would kill it.
     """
     came: list[int] = []
     handlers = {n: signal.getsignal(n) for n in _INTERRUPTS}

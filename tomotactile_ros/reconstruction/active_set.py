@@ -2,13 +2,14 @@
 
     min over x >= 0 of  x^T Q x / 2 - q^T x
 
-The pixels that carry something (the passive set) are found by exchange, and the fewer are wrong at the start, the
-fewer linear systems are solved: the solution of the last frame is a good start for contacts that move slowly. The
-minimum does not depend on it.
+The pixels that carry something (the passive set) are found by exchange, and the fewer are wrong at
+the start, the fewer linear systems are solved: the solution of the last frame is a good start for
+contacts that move slowly. The minimum does not depend on it.
 
-`exchange` swaps all pixels at once that are on the wrong side (block principal pivoting, Portugal, Judice and
-Vicente 1994): a few steps for wide contacts, but it may cycle where Q is nearly singular. `descend` (Lawson and
-Hanson 1974) adds one pixel at a time, never leaves x >= 0 and always ends.
+`exchange` swaps all pixels at once that are on the wrong side (block principal pivoting, Portugal,
+Judice and Vicente 1994): a few steps for wide contacts, but it may cycle where Q is nearly
+singular. `descend` (Lawson and Hanson 1974) adds one pixel at a time, never leaves x >= 0 and
+always ends.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ _MOST_STEPS = 3  # of `descend`, times the number of unknowns
 
 @dataclass
 class Memory:
-    """Solution (K,) of the last frame, None before the first, and the linear systems that `minimise` solved for it."""
+    """Solution (K,) of the last frame, None before the first, and the linear systems that
+    `minimise` solved for it."""
 
     values: np.ndarray | None = None
     steps: int = 0
@@ -61,7 +63,8 @@ def minimise(
 
 
 def exchange(gram, right, passive) -> tuple[np.ndarray | None, int]:
-    """x (n,), None where exchanges bring no gain, from the set `passive` (n,) bool; the number of steps."""
+    """x (n,), None where exchanges bring no gain, from the set `passive` (n,) bool; the number of
+    steps."""
     least = _EXACT * float(np.abs(right).max(initial=0.0))
     best, patience, steps = len(right) + 1, _PATIENCE, 0
     while patience:

@@ -1,16 +1,18 @@
-"""What a frame says about the sheet with all electrodes grounded: currents and couplings (see `grounded`).
+"""What a frame says about the sheet with all electrodes grounded: currents and couplings (see
+`grounded`).
 
-The rows of rho = 1 - v / V0 are those of Z up to factors f. Symmetry asks for f_l rho_ln = f_n rho_nl; its sum over
-n makes f a fixed point of f -> (rho^T f) / (rho 1), which a few steps of a power iteration find; under wide or strong
-contacts they would be many, and the linear system is solved. Y is the inverse. Its factor is known from electrodes
-between which nothing touches: most pairs of neighbours couple as on the untouched sheet.
+The rows of rho = 1 - v / V0 are those of Z up to factors f. Symmetry asks for f_l rho_ln = f_n
+rho_nl; its sum over n makes f a fixed point of f -> (rho^T f) / (rho 1), which a few steps of a
+power iteration find; under wide or strong contacts they would be many, and the linear system is
+solved. Y is the inverse. Its factor is known from electrodes between which nothing touches: most
+pairs of neighbours couple as on the untouched sheet.
 
 Contacts so weak that noise spoils the inverse do not bend the potential, and all is linear:
 
     v_ln / V0 = t (G_ll - G_nl + b_n - b_l),      y = t Y0 b + t s
 
-with t the sum of all conductances, b the potential of the contacts' share of current at the electrodes and s from
-[Y0 s; s^T .] = [G_EE 1; 1^T 0]^-1. Means over rows and columns give t and b.
+with t the sum of all conductances, b the potential of the contacts' share of current at the
+electrodes and s from [Y0 s; s^T .] = [G_EE 1; 1^T 0]^-1. Means over rows and columns give t and b.
 """
 
 from __future__ import annotations
@@ -59,7 +61,8 @@ class Grounded:
 
 
 class AdmittanceMeter:
-    """Turns complete frames of the electrodes of `sheet` into `Grounded`; `noise` of a reading, V rms.
+    """Turns complete frames of the electrodes of `sheet` into `Grounded`; `noise` of a reading, V
+    rms.
 
     Attributes
     ----------
@@ -90,7 +93,8 @@ class AdmittanceMeter:
         self._prepare_weak()
 
     def read(self, voltages: np.ndarray, drive_voltage: float) -> Grounded:
-        """`Grounded` of a complete frame (n, n), V, float64 or float32; its diagonal does not matter.
+        """`Grounded` of a complete frame (n, n), V, float64 or float32; its diagonal does not
+        matter.
 
         Single precision is twice as fast and loses nothing to noise unless contacts are weak.
         """
@@ -118,7 +122,8 @@ class AdmittanceMeter:
         return Grounded(currents, couplings, noise, contradiction, flat)
 
     def is_possible(self, admittance: np.ndarray, noise: float) -> bool:
-        """Whether a sheet can have Y (n, n), S, and its `noise`, S, lets it tell more than the weak limit."""
+        """Whether a sheet can have Y (n, n), S, and its `noise`, S, lets it tell more than the weak
+        limit."""
         bounded = np.abs(admittance).max() < self.largest and admittance.sum() > 0
         return bool(bounded and noise < self.largest_noise)
 
@@ -217,7 +222,8 @@ def _fixed_point(drop, sums, near):
 def symmetric_part(scaled: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
     """Z (n, n) of `symmetric_scaling`, and how far that contradicts reciprocity.
 
-    The contradiction is the root mean square of its asymmetry in parts of `noise`, in parts of the drive voltage.
+    The contradiction is the root mean square of its asymmetry in parts of `noise`, in parts of the
+    drive voltage.
     """
     impedance = scaled + scaled.T
     difference = 2 * scaled

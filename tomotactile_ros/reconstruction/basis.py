@@ -1,9 +1,10 @@
 """The directions in which frames differ.
 
-The potential of a sheet is smooth, so the frames of all pixels span far fewer directions than the L (E - 1)
-readings: J = W^T S with orthonormal rows W (r, L E), strongest first, and S = W J (r, K). The eigenvectors V of
-J^T J only order the directions; W comes from the QR decomposition of J V. Squares lose what is below 1e-8 of the
-largest singular value, J V does not. Eq. 1 does not see directions with singular values far below lambda_J.
+The potential of a sheet is smooth, so the frames of all pixels span far fewer directions than the L
+(E - 1) readings: J = W^T S with orthonormal rows W (r, L E), strongest first, and S = W J (r, K).
+The eigenvectors V of J^T J only order the directions; W comes from the QR decomposition of J V.
+Squares lose what is below 1e-8 of the largest singular value, J V does not. Eq. 1 does not see
+directions with singular values far below lambda_J.
 """
 
 from __future__ import annotations

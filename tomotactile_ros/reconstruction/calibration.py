@@ -1,7 +1,7 @@
 """The contact law from contacts of known force: g = c p^m, a straight line between logarithms.
 
-Whatever is constant in a sensor and not in the model (sheet resistance, size of the contact) ends up in c: presses
-for calibration should resemble those of use.
+Whatever is constant in a sensor and not in the model (sheet resistance, size of the contact) ends
+up in c: presses for calibration should resemble those of use.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ _LEAST_RATIO = 1.5  # of the largest to the smallest force, to fit the exponent
 
 @dataclass(frozen=True)
 class Fit:
-    """A contact law, the root mean square relative error of its forces, and the number of presses."""
+    """A contact law, the root mean square relative error of its forces, and the number of
+    presses."""
 
     law: ContactLaw
     error: float
@@ -35,7 +36,8 @@ class Fit:
 def measure_conductance(
     layout: Layout, frames, grounded, drive_voltage: float
 ) -> tuple[float, float]:
-    """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the frames."""
+    """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the
+    frames."""
     pipeline = Pipeline(layout, Settings("nonlinear"))
     found = [pipeline.strengths(frame, grounded, drive_voltage) for frame in frames]
     found = [contacts[0] for contacts in found if contacts]

@@ -1,9 +1,10 @@
 """Electrodes whose readings cannot be used.
 
-A channel is dead where less than half of its readings are valid, stuck where they are all the same, and
-broken where they contradict reciprocity: rho_ln f_l = rho_nl f_n (see `admittance`) holds for every sheet and
-all contacts, whatever the model. Two channels whose wires are swapped do not contradict it. But contacts only
-lower the couplings Y_nl between electrodes, and swapped electrodes seem to be coupled to those next to the other one.
+A channel is dead where less than half of its readings are valid, stuck where they are all the same,
+and broken where they contradict reciprocity: rho_ln f_l = rho_nl f_n (see `admittance`) holds for
+every sheet and all contacts, whatever the model. Two channels whose wires are swapped do not
+contradict it. But contacts only lower the couplings Y_nl between electrodes, and swapped electrodes
+seem to be coupled to those next to the other one.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ _CONTRADICTION = 6.0  # allowed asymmetry, in parts of the noise and of the medi
 
 
 def dead_channels(valid: np.ndarray) -> np.ndarray:
-    """(E,) bool: less than half of the readings that rows (E, E) of `valid` could hold are there."""
+    """(E,) bool: less than half of the readings that rows (E, E) of `valid` could hold are
+    there."""
     rows = valid.any(axis=1)
     possible = np.count_nonzero(rows) - rows
     return np.count_nonzero(valid, axis=0) < possible / 2
@@ -40,7 +42,8 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
 def why_left_out(
     frame: np.ndarray, bad: np.ndarray, excluded: np.ndarray, noise: float
 ) -> dict[int, str]:
-    """{electrode: reason} for all electrodes of `bad` (E,), by what a frame (E, E), V, shows of them.
+    """{electrode: reason} for all electrodes of `bad` (E,), by what a frame (E, E), V, shows of
+    them.
 
     `excluded` (E,) are those that the settings leave out; `noise` of a reading, V rms.
     """
@@ -87,7 +90,8 @@ def stuck_channels(frame: np.ndarray, noise: float) -> np.ndarray:
 
 
 def broken_channels(frame: np.ndarray, drive_voltage: float, noise: float) -> np.ndarray:
-    """(n,) bool: channels that are stuck, or contradict all others, worst first until the rest agrees.
+    """(n,) bool: channels that are stuck, or contradict all others, worst first until the rest
+    agrees.
 
     Parameters
     ----------
@@ -124,7 +128,8 @@ def _contradiction(frame, drive_voltage, noise):
 def swapped_channels(
     meter: AdmittanceMeter, frame: np.ndarray, drive_voltage: float, measured: Grounded
 ) -> np.ndarray:
-    """(n,) bool: channels of a complete frame (n, n), V, that fit the sheet only if exchanged with each other."""
+    """(n,) bool: channels of a complete frame (n, n), V, that fit the sheet only if exchanged with
+    each other."""
     swapped = np.zeros(len(frame), bool)
     if not (meter.excess(measured) > _SWAPPED and measured.noise < _CLEAR * meter.own):
         return swapped

@@ -1,12 +1,14 @@
 """Frames without some of their readings, completed so that everything measured stays as it is.
 
-A missing reading whose mirror image was measured follows from reciprocity. What remains are pairs of electrodes
-without either, and the rows of conditions that were not scanned (electrodes U; all others are S). There Z is
-chosen so that its inverse is what sheet and contacts say, Y = Y0 + H diag(c) H^T, with the contacts c of the image:
+A missing reading whose mirror image was measured follows from reciprocity. What remains are pairs
+of electrodes without either, and the rows of conditions that were not scanned (electrodes U; all
+others are S). There Z is chosen so that its inverse is what sheet and contacts say, Y = Y0 + H
+diag(c) H^T, with the contacts c of the image:
 
     Z_UU = (Y_UU)^-1 + Z_US (Z_SS)^-1 Z_SU,        dZ_nl = (Z^-1 - Y)_nl / (Y_nn Y_ll + Y_nl^2).
 
-Image and completion take turns. Y is known but for the factor of Z, which follows from neighbours that were measured.
+Image and completion take turns. Y is known but for the factor of Z, which follows from neighbours
+that were measured.
 """
 
 from __future__ import annotations
@@ -62,7 +64,8 @@ class _Completion:
         self._first, self._second = np.nonzero(np.triu(unknown | unknown.T))
 
     def guess(self, typical: np.ndarray) -> float:
-        """Unknown pairs from resistances between electrodes, `typical` (n, n) ohm; the factor of Z."""
+        """Unknown pairs from resistances between electrodes, `typical` (n, n) ohm; the factor of
+        Z."""
         own = self.impedance.diagonal()
         known = np.zeros(own.shape, bool)
         known[self._rows] = True
@@ -81,7 +84,8 @@ class _Completion:
         return factor
 
     def fill(self, admittance: np.ndarray) -> np.ndarray:
-        """Unknown entries for which the inverse there is `admittance` (n, n); the inverse (n, n)."""
+        """Unknown entries for which the inverse there is `admittance` (n, n); the inverse
+        (n, n)."""
         self._fill_rows(admittance)
         inverse = _inverse(self.impedance)
         i, j = self._first, self._second
@@ -109,7 +113,8 @@ class _Completion:
 def read_rows(
     local: LocalImage, voltages: np.ndarray, scanned: np.ndarray, drive_voltage: float, sharp: bool
 ) -> Grounded:
-    """`Grounded` of a frame (n, n), V, that is complete in the rows `scanned` (n,); `sharp` as in `rows`."""
+    """`Grounded` of a frame (n, n), V, that is complete in the rows `scanned` (n,); `sharp` as in
+    `rows`."""
     found = None
     if LEAST_ROWS <= np.count_nonzero(scanned) < len(scanned):
         key = scanned.tobytes()

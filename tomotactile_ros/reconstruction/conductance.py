@@ -2,14 +2,15 @@
 
 Contacts take current from each other. By equation (b) of `grounded`, with W = (diag(1/g) + D)^-1,
 
-    y = H W 1,        Y_nl - Y0_nl = (H W H^T)_nl,        d W / d g_k = u_k u_k^T,   u_k = (I - W D) e_k,
+    y = H W 1,        Y_nl - Y0_nl = (H W H^T)_nl,        d W / d g_k = u_k u_k^T,   u_k = (I - W D)
+    e_k,
 
-so with the shares H~ = H (I - W D) that remain while all contacts are grounded too, the derivatives have
-the form of the linear problem: H~_nk s_k and H~_nk H~_lk, s_k = sum_n H~_nk. Each Gauss-Newton step is a
-non-negative least-squares problem; a step that does not lower the misfit is halved.
+so with the shares H~ = H (I - W D) that remain while all contacts are grounded too, the derivatives
+have the form of the linear problem: H~_nk s_k and H~_nk H~_lk, s_k = sum_n H~_nk. Each Gauss-Newton
+step is a non-negative least-squares problem; a step that does not lower the misfit is halved.
 
-A small weight on g^2 keeps wide contacts even: frames do not tell how a current is shared out among pixels much
-closer than electrodes.
+A small weight on g^2 keeps wide contacts even: frames do not tell how a current is shared out among
+pixels much closer than electrodes.
 """
 
 from __future__ import annotations

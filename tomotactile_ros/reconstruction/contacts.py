@@ -1,7 +1,7 @@
 """Contacts in an image, told apart by its topology.
 
-Every pixel belongs to the peak that steepest ascent leads to. A peak whose height above the saddle to a
-higher neighbour (its prominence) is small is a part of that neighbour.
+Every pixel belongs to the peak that steepest ascent leads to. A peak whose height above the saddle
+to a higher neighbour (its prominence) is small is a part of that neighbour.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def _neighbours(width):
 def _climb(around):
     """(n,) number of the peak that steepest ascent from each pixel leads to.
 
-    Pixels are numbered from the highest, equal ones in the order of the image: the neighbour with the lowest
-    number is the way up, and a plateau has one peak.
+    Pixels are numbered from the highest, equal ones in the order of the image: the neighbour with
+    the lowest number is the way up, and a plateau has one peak.
     """
     own = np.arange(around.shape[1])
     target = np.minimum(around.min(axis=0), own)

@@ -1,20 +1,25 @@
-"""Contacts as discs: place, conductance and size of each from the currents and couplings next to it.
+"""Contacts as discs: place, conductance and size of each from the currents and couplings next to
+it.
 
-Away from electrodes the shares H_n of a current fed in at a point are harmonic functions of its place, so nine
-pixels tell them, and their derivatives, in between: H_n = h_n + Re(p_n z + q_n z^2 + ...) about a place, z = x + i y.
-With that, equation (b) of `grounded` is for a disc of radius a and conductance per area g
+Away from electrodes the shares H_n of a current fed in at a point are harmonic functions of its
+place, so nine pixels tell them, and their derivatives, in between: H_n = h_n + Re(p_n z + q_n z^2 +
+...) about a place, z = x + i y. With that, equation (b) of `grounded` is for a disc of radius a and
+conductance per area g
 
     y_n = c h_n,      Y_nl - Y0_nl = c h_n h_l + s_1 Re(p_n p*_l) + s_2 Re(q_n q*_l),
 
-    2 pi / (R c) = I_0(k) / (k I_1(k)) + X,    s_m = (2 pi m a^2m / R) I_m+1(k) / I_m-1(k),    k = a sqrt(g R)
+    2 pi / (R c) = I_0(k) / (k I_1(k)) + X,    s_m = (2 pi m a^2m / R) I_m+1(k) / I_m-1(k),    k = a
+    sqrt(g R)
 
-with I the modified Bessel functions, of a disc that leaks evenly, and X the way from its rim to the grounded
-electrodes. The mean of a harmonic function over a disc is that at its centre: currents tell place and c whatever the
-size. A disc shows its size by what it short-circuits, s_m; the stronger it is, the more, and the more
-the size matters for g. Where the couplings do not tell, the expected radius stands.
+with I the modified Bessel functions, of a disc that leaks evenly, and X the way from its rim to the
+grounded electrodes. The mean of a harmonic function over a disc is that at its centre: currents
+tell place and c whatever the size. A disc shows its size by what it short-circuits, s_m; the
+stronger it is, the more, and the more the size matters for g. Where the couplings do not tell, the
+expected radius stands.
 
-An uneven sheet changes couplings, too, but those next to each other alike. So errors of Y0 near a disc count as a
-random field, and its mean at the disc, given what the disc leaves of the couplings, corrects R there.
+An uneven sheet changes couplings, too, but those next to each other alike. So errors of Y0 near a
+disc count as a random field, and its mean at the disc, given what the disc leaves of the couplings,
+corrects R there.
 """
 
 from __future__ import annotations
@@ -54,7 +59,8 @@ _SHORTED = ive(2, _K) / ive(0, _K), ive(3, _K) / ive(1, _K)
 
 
 class Shares:
-    """Interpolation between the pixels of `grid`, exact for harmonic polynomials up to the third degree.
+    """Interpolation between the pixels of `grid`, exact for harmonic polynomials up to the third
+    degree.
 
     `unit`: of the lengths in the weights, m. `usable`: whether there are nine pixels anywhere.
     """
@@ -102,7 +108,8 @@ def shares_of(grid: Grid) -> Shares:
 
 
 def _harmonic(z):
-    """(9, 5) value, Re p, -Im p, Re q, -Im q at z of 1, z, z^2, z^3 (real and imaginary parts), Re z^4 and |z|^2."""
+    """(9, 5) value, Re p, -Im p, Re q, -Im q at z of 1, z, z^2, z^3 (real and imaginary parts), Re
+    z^4 and |z|^2."""
     x, y = z.real, z.imag
     two = z * z
     three = z * two
@@ -129,7 +136,8 @@ class Disc:
 
 @dataclass(frozen=True)
 class _Point:
-    """What the currents tell of a disc: its place x, y, m, and c, S; H there (n, 5), see `Shares.at`, and D, ohm."""
+    """What the currents tell of a disc: its place x, y, m, and c, S; H there (n, 5), see
+    `Shares.at`, and D, ohm."""
 
     place: tuple[float, float]
     effective: float
@@ -151,7 +159,8 @@ def fit_discs(
     Parameters
     ----------
     others : what each contact that is no disc adds to the currents, (n,) S
-    change : (K,) what D of a disc of `radius` (m) centred on each pixel has above that of the pixel, ohm
+    change : (K,) what D of a disc of `radius` (m) centred on each pixel has above that of the
+        pixel, ohm
     expected : radius of each, m
     """
     sheet, first, second = local.meter.sheet, local.meter.first, local.meter.second
@@ -206,7 +215,8 @@ def _fit_places(local, measured, places, others):
 
 
 def _sized(local, noise, left, point, radius, expected) -> Disc:
-    """Mean over radii, each counted by how well it explains `left` and how near it is to the `expected` one, m.
+    """Mean over radii, each counted by how well it explains `left` and how near it is to the
+    `expected` one, m.
 
     Parameters
     ----------
@@ -241,7 +251,8 @@ def _sized(local, noise, left, point, radius, expected) -> Disc:
 
 
 def _shorted(scale, squared, inside):
-    """(3, n) amounts of `left` and of both moments that leave nothing, for n squared radii, in units of `Shares`."""
+    """(3, n) amounts of `left` and of both moments that leave nothing, for n squared radii, in
+    units of `Shares`."""
     amounts = np.ones((3, len(squared)))
     amounts[1] = -scale * squared * np.interp(inside, _INSIDE, _SHORTED[0])
     amounts[2] = -2 * scale * squared**2 * np.interp(inside, _INSIDE, _SHORTED[1])
@@ -249,7 +260,8 @@ def _shorted(scale, squared, inside):
 
 
 def _compared(local, noise, left, point):
-    """(3, 3) Q and (3,) q: `amounts` a of `_shorted` have the misfit a Q a and show the sheet's conductance exp(q a)."""
+    """(3, 3) Q and (3,) q: `amounts` a of `_shorted` have the misfit a Q a and show the sheet's
+    conductance exp(q a)."""
     reach = _ALIKE * local.spacing
     x, y = (local.middles - point.place).T / reach
     squared = x * x + y * y
@@ -273,7 +285,8 @@ def _compared(local, noise, left, point):
 
 @lru_cache(maxsize=8)
 def _sizes(radius, spacing):
-    """(n,) logarithms of the radii that are compared, in parts of `radius`, and their squares, m^2."""
+    """(n,) logarithms of the radii that are compared, in parts of `radius`, and their squares,
+    m^2."""
     largest = max(_LARGEST * spacing / radius, 1 / _SMALLEST)
     sizes = np.linspace(math.log(_SMALLEST), math.log(largest), _SIZES)
     return sizes, radius**2 * np.exp(2 * sizes)

@@ -1,9 +1,9 @@
 """Contacts and pressure from an image of conductance.
 
-A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the grounded electrodes
-shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of blob b, and the way to the grounded electrodes
-taken off, 1 / g = 1 / c - D, with the mean of D over all pairs of places in the blob; where the image is that of g, they
-have its sum.
+A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the
+grounded electrodes shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of
+blob b, and the way to the grounded electrodes taken off, 1 / g = 1 / c - D, with the mean of D over
+all pairs of places in the blob; where the image is that of g, they have its sum.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ _POINTS = 400  # of a disc that is partly off the sheet
 
 @dataclass(frozen=True)
 class Strength:
-    """Of one contact: position (2,) m, conductance g, S, and area, m^2; to be shown as a disc of that area or not."""
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2; to be shown as a disc of
+    that area or not."""
 
     position: np.ndarray
     conductance: float
@@ -59,7 +60,8 @@ def strengths(
     Parameters
     ----------
     measured : of the frame
-    disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the pixel, ohm
+    disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the
+        pixel, ohm
     point_area : area of the upper half of a point's image, m^2
     radius : of a contact that looks like a point, m
     exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
@@ -93,7 +95,8 @@ def strengths(
 
 
 def _wide(blob, pixels, effective, local, point_area, radius):
-    """`Strength` of a blob with the `pixels` in its upper half and the `effective` conductance, S."""
+    """`Strength` of a blob with the `pixels` in its upper half and the `effective` conductance,
+    S."""
     area = max(np.pi * radius**2, blob.area - point_area)
     conductance = effective / (1 - min(effective * _mean_impedance(pixels, local, area), _BARE))
     conductance = min(float(conductance), LARGEST / local.resistance)
@@ -101,7 +104,8 @@ def _wide(blob, pixels, effective, local, point_area, radius):
 
 
 def _sizes(blobs, exact, local, point_area, radius, largest):
-    """Radius of each blob, m, as far as the image tells it, and whether it is too wide for a disc."""
+    """Radius of each blob, m, as far as the image tells it, and whether it is too wide for a
+    disc."""
     if exact is None:
         radii = [radius] * len(blobs)
         wide = [blob.area > WIDE * point_area for blob in blobs]
@@ -120,7 +124,8 @@ def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:
-    """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the currents."""
+    """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the
+    currents."""
     if shares.shape[1] == 1:
         return np.maximum(currents.sum(), 0.0).reshape(1)
     found = solve_nonnegative(shares, currents)
@@ -133,8 +138,9 @@ def seen_radius(
 ) -> float:
     """Radius of the disc with the second moment of the image `values` (K,) at `pixels` (n,), m.
 
-    An even disc has r^2 / 2; a point that falls between pixels is spread over them by about half a cell. Below
-    a fraction of the electrodes' spacing the image does not tell, and `expected` (m) stands.
+    An even disc has r^2 / 2; a point that falls between pixels is spread over them by about half a
+    cell. Below a fraction of the electrodes' spacing the image does not tell, and `expected` (m)
+    stands.
     """
     weights, points = values[pixels], local.grid.pixels[pixels]
     total = weights.sum()
@@ -147,7 +153,8 @@ def seen_radius(
 
 
 def _mean_impedance(pixels, local, area) -> float:
-    """Mean of D over all pairs of places in a blob of many `pixels`, ohm; a few pixels stand for all."""
+    """Mean of D over all pairs of places in a blob of many `pixels`, ohm; a few pixels stand for
+    all."""
     chosen = pixels[:: max(1, int(np.ceil(len(pixels) / _PLACES)))]
     sheet = local.meter.sheet
     block = sheet.among(chosen)
@@ -158,7 +165,8 @@ def _mean_impedance(pixels, local, area) -> float:
 
 
 def contacts_and_pressure(blobs, values, found, law, grid):
-    """Contacts, strongest first, and (K,) pressure, Pa, that shows them: peak, area and force are the image's."""
+    """Contacts, strongest first, and (K,) pressure, Pa, that shows them: peak, area and force are
+    the image's."""
     pressure = np.zeros(len(values))
     contacts = []
     for blob, strength in zip(blobs, found):
@@ -181,7 +189,8 @@ def contacts_and_pressure(blobs, values, found, law, grid):
 
 
 def part_on_sheet(position: np.ndarray, area: float, outline: Outline) -> float:
-    """How much of a disc of `area` (m^2) at `position` (2,), m, is on the sheet: nothing presses beside it."""
+    """How much of a disc of `area` (m^2) at `position` (2,), m, is on the sheet: nothing presses
+    beside it."""
     radius = np.sqrt(area / np.pi)
     if (
         outline.is_uniform_rectangle
@@ -201,7 +210,8 @@ def _disc_points() -> np.ndarray:
 
 
 def disc_cells(position, radius, grid):
-    """Pixels (n,) that a disc covers, and the part of each that it does: 1 within, falling over the rim's cell."""
+    """Pixels (n,) that a disc covers, and the part of each that it does: 1 within, falling over the
+    rim's cell."""
     distance = np.hypot(*(grid.pixels - position).T)
     covered = np.clip((radius - distance) / np.sqrt(grid.cell_area) + 0.5, 0.0, 1.0)
     pixels = np.flatnonzero(covered)

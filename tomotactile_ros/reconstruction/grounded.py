@@ -1,19 +1,19 @@
 """The sheet with all its electrodes grounded at once: there contacts hardly see each other.
 
-Take the driving layer as the reference. Electrodes at the potentials u then draw the currents Y u, and with
-electrode l grounded and the others floating (Z = Y^-1)
+Take the driving layer as the reference. Electrodes at the potentials u then draw the currents Y u,
+and with electrode l grounded and the others floating (Z = Y^-1)
 
     v_n = V0 (1 - Z_nl / Z_ll)                                                            (a)
 
-A frame therefore holds the whole symmetric E x E matrix Z but for a common factor: all ground conditions
-together say what all electrodes, grounded at once, would have measured. There the sheet is short-circuited
-between electrodes, and contacts add up almost independently:
+A frame therefore holds the whole symmetric E x E matrix Z but for a common factor: all ground
+conditions together say what all electrodes, grounded at once, would have measured. There the sheet
+is short-circuited between electrodes, and contacts add up almost independently:
 
     Y = Y0 + H (diag(1/g) + D)^-1 H^T                                                     (b)
 
-with Y0 of the untouched sheet, H (E, K) the share of a current fed in at point k that leaves through
-electrode n, and D the impedance between points. (a) and (b) are exact. They follow from the Neumann Green
-function G of the transfer object by eliminating the electrodes:
+with Y0 of the untouched sheet, H (E, K) the share of a current fed in at point k that leaves
+through electrode n, and D the impedance between points. (a) and (b) are exact. They follow from the
+Neumann Green function G of the transfer object by eliminating the electrodes:
 
     [Y0 ; .] = [G_EE 1; 1^T 0]^-1 [1 ; 0],    [H ; s] = [G_EE 1; 1^T 0]^-1 [G_EK ; 1],
     D = G_KK - G_KE H - s.
@@ -27,12 +27,14 @@ from tomotactile_ros.sheet.transfer import Transfer
 
 
 class GroundedSheet:
-    """The electrodes `used` (n,) of a transfer, all of them grounded; the others float and are not there.
+    """The electrodes `used` (n,) of a transfer, all of them grounded; the others float and are not
+    there.
 
     Attributes
     ----------
     admittance : (n, n) Y0, S; its rows sum to 0.
-    rest_share : (n,) shares of a current that is fed in evenly all over the sheet, as G has its reference.
+    rest_share : (n,) shares of a current that is fed in evenly all over the sheet, as G has its
+        reference.
     share : (n, K) H; columns sum to 1.
     impedance : (K,) diagonal of D, ohm, 0 on a grounded electrode.
     """
@@ -78,7 +80,8 @@ class GroundedSheet:
         return block
 
     def readings(self, conductances: np.ndarray) -> np.ndarray:
-        """(n, n) v / V0 by (a) and (b) where the points have `conductances` (K,), S; row l with electrode l grounded."""
+        """(n, n) v / V0 by (a) and (b) where the points have `conductances` (K,), S; row l with
+        electrode l grounded."""
         touching = np.flatnonzero(conductances > 0)
         share = self.share[:, touching]
         block = self.among(touching) + np.diag(1 / conductances[touching])
@@ -88,7 +91,8 @@ class GroundedSheet:
 
 
 class RecentBlock:
-    """D between pixels, kept from call to call: of contacts that move slowly only a few pixels are new."""
+    """D between pixels, kept from call to call: of contacts that move slowly only a few pixels are
+    new."""
 
     def __init__(self):
         self._sheet, self._chosen, self._block = None, np.empty(0, int), np.empty((0, 0))

@@ -20,14 +20,16 @@ from tomotactile_ros.reconstruction.grounded import RecentBlock
 from tomotactile_ros.reconstruction.local import LocalImage
 from tomotactile_ros.reconstruction.nonnegative import nonnegative_image, spread
 
-SHARP = 0.2  # width of a point in the images of `balanced` and `nonlinear`, in spacings of the electrodes
+# width of a point in the images of `balanced` and `nonlinear`, in spacings of the electrodes
+SHARP = 0.2
 _NOISY = 5  # level of lambda from which on noise breaks all images but the linear one into spots
 _LEAST = 0.02  # conductance of a contact, in parts of the strongest
 
 
 @dataclass
 class Image:
-    """values (K,), S; its blobs; how strongly each conducts; the image before it was smoothed, g of each pixel, if any."""
+    """values (K,), S; its blobs; how strongly each conducts; the image before it was smoothed, g of
+    each pixel, if any."""
 
     values: np.ndarray
     blobs: list[Blob]
@@ -81,7 +83,8 @@ class ImageMaker:
     def described(
         self, local, measured, values, point_area=None, exact=None, resolved=False
     ) -> Image:
-        """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`, m^2."""
+        """Blobs and strengths in the image `values` (K,); a point's upper half covers `point_area`,
+        m^2."""
         if point_area is None:
             point_area = local.point_area(measured)
         floor = FLOOR if values.min() < 0 else SHARP_FLOOR

@@ -2,12 +2,13 @@
 
     f = (J^T J + lambda^2 I)^-1 J^T v = S^T (S S^T + lambda^2 I)^-1 W v,    J = W^T S
 
-The matrix in brackets is never formed: with the QR decomposition of S^T above lambda I, whose condition is the
-square root of that of the matrix,
+The matrix in brackets is never formed: with the QR decomposition of S^T above lambda I, whose
+condition is the square root of that of the matrix,
 
     [S^T; lambda I] = Q R,        f = (S^T R^-1) (R^-T W) v.
 
-Without some of the readings W^T loses rows; the QR decomposition of what is left, W'^T R', gives J = W'^T (R' S).
+Without some of the readings W^T loses rows; the QR decomposition of what is left, W'^T R', gives J
+= W'^T (R' S).
 """
 
 from __future__ import annotations

@@ -1,21 +1,24 @@
 """One linear step from what the grounded electrodes would measure to an image (see `grounded`).
 
-Data are the current y_n into each electrode from the driving layer and what contacts add to the admittance
-between neighbouring electrodes. Both are linear in the effective conductances c of the pixels,
+Data are the current y_n into each electrode from the driving layer and what contacts add to the
+admittance between neighbouring electrodes. Both are linear in the effective conductances c of the
+pixels,
 
-    y_n = sum_k H_nk c_k,        Y_nl - Y0_nl = sum_k H_nk H_lk c_k,        c_k = 1 / (1/g_k + D_kk).
+    y_n = sum_k H_nk c_k,        Y_nl - Y0_nl = sum_k H_nk H_lk c_k,        c_k = 1 / (1/g_k +
+    D_kk).
 
-As H >= 0 and sum_n H_nk = 1, the second lies between 0 and y_n y_l / (y_n + y_l): so it is for a single pixel,
-and that function is concave. What is outside is an error of Y0, and is cut off.
+As H >= 0 and sum_n H_nk = 1, the second lies between 0 and y_n y_l / (y_n + y_l): so it is for a
+single pixel, and that function is concave. What is outside is an error of Y0, and is cut off.
 
 The image is the mean of a Gaussian field given the data, in Tikhonov's form
 
     c = P A^T (A P A^T + diag(lambda^2))^-1 d
 
-with P a Gaussian smoothing about half as wide as electrodes are apart. P acts on rows and columns of the image one
-after the other and passes few frequencies, P = (U S U^T) x (V T V^T): what depends on the frame is computed in the
-leading modes and the image follows from U, V. lambda of a coupling is its noise, or the
-error of Y0 if that is larger, in parts of the field's standard deviation, which follows the strength of the frame.
+with P a Gaussian smoothing about half as wide as electrodes are apart. P acts on rows and columns
+of the image one after the other and passes few frequencies, P = (U S U^T) x (V T V^T): what depends
+on the frame is computed in the leading modes and the image follows from U, V. lambda of a coupling
+is its noise, or the error of Y0 if that is larger, in parts of the field's standard deviation,
+which follows the strength of the frame.
 """
 
 from __future__ import annotations
@@ -154,7 +157,8 @@ class LocalImage:
 
 
 def _modes(count, sigma):
-    """(count, m) leading modes of a Gaussian smoothing of `count` cells, sigma in cells, and their gains (m,)."""
+    """(count, m) leading modes of a Gaussian smoothing of `count` cells, sigma in cells, and their
+    gains (m,)."""
     apart = np.subtract.outer(np.arange(count), np.arange(count)) / sigma
     gains, modes = np.linalg.eigh(np.exp(-(apart**2) / 2) / (math.sqrt(2 * math.pi) * sigma))
     kept = gains > _NEGLIGIBLE * gains[-1]

@@ -1,10 +1,12 @@
-"""Frames that look right and are not what the layout says: transposed, or electrodes in another order.
+"""Frames that look right and are not what the layout says: transposed, or electrodes in another
+order.
 
-Reciprocity cannot tell: where f_l rho_ln is symmetric (see `admittance`), so is rho_nl / f_l. What can
-are two signs. Current flows from the driving layer into the electrodes, never back; in a transposed
-frame it seems to flow back from electrodes near a contact. And contacts only lower the couplings
-between electrodes; where electrodes are numbered differently, distant ones seem to be coupled.
-Mirrored and turned orders fit any sheet as well as the right one: only a press at a known place tells.
+Reciprocity cannot tell: where f_l rho_ln is symmetric (see `admittance`), so is rho_nl / f_l. What
+can are two signs. Current flows from the driving layer into the electrodes, never back; in a
+transposed frame it seems to flow back from electrodes near a contact. And contacts only lower the
+couplings between electrodes; where electrodes are numbered differently, distant ones seem to be
+coupled. Mirrored and turned orders fit any sheet as well as the right one: only a press at a known
+place tells.
 """
 
 from __future__ import annotations
@@ -22,9 +24,8 @@ from tomotactile_ros.sheet import make_sheet
 
 _FRAMES = 5  # the strongest, which are looked at
 _BACK, _FORTH = 0.05, 0.01  # part of the current that flows back: clearly, and as good as none
-_UNEVEN = (
-    5.0  # asymmetry of a frame, in parts of the noise: channels differ, and currents tell less
-)
+# asymmetry of a frame, in parts of the noise: channels differ, and currents tell less
+_UNEVEN = 5.0
 _FAR, _NEAR = 0.3, 0.12  # coupling of distant electrodes, as in `channels`: clearly, and hardly any
 
 

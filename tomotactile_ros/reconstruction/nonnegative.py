@@ -2,13 +2,14 @@
 
     min over c >= 0 of  sum_i ((A c - d)_i / sigma_i)^2
 
-with the data d and the operator A of `local`. Each datum counts by its own error: currents into electrodes are
-nearly free of errors of the sheet, couplings carry a part of Y0 that stands for an uneven sheet. Currents
-alone leave open how far a contact reaches: they give its centre. Couplings are largest for a current fed in midway
-between electrodes and least for one spread out to them, and a constant added to their data makes contacts as
-compact as the currents allow where couplings are too uncertain to tell. Solutions are
-sparse, a few pixels to a contact; active sets find them from those of the last frame. Only pixels where the linear
-image of the same frame is above a fraction of its maximum take part: contacts that jump are not followed late.
+with the data d and the operator A of `local`. Each datum counts by its own error: currents into
+electrodes are nearly free of errors of the sheet, couplings carry a part of Y0 that stands for an
+uneven sheet. Currents alone leave open how far a contact reaches: they give its centre. Couplings
+are largest for a current fed in midway between electrodes and least for one spread out to them, and
+a constant added to their data makes contacts as compact as the currents allow where couplings are
+too uncertain to tell. Solutions are sparse, a few pixels to a contact; active sets find them from
+those of the last frame. Only pixels where the linear image of the same frame is above a fraction of
+its maximum take part: contacts that jump are not followed late.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ def current_error(meter: AdmittanceMeter, measured: Grounded) -> np.ndarray:
 
 
 def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run out."""
+    """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run
+    out."""
     if not matrix.size:  # scipy frees memory twice there, which ends the process
         return np.zeros(matrix.shape[1])
     try:

@@ -36,9 +36,11 @@ from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
 ACCURATE = "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
-FEWEST = 9  # electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
+# electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
+FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
-_NOTHING = 1e-9  # conductance of all contacts times the sheet resistance: a fit that came to nothing
+# conductance of all contacts times the sheet resistance: a fit that came to nothing
+_NOTHING = 1e-9
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -137,7 +139,8 @@ class Pipeline:
 
     @property
     def baseline(self) -> np.ndarray | None:
-        """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None without."""
+        """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None
+        without."""
         return self._baseline
 
     def use_baseline(self, baseline: np.ndarray) -> None:
@@ -193,7 +196,8 @@ class Pipeline:
         return result
 
     def rows(self) -> RowsState:
-        """The state of a sensor whose rows are followed, before the first of them (`process_row`)."""
+        """The state of a sensor whose rows are followed, before the first of them
+        (`process_row`)."""
         return RowsState()
 
     def process_row(
@@ -239,10 +243,11 @@ class Pipeline:
         )
 
     def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
-        """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows` rows.
+        """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows`
+        rows.
 
-        That of the last row where rows are estimated at their own times; of the middle where they are
-        taken for rows of one state.
+        That of the last row where rows are estimated at their own times; of the middle where they
+        are taken for rows of one state.
         """
         lasts = row_period * (rows - 1)
         return stamp + (lasts if self._estimator is not None else lasts / 2)
@@ -285,7 +290,8 @@ class Pipeline:
         )
 
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
-        """The estimate without channels whose couplings no sheet has, swapped wires for example, if that explains more."""
+        """The estimate without channels whose couplings no sheet has, swapped wires for example, if
+        that explains more."""
         bad = self._read(voltages, grounded, drive_voltage)[1]
         bad[list(estimate.left_out)] = False
         if not bad.any():
@@ -374,7 +380,8 @@ class Pipeline:
         )
 
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
-        """How strongly each contact of a frame conducts, strongest first; arguments as for `process`."""
+        """How strongly each contact of a frame conducts, strongest first; arguments as for
+        `process`."""
         drive_voltage = check_drive_voltage(drive_voltage)
         if self._estimator is not None:
             estimate = self._estimate(voltages, grounded, drive_voltage)
@@ -389,7 +396,8 @@ class Pipeline:
         return sorted(found, key=lambda strength: -strength.conductance)
 
     def _read(self, voltages, grounded, drive_voltage):
-        """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if idle."""
+        """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if
+        idle."""
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
@@ -448,7 +456,8 @@ class Pipeline:
             return local, measured
 
     def _measure_rows(self, local, part, drive_voltage):
-        """`Grounded` of whole rows, None where single readings are missing; whether it is doubtful."""
+        """`Grounded` of whole rows, None where single readings are missing; whether it is
+        doubtful."""
         scanned = scanned_rows(part)
         if scanned is None:
             return None, True

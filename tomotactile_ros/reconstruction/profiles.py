@@ -1,4 +1,5 @@
-"""Profile `auto`: the most accurate profile that meets the deadline on this machine, by measurement."""
+"""Profile `auto`: the most accurate profile that meets the deadline on this machine, by
+measurement."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ _STRENGTH = 1.0  # conductance of each contact, times the sheet resistance
 
 
 def trial_frame(transfer: Transfer, resistance: float, noise: float, drive_voltage: float = 3.3):
-    """(E, E) frame of a few contacts spread over the pixels of `transfer`, V, with `noise` (V rms)."""
+    """(E, E) frame of a few contacts spread over the pixels of `transfer`, V, with `noise` (V
+    rms)."""
     count = len(transfer.points)
     chosen = np.unique(np.linspace(0, count - 1, _CONTACTS + 2).astype(int)[1:-1])
     voltages = frame(

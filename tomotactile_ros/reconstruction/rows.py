@@ -1,15 +1,19 @@
 """Frames with some of the ground conditions only: rows S were scanned, rows U were not.
 
-Of Z = Y^-1 the rows S are known but for a factor. In blocks, with T = Z_SS^-1 Z_SU, which is free of the factor phi,
+Of Z = Y^-1 the rows S are known but for a factor. In blocks, with T = Z_SS^-1 Z_SU, which is free
+of the factor phi,
 
     Y_SU = -T Y_UU,        Y_SS = phi Z_SS^-1 + T Y_UU T^T,
 
-so that the measured part of the currents y = Y 1 is exact, y_U = Y_UU (1 - T^T 1). Only Y_UU is to be guessed:
-Y0_UU + H_U diag(c) H_U^T with the contacts c of the image, in turns with the image. phi follows from pairs in S for which
-phi Z_SS^-1 is what sheet and contacts say, Y_SS - T Y_UU T^T; the median over pairs bears contacts that are missed.
+so that the measured part of the currents y = Y 1 is exact, y_U = Y_UU (1 - T^T 1). Only Y_UU is to
+be guessed: Y0_UU + H_U diag(c) H_U^T with the contacts c of the image, in turns with the image. phi
+follows from pairs in S for which phi Z_SS^-1 is what sheet and contacts say, Y_SS - T Y_UU T^T; the
+median over pairs bears contacts that are missed.
 
-The linear image is blurred, which puts too much of a contact between electrodes. A few multiplicative steps towards the
-non-negative image from its square (A^T d / A^T A c, which keeps c >= 0) are nearly as good as that image itself. Rounds are stretched by half: each one would go about two thirds of the way.
+The linear image is blurred, which puts too much of a contact between electrodes. A few
+multiplicative steps towards the non-negative image from its square (A^T d / A^T A c, which keeps c
+>= 0) are nearly as good as that image itself. Rounds are stretched by half: each one would go about
+two thirds of the way.
 """
 
 from __future__ import annotations
@@ -41,7 +45,8 @@ LEAST_ROWS = 3
 
 
 class RowReader:
-    """What depends only on the rows `scanned` (n,) bool; at least three of them, and at least one not.
+    """What depends only on the rows `scanned` (n,) bool; at least three of them, and at least one
+    not.
 
     Every matrix here has S first: `order` (n,) are the electrodes.
     """
@@ -65,7 +70,8 @@ class RowReader:
         self._telling = np.flatnonzero(np.triu(coupling >= least, 1))
 
     def read(self, voltages: np.ndarray, drive_voltage: float, sharp: bool) -> Grounded | None:
-        """`Grounded` of a frame (n, n), V, complete in its rows; None where contacts are too weak to invert.
+        """`Grounded` of a frame (n, n), V, complete in its rows; None where contacts are too weak
+        to invert.
 
         `sharp` : by the non-negative image until nothing changes.
         """
@@ -148,7 +154,8 @@ class RowReader:
 
 
 def scanned_rows(voltages: np.ndarray) -> np.ndarray | None:
-    """(n,) bool, rows of a frame (n, n) that were scanned; None if other readings than whole rows are missing."""
+    """(n,) bool, rows of a frame (n, n) that were scanned; None if other readings than whole rows
+    are missing."""
     valid = np.isfinite(voltages)
     count = np.count_nonzero(valid, axis=1) + ~valid.diagonal()
     scanned = count > 1

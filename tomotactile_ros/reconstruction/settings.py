@@ -23,15 +23,16 @@ class Settings:
 
     Parameters
     ----------
-    profile : `fast` (linear), `balanced` (non-negative), `nonlinear` (an ideal sensor), `accurate` (contacts,
-        sheet and channels fitted together; 0.1 s to some s a frame), or `auto`: the most accurate of the first
-        three that meets the deadline on this machine.
+    profile : `fast` (linear), `balanced` (non-negative), `nonlinear` (an ideal sensor), `accurate`
+        (contacts, sheet and channels fitted together; 0.1 s to some s a frame), or `auto`: the most
+        accurate of the first three that meets the deadline on this machine.
     resolution : image cells along the longer side of the sheet.
-    regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0 to
-        1e30; None: the profile's own image. Contacts and pressure do not depend on it.
+    regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
+        to 1e30; None: the profile's own image. Contacts and pressure do not depend on it.
     noise : of a reading, V rms.
     contact_law : conductance per area against pressure, from calibration.
-    contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact is.
+    contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact
+        is.
     deadline : time for one frame, s; only `auto` uses it.
     excluded : electrodes whose readings are never used.
     threshold : a frame is idle while its mean reading stays below this many times the noise.
@@ -75,13 +76,13 @@ class Settings:
 class ContactEstimate:
     """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m).
 
-    Except in `accurate` peak and area are those of the pressure image, whose integral over the contact is the force; in
-    `accurate` those of the contact.
+    Except in `accurate` peak and area are those of the pressure image, whose integral over the
+    contact is the force; in `accurate` those of the contact.
 
-    position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there. NaN where
-        nothing was estimated of them.
-    id : of the same contact as long as it lasts, 0 where nobody follows it; age : s since it began; velocity : m/s
-        along x and y of the sheet.
+    position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there.
+        NaN where nothing was estimated of them.
+    id : of the same contact as long as it lasts, 0 where nobody follows it; age : s since it began;
+        velocity : m/s along x and y of the sheet.
     """
 
     x: float
@@ -110,9 +111,10 @@ class Result:
     excluded : electrodes that were left out of this frame.
     idle : nothing above the noise; the image is zero.
     regularization : lambda_J^2 in use.
-    state : `valid`, or `withheld`: nothing explains the readings, and `reason` says why. Then there are no contacts and
-        the image is NaN: that is not the same as nothing that touches.
-    misfit : chi-squared per reading, about 1 where noise alone is left; NaN where nothing was fitted.
+    state : `valid`, or `withheld`: nothing explains the readings, and `reason` says why. Then there
+        are no contacts and the image is NaN: that is not the same as nothing that touches.
+    misfit : chi-squared per reading, about 1 where noise alone is left; NaN where nothing was
+        fitted.
     faults : {electrode: why its channel is left out}
     """
 

@@ -4,10 +4,11 @@ Each electrode is a ring of point charges on its rim. A floating electrode is an
 without net current, so its charges move: to leading order an induced dipole, which shunts the sheet
 (64 discs of radius 2.5 mm at 28.6 mm pitch raise its conductance by about 2 pi r^2 / pitch^2 =
 5 %). The charges are eliminated once; four to a ring give dipole moments within 4 %, sixteen serve
-electrodes that nearly touch, and those whose rim is near the sheet's or beyond it, while their centre
-is not on it: there the image in the sheet's rim is as near as a neighbour (4 x 4 electrodes of 2.5 mm,
-1 / 2 / 3 / 5 mm inside: readings are 20.9 / 9.6 / 5.0 / 2.2 mV off with four charges, 2.3 / 2.1 / 1.7 /
-1.7 mV with sixteen; on the rim 1.8 and 1.9 mV). Without shunting every electrode is a point with a radius.
+electrodes that nearly touch, and those whose rim is near the sheet's or beyond it, while their
+centre is not on it: there the image in the sheet's rim is as near as a neighbour (4 x 4 electrodes
+of 2.5 mm, 1 / 2 / 3 / 5 mm inside: readings are 20.9 / 9.6 / 5.0 / 2.2 mV off with four charges,
+2.3 / 2.1 / 1.7 / 1.7 mV with sixteen; on the rim 1.8 and 1.9 mV). Without shunting every electrode
+is a point with a radius.
 
 A charge of a ring of n acts on itself like a disc of radius r / n: then equal charges give the
 potential of the continuous ring, because the distances between n points on a circle multiply to
@@ -36,7 +37,8 @@ class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
 
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
-    ring           charges on the rim of each electrode; by default 4, or 16: of all where some are close
+    ring           charges on the rim of each electrode; by default 4, or 16: of all where some are
+    close
                    to each other, otherwise of those that are close to the sheet's rim
     """
 
@@ -111,7 +113,8 @@ def _counts(layout):
 
 
 def _rings(layout, counts):
-    """(C, 2) charges on the sheet, m, and (C,) the electrode of each, with `counts` (E,) to a ring."""
+    """(C, 2) charges on the sheet, m, and (C,) the electrode of each, with `counts` (E,) to a
+    ring."""
     owner = np.repeat(np.arange(layout.electrodes), counts)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     angle = 2 * np.pi * (place + 0.5) / counts[owner]

@@ -1,8 +1,8 @@
 """Distances as currents see them: in coordinates in which an anisotropic sheet is isotropic.
 
-A disc is an ellipse there, with semi-axes a > b. Alone on a sheet it has the field of a disc of radius
-(a + b) / 2: its equipotentials are confocal ellipses, on which ln((alpha + beta) / 2) is constant
-(alpha, beta their semi-axes).
+A disc is an ellipse there, with semi-axes a > b. Alone on a sheet it has the field of a disc of
+radius (a + b) / 2: its equipotentials are confocal ellipses, on which ln((alpha + beta) / 2) is
+constant (alpha, beta their semi-axes).
 """
 
 from __future__ import annotations

@@ -69,8 +69,8 @@ def _rim(layout, size):
 def _on_lines(layout, size, lines):
     """Nodes along polylines on the sheet, outside electrodes.
 
-    They are half as far apart as others and from these at least `_CROWDED`: no other node comes into
-    a circle over two of them, so that Delaunay triangles follow the line.
+    They are half as far apart as others and from these at least `_CROWDED`: no other node comes
+    into a circle over two of them, so that Delaunay triangles follow the line.
     """
     pieces, ends = [], []
     for line in lines:

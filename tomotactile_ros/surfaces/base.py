@@ -54,7 +54,8 @@ class Surface(ABC):
         return self.frames(points)[:, :, 2]
 
     def nearest(self, places: np.ndarray, size: tuple[float, float]) -> np.ndarray:
-        """(P, 2) points of a sheet of this size (m) nearest to (P, 3) places in space; NaN for NaN."""
+        """(P, 2) points of a sheet of this size (m) nearest to (P, 3) places in space; NaN for
+        NaN."""
         places = np.asarray(places, dtype=float).reshape(-1, 3)
         found = np.full((len(places), 2), np.nan)
         known = np.isfinite(places).all(axis=1)

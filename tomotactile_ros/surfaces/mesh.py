@@ -53,7 +53,8 @@ class Mesh(Surface):
 
     @classmethod
     def load(cls, file, center, x_axis, scale, folder: Path, size: tuple[float, float]) -> "Mesh":
-        """Read the mesh and lay a sheet of this size (m) onto it; InputError where it does not fit."""
+        """Read the mesh and lay a sheet of this size (m) onto it; InputError where it does not
+        fit."""
         scale = checks.positive(scale, "mesh.scale", "number of m per unit")
         vertices, faces = _read(_resolve(file, folder))
         points = _Drape(scale * vertices, faces).lay(np.array(center), np.array(x_axis), size)
@@ -159,7 +160,8 @@ class _Drape:
         return face, points[face] + _ASIDE * (middle - points[face])
 
     def _trace(self, face: int, start: np.ndarray, ways: np.ndarray) -> np.ndarray:
-        """(N, 3) ends of lines that leave a point of a face in its plane by (N, 3); NaN beyond the rim."""
+        """(N, 3) ends of lines that leave a point of a face in its plane by (N, 3); NaN beyond the
+        rim."""
         left = np.linalg.norm(ways, axis=1)
         heading = ways / np.maximum(left, 1e-300)[:, None]
         at = np.tile(start, (len(ways), 1))

@@ -134,7 +134,8 @@ def pressure_figure(
 
 
 def _size(width: float, height: float) -> tuple[float, float]:
-    """Size of a figure, inches, whose map is `width` x `height`, with room for what is around it."""
+    """Size of a figure, inches, whose map is `width` x `height`, with room for what is around
+    it."""
     scale = min(5.6 / width, 4.8 / height)
     return max(4.5, width * scale + 1.6), max(2.5, height * scale + 1.9)
 

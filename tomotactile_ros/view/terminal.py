@@ -72,7 +72,8 @@ def _mark(rgb: np.ndarray, cells: np.ndarray) -> None:
 
 
 def _coarser(image: np.ndarray, room: tuple[int, int]) -> tuple[np.ndarray, int]:
-    """The image with the peak of blocks of cells, so that at most (columns, rows) remain; their side."""
+    """The image with the peak of blocks of cells, so that at most (columns, rows) remain; their
+    side."""
     height, width = image.shape
     factor = max(-(-width // room[0]), -(-height // room[1]))
     if factor <= 1:

@@ -16,8 +16,8 @@ _INSIDE = 0.095  # m, centres of contacts on the sheet of 200 mm
 
 
 def collect(layout, variation, count, pairs, seed):
-    """Groups of contacts and their frames by name: `count` singles, `pairs` at each distance of APART
-    and two of different strength, one contact many times, wide shapes."""
+    """Groups of contacts and their frames by name: `count` singles, `pairs` at each distance of
+    APART and two of different strength, one contact many times, wide shapes."""
     random = np.random.default_rng(seed)
     singles = [[disc(p)] for p in random.uniform(-_INSIDE, _INSIDE, (count, 2))]
     data = {"singles": (singles, simulate(layout, singles, variation))}

@@ -1,4 +1,5 @@
-"""Figures of one profile: of its images, of its contacts, ghosts and misses, of noise and wide shapes."""
+"""Figures of one profile: of its images, of its contacts, ghosts and misses, of noise and wide
+shapes."""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ PRESSURES = (2e3, 10e3, 30e3, 100e3)  # Pa
 
 
 def sizes(layout, pipelines, count, seed):
-    """Prints median and 95th percentile of the force's error, %, for discs of all RADII; returns the
-    same."""
+    """Prints median and 95th percentile of the force's error, %, for discs of all RADII; returns
+    the same."""
     random = np.random.default_rng(seed)
     groups, kinds = [], []
     for radius in RADII:
@@ -40,8 +40,8 @@ def sizes(layout, pipelines, count, seed):
 
 
 def size_rows(errors, kinds):
-    """Median and 95th percentile of `errors` (N,) for each radius, by pressure, kind of place and in
-    all."""
+    """Median and 95th percentile of `errors` (N,) for each radius, by pressure, kind of place and
+    in all."""
     rows = {f"{pressure / 1e3:g} kPa": kinds[:, 1] == pressure for pressure in PRESSURES}
     rows |= {kind: kinds[:, 2] == kind for kind in dict.fromkeys(kinds[:, 2])}
     rows["all up to 30 kPa"] = kinds[:, 1] < 50e3

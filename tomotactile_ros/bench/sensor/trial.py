@@ -1,8 +1,8 @@
 """Frames with their truth, and any reconstruction scored on them.
 
-A reconstruction is whatever has `process(voltages, grounded, drive_voltage)` and returns something with
-`contacts`, see `evaluation.scoring`. One that has a parameter `row_period` is told that, too. Several
-are compared side by side: a function of a layout makes all of them by their names.
+A reconstruction is whatever has `process(voltages, grounded, drive_voltage)` and returns something
+with `contacts`, see `evaluation.scoring`. One that has a parameter `row_period` is told that, too.
+Several are compared side by side: a function of a layout makes all of them by their names.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def profiles(layout: Layout) -> dict[str, Pipeline]:
 
 
 def accurate(layout: Layout) -> dict[str, Pipeline]:
-    """The profile that fits contacts, sheet and channels together; it takes too long to be among the three."""
+    """The profile that fits contacts, sheet and channels together; it takes too long to be among
+    the three."""
     return {"accurate": Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=LAW))}
 
 
@@ -78,7 +79,8 @@ def find_methods(name: str) -> Methods:
 
 
 def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[dict]:
-    """A row of plain data for each trial and method: case, method and what `scoring.summary` says."""
+    """A row of plain data for each trial and method: case, method and what `scoring.summary`
+    says."""
     made: dict[str, dict] = {}
     for trial in trials:
         name = trial.layout.name
