@@ -51,13 +51,17 @@ def frames_of(scene, number=4):
 
 
 def test_a_sensor_on_a_port_is_watched_recorded_and_shown(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(stream, "PATIENCE", 300.0)  # only how long a broken program may take to fail
+    monkeypatch.setattr(
+        stream, "PATIENCE", 300.0
+    )  # only how long a broken program may take to fail
     sensor = ["--layout", "equal-4x4"]
     out, picture = tmp_path / "frames.npz", tmp_path / "last.png"
     with emulated("--scene", "two-points", "--rate", "50", "--port", "tcp:0") as port:
         sensor += ["--port", port]
         assert cli.main(["watch", *sensor, "--duration", "1.2"]) == 0
-        assert re.search(r"(streaming|late) +\d+\.\d frames/s  .* V, median", capsys.readouterr().out)
+        assert re.search(
+            r"(streaming|late) +\d+\.\d frames/s  .* V, median", capsys.readouterr().out
+        )
         assert cli.main(["record", *sensor, "--frames", "5", "--out", str(out)]) == 0
         assert f"{out}: 5 frames of equal-4x4 from {port}" in capsys.readouterr().out
         assert cli.main(["run", *sensor, "--duration", "0.1", "--out", str(picture)]) == 0

@@ -90,6 +90,8 @@ PLACES = {
     "near each other": pressed(contact(0.03, 0.02, 0.005), contact(0.045, 0.02, 0.005)),
     "across the sheet's rim": pressed(contact(0.097, 0.02, 0.005)),
 }
+
+
 @pytest.mark.parametrize("where", PLACES)
 def test_derivatives_by_contacts(where):
     """By forward differences over 0.1 mm and 2 %: to some per cent."""
@@ -181,7 +183,9 @@ def test_impedance_is_reciprocal_and_currents_balance():
     np.testing.assert_allclose(share.sum(axis=0), 1.0, atol=1e-9)
     assert (own >= 0).all()
     np.testing.assert_allclose(
-        OPERATOR.share_added(unknowns.sheet, Around(OPERATOR.lattice, places))[0].sum(axis=0), 0.0, atol=1e-9
+        OPERATOR.share_added(unknowns.sheet, Around(OPERATOR.lattice, places))[0].sum(axis=0),
+        0.0,
+        atol=1e-9,
     )
     z = Prediction(OPERATOR, unknowns, ALL).impedance
     np.testing.assert_allclose(z, z.T, rtol=1e-12)

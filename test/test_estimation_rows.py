@@ -124,7 +124,9 @@ def test_a_slide_is_followed_with_its_velocity(operator, known):
 
 def test_contacts_near_each_other_wait_for_a_frame():
     state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
-    estimator = RowEstimator(Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008))
+    estimator = RowEstimator(
+        Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
+    )
     state.drive = DRIVE
     for number, x in ((1, 0.0), (2, 0.04)):
         mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])

@@ -119,8 +119,6 @@ def test_electrodes_on_the_rim_of_a_circle():
     check(find("ring", simulate("ring", discs)), discs, place=2e-3, force=0.3)
 
 
-
-
 def test_a_wide_contact_far_from_all_electrodes():
     discs = ((-0.0121, 0.0016, 0.01, 4.5e4),)
     result = estimate("ring", simulate("ring", discs))
@@ -166,8 +164,6 @@ BAD = {
 def test_frames_that_nothing_explains_are_withheld(what):
     result = estimate("4x4", BAD[what])
     assert result.state == "withheld" and result.reason and result.contacts == []
-
-
 
 
 @pytest.mark.parametrize(
@@ -221,7 +217,9 @@ def test_channels_are_told_by_the_frame_itself():
     assert gain.std() > 0.01 and off.std() < 0.004
 
 
-COMMON = pytest.mark.xfail(reason="prior 0 +- 200 ohm, independent: found are too small", strict=True)
+COMMON = pytest.mark.xfail(
+    reason="prior 0 +- 200 ohm, independent: found are too small", strict=True
+)
 
 
 @pytest.mark.parametrize("ohm", [75.0, pytest.param(225.0, marks=COMMON)])

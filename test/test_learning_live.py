@@ -49,9 +49,7 @@ def test_gains_are_right_after_three_touches_and_better_after_all():
 
 def errors(profile, sensor, touches):
     """(n,) distance of the strongest contact from each touch, m."""
-    pipeline = Pipeline(
-        layout(), Settings(profile, contact_law=LAW, resolution=16), sensor=sensor
-    )
+    pipeline = Pipeline(layout(), Settings(profile, contact_law=LAW, resolution=16), sensor=sensor)
     sensor = simulator(16)
     results = [pipeline.process(sensor.frame(i + 0.75, 900 + i), GROUNDED, DRIVE) for i in touches]
     return np.array([_error(r, sensor.scene.contacts[i]) for r, i in zip(results, touches)])

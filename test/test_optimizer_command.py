@@ -166,7 +166,10 @@ def test_evaluate_a_profile(capsys):
         ),
         (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
         (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "ons: 17"),
-        (["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"], "one row takes"),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"],
+            "one row takes",
+        ),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):

@@ -54,9 +54,14 @@ def found(result):
 GROUNDED = np.arange(64)
 
 
-@pytest.mark.parametrize("profile, distance, force", [
-    ("fast", 0.0055, 0.4), ("balanced", 0.002, 0.25), ("nonlinear", 0.001, 0.12),
-])
+@pytest.mark.parametrize(
+    "profile, distance, force",
+    [
+        ("fast", 0.0055, 0.4),
+        ("balanced", 0.002, 0.25),
+        ("nonlinear", 0.001, 0.12),
+    ],
+)
 def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profile, distance, force):
     result = pipelines[profile].process(frame, GROUNDED, DRIVE)
     assert len(result.contacts) == 2
@@ -123,8 +128,12 @@ def test_swapped_wires_are_left_out_and_reported(pipelines, frame, profile, pair
 def test_no_contact_is_taken_for_swapped_wires(layout, pipelines, radius, pressure):
     variation = SheetVariation(0.2, 0.05, 1)
     for place in ((0.0, 0.0), (-0.085, 0.085)):
-        disc = Contact("disc", center=place, radius=min(radius, 0.1 - max(place)), pressure=pressure)
-        scene = Scene("one", DRIVE, [disc], LAW, Noise(1e-3), None, Defects(sheet_variation=variation))
+        disc = Contact(
+            "disc", center=place, radius=min(radius, 0.1 - max(place)), pressure=pressure
+        )
+        scene = Scene(
+            "one", DRIVE, [disc], LAW, Noise(1e-3), None, Defects(sheet_variation=variation)
+        )
         readings = Simulator(layout, scene, h=0.005).frame(0.0)
         assert pipelines["fast"].process(readings, GROUNDED, DRIVE).excluded == ()
 
@@ -138,9 +147,16 @@ def test_electrodes_excluded_by_settings_are_not_read(pipelines, frame):
     assert found(result)[:, 0].max() < 0.0055
 
 
-@pytest.mark.parametrize("rows", [
-    GROUNDED[::-1], GROUNDED[::2], GROUNDED[1::3], np.array([0, 7, 56, 63, 27, 36, 18, 45]),
-], ids=["reversed", "half", "third", "eight"])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        GROUNDED[::-1],
+        GROUNDED[::2],
+        GROUNDED[1::3],
+        np.array([0, 7, 56, 63, 27, 36, 18, 45]),
+    ],
+    ids=["reversed", "half", "third", "eight"],
+)
 def test_any_subset_of_conditions_in_any_order(pipelines, frame, rows):
     result = pipelines["balanced"].process(frame[rows], rows, DRIVE)
     assert result.excluded == ()
@@ -211,15 +227,18 @@ def test_eq_1_can_be_asked_for(layout, frame, pipelines):
     assert min(np.hypot(c.x - x, c.y - y) for c in result.contacts) < 0.02
 
 
-@pytest.mark.parametrize("change, message", [
-    (lambda v, g: (v[:, :60], g), r"voltages: .*\(rows, 64\)"),
-    (lambda v, g: (v[0], g), "voltages"),
-    (lambda v, g: (v, g[:10]), "grounded: .* each of the 64 rows"),
-    (lambda v, g: (v, g + 5), "grounded: .* 0 to 63"),
-    (lambda v, g: (v, g.astype(float)), "grounded"),
-    (lambda v, g: (v.astype(str), g), "voltages"),
-    (lambda v, g: (v, np.where(g == 3, 4, g)), "electrode 4 is named twice"),
-])
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda v, g: (v[:, :60], g), r"voltages: .*\(rows, 64\)"),
+        (lambda v, g: (v[0], g), "voltages"),
+        (lambda v, g: (v, g[:10]), "grounded: .* each of the 64 rows"),
+        (lambda v, g: (v, g + 5), "grounded: .* 0 to 63"),
+        (lambda v, g: (v, g.astype(float)), "grounded"),
+        (lambda v, g: (v.astype(str), g), "voltages"),
+        (lambda v, g: (v, np.where(g == 3, 4, g)), "electrode 4 is named twice"),
+    ],
+)
 def test_frames_that_do_not_fit_are_refused(pipelines, frame, change, message):
     with pytest.raises(InputError, match=message) as error:
         pipelines["fast"].process(*change(frame, GROUNDED), DRIVE)
@@ -232,12 +251,21 @@ def test_drive_voltage_must_be_positive(pipelines, frame, drive):
         pipelines["fast"].process(frame, GROUNDED, drive)
 
 
-@pytest.mark.parametrize("bad, key", [
-    ({"profile": "quick"}, "profile"), ({"resolution": 1}, "resolution"), ({"noise": 0}, "noise"),
-    ({"regularization": -1}, "regularization"), ({"regularization": 1e31}, "regularization"),
-    ({"deadline": 0}, "deadline"), ({"model": "bem"}, "model"), ({"excluded": (-1,)}, "excluded"),
-    ({"threshold": 0}, "threshold"), ({"contact_radius": 0}, "contact_radius"),
-])
+@pytest.mark.parametrize(
+    "bad, key",
+    [
+        ({"profile": "quick"}, "profile"),
+        ({"resolution": 1}, "resolution"),
+        ({"noise": 0}, "noise"),
+        ({"regularization": -1}, "regularization"),
+        ({"regularization": 1e31}, "regularization"),
+        ({"deadline": 0}, "deadline"),
+        ({"model": "bem"}, "model"),
+        ({"excluded": (-1,)}, "excluded"),
+        ({"threshold": 0}, "threshold"),
+        ({"contact_radius": 0}, "contact_radius"),
+    ],
+)
 def test_settings_are_checked(bad, key):
     with pytest.raises(InputError, match=key):
         Settings(**bad)
@@ -264,8 +292,13 @@ def test_auto_takes_the_most_accurate_profile_within_the_deadline(layout):
 SMALL = equal_grid(4, 4, (0.1, 0.1), 0.002, 1e4)
 SMALL_PIPELINES = [
     Pipeline(SMALL, Settings(profile, resolution=12, regularization=regularization))
-    for profile, regularization in
-    [("fast", None), ("balanced", None), ("nonlinear", None), ("fast", 0.0), ("fast", 1e30)]
+    for profile, regularization in [
+        ("fast", None),
+        ("balanced", None),
+        ("nonlinear", None),
+        ("fast", 0.0),
+        ("fast", 1e30),
+    ]
 ]
 
 
@@ -302,16 +335,16 @@ def test_whatever_comes_in_nothing_infinite_goes_out(voltages, random, drive):
 @settings(max_examples=60, deadline=None)
 @given(
     st.lists(
-        st.tuples(
-            st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), PRESSURE, st.floats(5e-4, 0.03)
-        ),
+        st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), PRESSURE, st.floats(5e-4, 0.03)),
         max_size=4,
     )
 )
 def test_whatever_presses_nothing_infinite_goes_out(contacts):
     scene = Scene(
-        "any", DRIVE,
-        [Contact("disc", center=(x, y), radius=r, pressure=p) for x, y, p, r in contacts], LAW,
+        "any",
+        DRIVE,
+        [Contact("disc", center=(x, y), radius=r, pressure=p) for x, y, p, r in contacts],
+        LAW,
     )
     readings = Simulator(SMALL, scene, "closed_form").frame(0.0)
     with warnings.catch_warnings():

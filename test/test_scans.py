@@ -85,7 +85,9 @@ def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
     with plugged(sensor()) as port:
         device = make_device(replace(settings, port=port.path))
         with watched(device) as watch:
-            watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [4, 1, 4])
+            watch.wait_for(
+                lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [4, 1, 4]
+            )
         device = make_device(replace(settings, port=port.path, scan=(2,)))
         with watched(device) as watch:
             watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [2])

@@ -51,7 +51,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "all down to 4 by halves, and all are written)",
     )
     parser.add_argument(
-        "--frame-time", type=float, help="of scan: time for a frame, s, in the place of --conditions"
+        "--frame-time",
+        type=float,
+        help="of scan: time for a frame, s, in the place of --conditions",
     )
     parser.add_argument(
         "--row-period", type=float, default=ROW_PERIOD, help="of scan: time of a row, s"

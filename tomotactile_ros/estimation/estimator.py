@@ -242,7 +242,9 @@ class Estimator:
         rows = Rows(readings, weights, at, times).part(np.flatnonzero(kept))
         return rows, grounded[silent & (at >= 0)]
 
-    def _fit(self, search: Search, rows: Rows, prior: Prior, start, state, begun) -> tuple[Fit, int]:
+    def _fit(
+        self, search: Search, rows: Rows, prior: Prior, start, state, begun
+    ) -> tuple[Fit, int]:
         """The fit of all rows, or of those since the last change where they contradict each
         other."""
         count, timed = len(rows.grounded), rows.times is not None
@@ -284,7 +286,9 @@ class Estimator:
         """
         speed = np.hypot(*fit.unknowns.rates[:, :2].T).max(initial=0.0)
         times = fit.rows.times
-        near = np.count_nonzero(times > times[-1] - _FIRST_ORDER * fit.operator.pitch / max(speed, 1e-9))
+        near = np.count_nonzero(
+            times > times[-1] - _FIRST_ORDER * fit.operator.pitch / max(speed, 1e-9)
+        )
         if near < len(times):
             return max(near, _FEWEST)
         by_row = (fit.rows.weights * fit.misfit**2).sum(axis=1)

@@ -194,7 +194,9 @@ class Follower:
             mean = taken
             if small:
                 break
-        covariance = prior.covariance - spread @ cho_solve((root, True), spread.T, check_finite=False)
+        covariance = prior.covariance - spread @ cho_solve(
+            (root, True), spread.T, check_finite=False
+        )
         covariance = (covariance + covariance.T) / 2
         rows = tuple(each + 1 for each in prior.rows)
         belief = replace(prior, mean=mean, covariance=covariance, rows=rows)

@@ -22,7 +22,6 @@ import numpy as np
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOVING, PARAMETERS, RADIUS, Touches, X, Y
 
-
 RATED = (X, Y, CONDUCTANCE)  # parameters of contacts that may change while rows are read
 
 

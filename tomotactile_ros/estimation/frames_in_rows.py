@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.estimator import Estimate

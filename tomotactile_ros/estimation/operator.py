@@ -23,7 +23,14 @@ from functools import cached_property
 import numpy as np
 
 from tomotactile_ros.estimation.field import SheetField
-from tomotactile_ros.estimation.tables import RIM, Around, Lattice, MutualTable, PotentialTable, mirrored
+from tomotactile_ros.estimation.tables import (
+    RIM,
+    Around,
+    Lattice,
+    MutualTable,
+    PotentialTable,
+    mirrored,
+)
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
@@ -231,7 +238,10 @@ class Patches:
         self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
         constant = inverse[-1, :-1] @ potentials.T + inverse[-1, -1]
         self._steep = steep
-        self.share, self.slopes = self._solved, np.matmul(steep, inverse[:-1, :-1]).transpose(0, 2, 1)
+        self.share, self.slopes = (
+            self._solved,
+            np.matmul(steep, inverse[:-1, :-1]).transpose(0, 2, 1),
+        )
         self._factor = np.ones(len(places))
         if sheet.any():
             added, slopes = operator.share_added(sheet, self.around)

@@ -119,7 +119,11 @@ class RowEstimator:
         """A complete frame corrects what rows have told."""
         period = (state.times[-1] - state.times[0]) / max(len(state.times) - 1, 1)
         estimate = self.estimator.estimate(
-            np.array(state.read), np.array(state.grounded), state.drive, state.frames, max(period, 0.0)
+            np.array(state.read),
+            np.array(state.grounded),
+            state.drive,
+            state.frames,
+            max(period, 0.0),
         )
         left_out = {e: why for e, why in estimate.left_out.items() if why != "excluded"}
         fit = state.frames.fit
@@ -186,7 +190,9 @@ class RowEstimator:
         pressure = float(law.pressure(g / area))
         force, m = pressure * area, law.exponent
         by_size = 2 * (1 - 1 / m) - by_mean * operator.resistance / (2 * np.pi) / m
-        relative = by_strength**2 * covariance[STRENGTH, STRENGTH] / m**2 + by_size**2 * size_variance
+        relative = (
+            by_strength**2 * covariance[STRENGTH, STRENGTH] / m**2 + by_size**2 * size_variance
+        )
         place = covariance[:2, :2] + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
         certainty = 1 / max(float(covariance[STRENGTH, STRENGTH]), 1e-12)
         radius = float(np.sqrt(area / np.pi))

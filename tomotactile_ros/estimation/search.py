@@ -20,7 +20,14 @@ from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import STEPS, Fit, Prior, Rows, SheetColumns, solve
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, SHEAR, STRETCH, Touches, patches_for
+from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
+    RADIUS,
+    SHEAR,
+    STRETCH,
+    Touches,
+    patches_for,
+)
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
@@ -315,7 +322,9 @@ class Search:
                 if not one and not self._may_go(contacts, weakest):
                     continue
                 limit = fit.cost + self._threshold * fit.doubt
-                tried = self._solve(merged(fit.unknowns, weakest), fit, goal=np.inf if one else limit)
+                tried = self._solve(
+                    merged(fit.unknowns, weakest), fit, goal=np.inf if one else limit
+                )
                 if one or tried.cost < limit:
                     fewer = tried
                     break

@@ -265,7 +265,11 @@ class Linear:
         return (
             np.concatenate([curvature[u.free], rates.ravel(), sheet]),
             np.concatenate(
-                [pull[u.free], (-u.rates[u.moving] * rates).ravel(), (prior.sheet - u.sheet) * sheet]
+                [
+                    pull[u.free],
+                    (-u.rates[u.moving] * rates).ravel(),
+                    (prior.sheet - u.sheet) * sheet,
+                ]
             ),
         )
 

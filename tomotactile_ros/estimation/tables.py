@@ -261,13 +261,19 @@ class MutualTable:
         squared = np.maximum((apart**2).sum(axis=-1), (RIM * self._radius) ** 2)
         out = np.zeros((len(places), len(places)))
         near = np.flatnonzero(squared.min(axis=0) < (_CLOSE[1] * self._pitch) ** 2)
-        squared, apart, nearness = squared[:, near], apart[:, near], self._nearness(squared[:, near])
+        squared, apart, nearness = (
+            squared[:, near],
+            apart[:, near],
+            self._nearness(squared[:, near]),
+        )
         inverse = self._radius**2 / squared
         for k in range(len(near)):
             on = np.flatnonzero(nearness[:, k])
             share, weight, from_it = inverse[on, k], nearness[on, k], apart[on, k]
             part = share[:, None] * share
-            part -= (from_it * share[:, None]) @ (from_it * share[:, None]).T * (2 / self._radius**2)
+            part -= (
+                (from_it * share[:, None]) @ (from_it * share[:, None]).T * (2 / self._radius**2)
+            )
             term = np.log1p(np.maximum(part, RIM - 2)) * weight
             out[np.ix_(on, on)] += weight[:, None] * term
         return self._resistance / (4 * np.pi) * out

@@ -92,8 +92,10 @@ class Health:
             names = ", ".join(sorted({name.split()[1] for name, _, _ in channels}, key=int))
             yield (
                 "sheet",
-                (f"channels alone do not explain what electrodes {names} read: "
-                "the sheet is torn or loose near them"),
+                (
+                    f"channels alone do not explain what electrodes {names} read: "
+                    "the sheet is torn or loose near them"
+                ),
                 max(sure for _, _, sure in channels),
             )
         else:
@@ -107,8 +109,10 @@ class Health:
         for n in np.flatnonzero((more > _OHM) & (sure > _SURE)):
             yield (
                 f"wire {n}",
-                (f"electrode {n}: {more[n]:.0f} ohm more to ground than the others, "
-                "a bad wire or contact"),
+                (
+                    f"electrode {n}: {more[n]:.0f} ohm more to ground than the others, "
+                    "a bad wire or contact"
+                ),
                 float(sure[n]),
             )
 
@@ -133,7 +137,9 @@ class Health:
             x, y = 1e3 * self._operator.field.centres[worst]
             yield (
                 "tear",
-                (f"the sheet conducts {-100 * np.expm1(-loss[worst]):.0f} % less "
-                f"about ({x:+.0f}, {y:+.0f}) mm, a tear"),
+                (
+                    f"the sheet conducts {-100 * np.expm1(-loss[worst]):.0f} % less "
+                    f"about ({x:+.0f}, {y:+.0f}) mm, a tear"
+                ),
                 float(sure[worst]),
             )

@@ -180,9 +180,7 @@ class Learning:
 
     def _publish(self) -> None:
         learner = self._learner
-        message = sensor_to_message(
-            learner.state, learner.operator, self._layout, self._frame_id()
-        )
+        message = sensor_to_message(learner.state, learner.operator, self._layout, self._frame_id())
         try:
             self._publisher.publish(message)
         except Exception:

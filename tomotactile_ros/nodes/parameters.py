@@ -103,9 +103,7 @@ class Spec:
         self._check_range(value)
         return float(value)
 
-    def _convert_array(
-        self, value: Any
-    ) -> tuple[int, ...] | tuple[float, ...] | tuple[str, ...]:
+    def _convert_array(self, value: Any) -> tuple[int, ...] | tuple[float, ...] | tuple[str, ...]:
         kinds = (int, float) if self.items is float else (self.items,)
         if not isinstance(value, (list, array)) or any(type(v) not in kinds for v in value):
             kind = _ITEMS[self.items][0]

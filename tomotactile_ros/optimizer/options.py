@@ -72,7 +72,9 @@ START = (
     Option("layout", str, "Layout to start from, a file or an installed name; none: an equal grid"),
     Option("rows", int, "Electrodes of the equal grid along y", high=256),
     Option("cols", int, "Electrodes of the equal grid along x", high=256),
-    Option("size", float, "Width and height of its sheet, m (default: 0.2 0.2)", metavar=("A", "B")),
+    Option(
+        "size", float, "Width and height of its sheet, m (default: 0.2 0.2)", metavar=("A", "B")
+    ),
     Option("radius", float, "Of its electrodes, m (default: as in the paper, where there is room)"),
     Option("inset", float, "From its rim to the outermost centres, m", 0.0, high=1e3),
     Option("sheet_resistance", float, "Of its sheet, ohm/sq", 1e4),

@@ -27,7 +27,9 @@ def method_of(name: str) -> str:
     """The method that a name means; InputError for none."""
     method = ALIASES.get(name, name)
     if method not in METHODS:
-        raise InputError(f"method: {checks.show(name)} is none of {', '.join((*METHODS, *ALIASES))}")
+        raise InputError(
+            f"method: {checks.show(name)} is none of {', '.join((*METHODS, *ALIASES))}"
+        )
     return method
 
 

@@ -63,9 +63,7 @@ class Scan:
 class Chooser:
     """What each row of `layout` tells of contacts all over the sheet."""
 
-    def __init__(
-        self, layout: Layout, conditions: Conditions | None = None, places: int = PLACES
-    ):
+    def __init__(self, layout: Layout, conditions: Conditions | None = None, places: int = PLACES):
         self.layout = layout
         expectation = Expectation(layout, conditions)
         self.information = RowInformation(expectation, lattice(layout, places))

@@ -35,7 +35,9 @@ from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_tim
 from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
-ACCURATE = "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
+ACCURATE = (
+    "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
+)
 # electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
 FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
