@@ -163,7 +163,8 @@ def _choose_scan(args, layout, report):
     )
     print("conditions  speed  place/um  worst tenth/um  force/%  mean HWHM/mm  position error/mm")
     for scan in found:
-        place, force, images = *scan.metrics.values(), scan.quality.metrics
+        place, force = scan.metrics["place"], scan.metrics["force"]
+        images = scan.quality.metrics
         print(
             f"{len(scan.grounded):10d} {scan.speed:6.2f} {1e6 * place['mean']:9.1f} "
             f"{1e6 * place['worst_tenth']:15.1f} {100 * force['mean']:8.2f} "
@@ -172,10 +173,8 @@ def _choose_scan(args, layout, report):
         )
     asked = args.conditions or args.frame_time is not None
     taken = found[-1 if asked else 0].grounded
-    rows, in_turn, order = (
-        min(FEW, len(taken)),
-        *(1e3 * chooser.after(each) for each in (np.sort(taken), taken)),
-    )
+    rows = min(FEW, len(taken))
+    in_turn, order = (1e3 * chooser.after(each) for each in (np.sort(taken), taken))
     print(
         f"place expected from any {rows} successive rows: {order:.2f} mm, {in_turn:.2f} mm with these "
         "electrodes in turn"

@@ -170,6 +170,7 @@ class Expectation:
     def on_electrode(self, linear: Linear) -> float:
         """What is known of x and of y, 1/m², of a contact that lies on an electrode in part."""
         touches = linear.fit.prediction.touches
+        assert touches is not None  # there is a contact
         share = touches.direct[0].sum() / touches.covered[0]
         return float(share * 4 / self.layout.radius**2)
 
@@ -258,12 +259,12 @@ def expected(
     expectation = Expectation(layout, conditions, operator)
     how = expectation.conditions
     centres = lattice(layout, places, how.radius)
-    found = np.array([expectation.contact(centre, grounded) for centre in centres])
+    place, force = np.array([expectation.contact(centre, grounded) for centre in centres]).T
     middles, ways = _pairs(layout, centres, how.apart, how.radius)
     separation = [
         expectation.separation(middle, way, grounded) for middle, way in zip(middles, ways)
     ]
-    return Posterior(how, centres, *found.T, middles, np.array(separation))
+    return Posterior(how, centres, place, force, middles, np.array(separation))
 
 
 def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:

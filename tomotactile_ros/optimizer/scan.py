@@ -109,4 +109,4 @@ def scans(
         best = chooser.best(count)
         order = np.array(spread(layout.positions, best))
         quality = evaluate_layout(layout, grounded=np.sort(order), **evaluation)
-        yield Scan(order, quality, *chooser.information.figures(order))
+        yield Scan(order, quality, *chooser.information.figures(order.tolist()))
