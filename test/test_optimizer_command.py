@@ -165,7 +165,10 @@ def test_evaluate_a_profile(capsys):
             "keep_out[0][2]: -1.0 is not a positive length",
         ),
         (["--rows", "4", "--cols", "4", "--radius", "0.04", "--method", "free"], "overlap"),
-        (["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"], "conditions: 17"),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "scan", "--conditions", "17"],
+            "conditions: 17",
+        ),
         (
             ["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"],
             "one row takes",
