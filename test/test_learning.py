@@ -23,7 +23,7 @@ from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.learner import Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of
-from tomotactile_ros.learning.reciprocity import fit_gains
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.learning.recorded import WIDE, learn
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.scene import Scene

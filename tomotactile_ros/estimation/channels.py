@@ -27,20 +27,39 @@ class ChannelPrior:
     resistance: float = 200.0
 
 
+def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
+    """(P, 3 n) block of the normal equations between parameters and gains, offsets, resistances.
+
+    columns (P, L, n) derivatives of the readings by the parameters, times the weights; the rest as
+    for `ChannelFit`
+    """
+    gain, resistance = slopes
+    count = columns.shape[2]
+    to_rows = np.zeros((len(rows), count))
+    to_rows[np.arange(len(rows)), rows] = resistance_deviation[rows]
+    return np.concatenate(
+        [
+            np.einsum("pln,ln->pn", columns, gain),
+            columns.sum(axis=1),
+            np.einsum("pln,ln->pl", columns, resistance) @ to_rows,
+        ],
+        axis=1,
+    )
+
+
 class ChannelFit:
     """The channels' part of the normal equations of one linearisation, eliminated.
 
     Parameters
     ----------
-    columns (P, L, n) derivatives of the readings by all other parameters, times the weights;
-        weights (L, n); misfit (L, n)
+    mixed (P, 3 n) what `couplings` says of all other parameters; weights (L, n); misfit (L, n)
     slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
         by the resistance of its row; offsets have 1
     rows (L,) grounded electrode of each row
     now : gain - 1, offset, resistance (n,) each; deviations of their priors, in the same units
     """
 
-    def __init__(self, columns, weights, misfit, slopes, rows, now, deviations):
+    def __init__(self, mixed, weights, misfit, slopes, rows, now, deviations):
         gain, resistance = slopes
         count = weights.shape[1]
         self._count = count
@@ -71,14 +90,7 @@ class ChannelFit:
                 to_rows @ (by_row * misfit).sum(axis=1) - now[2] / deviations[2],
             ]
         )
-        self._mixed = np.concatenate(
-            [
-                (columns * gain).sum(axis=1),
-                columns.sum(axis=1),
-                (columns * (resistance * deviations[2])).sum(axis=2) @ to_rows.T,
-            ],
-            axis=1,
-        )
+        self._mixed = mixed
         self._scale = np.concatenate([np.ones(2 * count), np.full(count, deviations[2])])
         factor = cho_factor(normal)
         self._right = cho_solve(factor, right)

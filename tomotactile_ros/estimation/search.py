@@ -19,7 +19,8 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import STEPS, Fit, Prior, Rows, SheetColumns, solve
+from tomotactile_ros.estimation.reciprocity import fit_gains
+from tomotactile_ros.estimation.solver import STEPS, Fit, Linear, Prior, Rows, SheetColumns, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     RADIUS,
@@ -42,9 +43,8 @@ _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
-_GOOD = 1.05  # chi-squared per reading of a fit that is not tried with more contacts at first
+_CERTAIN = 4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
-_FEW = 3  # contacts at a first look that are tried one by one in any case
 _POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
@@ -122,7 +122,8 @@ class Search:
         seems out of reach."""
         if like.prior.learned and len(start.contacts):
             start = self._settled(start, like)
-        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal)
+        at = like if like.unknowns is start else None
+        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal, at)
         self._sheet = fit.sheet
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
@@ -175,33 +176,59 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return fit
-        seen = self.detector.first_look(fit.rows.corrected(fit.prior))[:MOST]
+        seen = self.detector.first_look(fit.rows.corrected(self._by_reciprocity(fit)))[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
-        found = None
-        few_seen = len(unknowns.contacts) <= _FEW
+        found: Fit | None = None
         few = self._clustered(unknowns)
         if len(few.contacts) < len(unknowns.contacts):
-            wide = self._solve(few, fit)
-            found = self._split(wide)
-            few_seen = few_seen or found is not wide
-        if found is None or few_seen or found.chi_squared > _GOOD * found.rows.count:
-            poor = found is None or found.chi_squared > _POOR * found.rows.count
-            goal = np.inf if poor or few_seen else found.cost
-            many = self._solve(unknowns, fit, goal=goal)
+            found = self._solve(few, fit)
+        poor = found is None or found.chi_squared > _POOR * found.rows.count
+        if found is None or poor or self._asks_for_more(found):
+            many = self._solve(unknowns, fit, goal=np.inf if poor else found.cost)
             found = self._likelier(found, self._simplified(many))
+        found = self._split(found)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found
 
-    def _likelier(self, fewer: Fit | None, more: Fit) -> Fit:
+    def _by_reciprocity(self, fit: Fit) -> Unknowns:
+        """What is expected, with gains and offsets as the rows tell them by themselves, for a first
+        look."""
+        rows, prior = fit.rows, fit.prior
+        frame = np.full((fit.operator.count,) * 2, np.nan)
+        frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+        noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
+        gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
+        found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
+        return replace(fit.unknowns, gain=found.gain, offset=found.offset)
+
+    def _asks_for_more(self, fit: Fit) -> bool:
+        """Whether another contact, or one of another form, would explain more than noise does, to
+        first order.
+
+        A disc in the place of two contacts has the wrong second moments: what its stretch would take
+        off the cost tells (score test, Rao 1948).
+        """
+        significant = self._threshold * fit.doubt
+        self._next(fit)
+        if fit.promised > significant:
+            return True
+        free = np.ones_like(fit.unknowns.free)
+        if (fit.unknowns.free == free).all():
+            return False
+        stretched = Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
+        return Linear(stretched, fit.sheet).promise > significant
+
+    def _likelier(self, first: Fit | None, second: Fit) -> Fit:
         """Of two fits the one with more contacts only if it is so much better as each of them must
         be."""
-        if fewer is None:
-            return more
+        if first is None:
+            return second
+        fewer, more = sorted((first, second), key=lambda fit: len(fit.unknowns.contacts))
         extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
@@ -319,7 +346,7 @@ class Search:
                 contacts = fit.unknowns.contacts
                 tested.add(contacts[weakest, :2].tobytes())
                 one = overlaps(contacts, weakest)
-                if not one and not self._may_go(contacts, weakest):
+                if not one and not self._may_go(fit, weakest):
                     continue
                 limit = fit.cost + self._threshold * fit.doubt
                 tried = self._solve(
@@ -349,9 +376,14 @@ class Search:
                 return self._gathered(tried)
         return fit
 
-    def _may_go(self, contacts, which) -> bool:
-        """Whether a contact is so weak, or so near a stronger one, that it may be none of its
-        own."""
+    def _may_go(self, fit: Fit, which: int) -> bool:
+        """Whether a contact may be none of its own: weak, or near a stronger one, and not certain to
+        conduct whatever the others do (Wald 1943)."""
+        contacts, free = fit.unknowns.contacts, fit.unknowns.free
+        at = np.count_nonzero(free[:which]) + np.count_nonzero(free[which, :CONDUCTANCE])
+        certain = 1 / fit.covariance[at, at]  # conductance over its deviation, squared
+        if certain > _CERTAIN * self._threshold * fit.doubt:
+            return False
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior
+from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior, couplings
 from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
@@ -176,21 +176,34 @@ class Fit:
         excess = self.chi_squared - self.rows.count
         return 1.0 + max(excess, 0.0) / self.operator.count
 
+    @property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(L, n) derivatives of each reading by the gain of its column, and by the resistance of its
+        row, 1/ohm."""
+        ratio = self.prediction.ratio
+        return 1 - ratio, self.unknowns.gain * ratio / self.prediction.own[:, None]
+
     def linearised(self) -> Linear:
         return Linear(self)
 
 
 class SheetColumns:
-    """Derivatives of the readings by the sheet's coefficients, (J, L n), and their normal matrix
-    (J, J), at a fit.
+    """Derivatives of the readings by the sheet's coefficients, at a fit.
 
     They change slowly with the contacts, and only how fast the solver converges depends on them.
+
+    Attributes
+    ----------
+    columns (J, L, n); flat, weighted (J, L n) the same, and times the weights
+    normal (J, J) their normal matrix
     """
 
     def __init__(self, fit: Fit):
         self.columns = fit.prediction.sheet_columns()
-        flat = self.columns.reshape(len(self.columns), -1)
-        self.normal = (flat * fit.rows.weights.ravel()) @ flat.T
+        weighted = self.columns * fit.rows.weights
+        shape = len(weighted), fit.misfit.size
+        self.flat, self.weighted = self.columns.reshape(shape), weighted.reshape(shape)
+        self.normal = self.weighted @ self.flat.T
         self._rows, self._contacts = fit.rows, fit.unknowns.contacts
 
     def serves(self, fit: Fit) -> bool:
@@ -223,26 +236,27 @@ class Linear:
         contacts = fit.prediction.contact_columns()
         self.free = len(contacts)
         count = self.free + len(self.sheet.columns)
-        columns = np.concatenate([contacts, self.sheet.columns]).reshape(count, -1)
-        weighted = columns * rows.weights.ravel()
+        weighted = contacts * rows.weights
+        flat = weighted.reshape(self.free, fit.misfit.size)
         normal = np.empty((count, count))
-        normal[: self.free] = weighted[: self.free] @ columns.T
+        normal[: self.free, : self.free] = flat @ contacts.reshape(flat.shape).T
+        normal[: self.free, self.free :] = flat @ self.sheet.flat.T
         normal[self.free :, : self.free] = normal[: self.free, self.free :].T
         normal[self.free :, self.free :] = self.sheet.normal
-        right = weighted @ fit.misfit.ravel()
+        misfit = fit.misfit.ravel()
         curvature, pull = self.priors()
         normal[np.diag_indices(count)] += curvature
-        right = right + pull
-        ratio = fit.prediction.ratio
-        slopes = 1 - ratio, u.gain * ratio / fit.prediction.own[:, None]
-        now = [a - b for a, b in zip(_channels(u), _channels(prior))]
+        right = np.concatenate([flat @ misfit, self.sheet.weighted @ misfit]) + pull
+        slopes = fit.slopes
+        both = weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
+        mixed = [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
         self.channels = ChannelFit(
-            weighted.reshape(count, *ratio.shape),
+            np.concatenate(mixed),
             rows.weights,
             fit.misfit,
             slopes,
             rows.grounded,
-            now,
+            [now - mean for now, mean in zip(_channels(u), _channels(prior))],
             prior.deviations,
         )
         self.normal = normal - self.channels.normal
@@ -288,6 +302,14 @@ class Linear:
             step = step / longest
         return self._moved(step)
 
+    @property
+    def promise(self) -> float:
+        """What an undamped step takes off the cost, to first order."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        right = scale * self.right
+        factor = cho_factor(self.normal * scale[:, None] * scale)
+        return float(right @ cho_solve(factor, right)) + self.channels.promised
+
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
         scale = 1 / np.sqrt(self.normal.diagonal())
@@ -332,20 +354,26 @@ def solve(
     steps: int = STEPS,
     sheet: SheetColumns | None = None,
     goal: float = np.inf,
+    at: Fit | None = None,
 ) -> Fit:
     """The best fit that at most `steps` steps from `start` lead to, with its covariance.
 
-    It ends where nothing tells that a cost as low as `goal` will be reached.
+    It ends where nothing tells that a cost as low as `goal` will be reached. `at` : the fit of
+    `start`, where it is known.
     """
-    fit, damping = Fit(operator, start, rows, prior), _FIRST_DAMPING
+    fit, damping = at or Fit(operator, start, rows, prior), _FIRST_DAMPING
     for step in range(steps):
         linear = Linear(fit, sheet)
         sheet = linear.sheet
         better, damping = _descend(linear, damping)
         gained = 0.0 if better is None else fit.cost - better.cost
+        settled = _CONVERGED * fit.doubt
         if better is not None:
             fit = better
-        if gained < _CONVERGED * fit.doubt or (step and fit.cost - _HOPE * gained > goal):
+        # the next step takes off less than what the linear model was wrong by
+        if gained < settled or abs(gained - linear.promised) < settled:
+            break
+        if step and fit.cost - _HOPE * gained > goal:
             break
     fit.steps = step + 1
     fit.covariance, fit.sheet = linear.covariance(), sheet

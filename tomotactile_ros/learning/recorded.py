@@ -23,7 +23,7 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
-from tomotactile_ros.learning.reciprocity import fit_gains
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.learning.state import SensorState
 
 WIDE = ChannelPrior(
