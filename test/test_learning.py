@@ -14,6 +14,7 @@ from tomotactile_ros.defects import Adc, Defects, Noise
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.frames_file import save_frames
@@ -23,7 +24,6 @@ from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.learner import Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of
-from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.learning.recorded import WIDE, learn
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.scene import Scene

@@ -22,7 +22,7 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
 )
-from tomotactile_ros.estimation.search import BUDGET, Search
+from tomotactile_ros.estimation.search import BUDGET, FULL, Effort, Search
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y
 from tomotactile_ros.layout import Layout
@@ -117,6 +117,7 @@ class Estimator:
     noise : of a reading, V rms; law : `ContactLaw`; radius : typical of a contact, m
     model : of the sheet; excluded : electrodes never used; channels : what is expected of them
     sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
+    effort : how far the search for contacts goes
     """
 
     def __init__(
@@ -130,9 +131,10 @@ class Estimator:
         excluded=(),
         channels: ChannelPrior | None = None,
         sensor=None,
+        effort: Effort = FULL,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
-        self.model, self.excluded = model, frozenset(excluded)
+        self.model, self.excluded, self.effort = model, frozenset(excluded), effort
         self.channels, self.sensor = channels or ChannelPrior(), sensor
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
@@ -226,7 +228,7 @@ class Estimator:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
-            self._searches[used] = Search(SheetOperator(self.layout, self.model, used))
+            self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.effort)
         return self._searches[used]
 
     def _rows(self, search, voltages, valid, grounded, drive_voltage, times):

@@ -10,7 +10,7 @@ grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -23,6 +23,7 @@ from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.solver import STEPS, Fit, Linear, Prior, Rows, SheetColumns, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
+    MOST_ACROSS,
     RADIUS,
     SHEAR,
     STRETCH,
@@ -43,7 +44,9 @@ _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
-_CERTAIN = 4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
+_CERTAIN = (
+    4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
+)
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
 _POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
@@ -53,11 +56,27 @@ MOST = 12  # discs
 BUDGET = 12000
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How far a search goes.
+
+    patches : to the width of a contact, at most
+    alternatives : whether other numbers, forms and sizes of contacts are tried where a fit that
+        explains the readings may not be the only one
+    """
+
+    patches: int = MOST_ACROSS
+    alternatives: bool = True
+
+
+FULL, BOUNDED = Effort(), Effort(patches=5, alternatives=False)
+
+
 class Search:
     """Finds contacts in rows of a sensor."""
 
-    def __init__(self, operator: SheetOperator):
-        self.operator = operator
+    def __init__(self, operator: SheetOperator, effort: Effort = FULL):
+        self.operator, self.effort = operator, effort
         self.detector = Detector(operator)
         self._sheet, self._refused = None, 0.0
         self._left = 0  # of the budget for the frame at hand
@@ -134,7 +153,7 @@ class Search:
 
     def _across(self, contact: np.ndarray, before: int) -> int:
         """Patches across a contact (6,) that had `before`: as its radius asks for."""
-        wanted = patches_of(contact, self.operator.pitch)
+        wanted = min(patches_of(contact, self.operator.pitch), self.effort.patches)
         return wanted if wanted > before or wanted < before - 2 else before
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
@@ -185,9 +204,12 @@ class Search:
         if len(few.contacts) < len(unknowns.contacts):
             found = self._solve(few, fit)
         poor = found is None or found.chi_squared > _POOR * found.rows.count
-        if found is None or poor or self._asks_for_more(found):
+        if found is None or poor or (self.effort.alternatives and self._asks_for_more(found)):
             many = self._solve(unknowns, fit, goal=np.inf if poor else found.cost)
             found = self._likelier(found, self._simplified(many))
+        explained = found.chi_squared <= _POOR * found.rows.count
+        if explained and not self.effort.alternatives:
+            return found
         found = self._split(found)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size

@@ -16,6 +16,7 @@ import numpy as np
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
@@ -23,7 +24,6 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
-from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.learning.state import SensorState
 
 WIDE = ChannelPrior(

@@ -38,7 +38,7 @@ def measure_conductance(
 ) -> tuple[float, float]:
     """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the
     frames."""
-    pipeline = Pipeline(layout, Settings("nonlinear"))
+    pipeline = Pipeline(layout, Settings("accurate"))
     found = [pipeline.strengths(frame, grounded, drive_voltage) for frame in frames]
     found = [contacts[0] for contacts in found if contacts]
     if not found:

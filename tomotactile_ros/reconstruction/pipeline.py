@@ -13,6 +13,8 @@ from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
+from tomotactile_ros.estimation.search import BOUNDED, FULL
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
@@ -21,28 +23,30 @@ from tomotactile_ros.reconstruction.channels import (
     broken_channels,
     dead_channels,
     is_doubtful,
-    is_doubtful_subset,
     swapped_channels,
     why_left_out,
 )
-from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
-from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure, disc_cells
+from tomotactile_ros.reconstruction.estimate import (
+    EVEN_DISC,
+    Strength,
+    contacts_and_pressure,
+    described,
+    disc_cells,
+)
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
-from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
-from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
-ACCURATE = (
-    "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
-)
-# electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
+# profiles whose contacts are fitted to the readings, not read from an image
+ESTIMATED = {"balanced": BOUNDED, "accurate": FULL}
+# electrodes that an image needs: with fewer, forces were up to 3.5 times too large
 FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
-# conductance of all contacts times the sheet resistance: a fit that came to nothing
-_NOTHING = 1e-9
+# of the currents into the grounded electrodes, that contacts of an image leave at most: one that is
+# missed and has a twentieth of the others' strength leaves as much
+_LEFT_OVER = 0.05
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -80,12 +84,6 @@ class Pipeline:
         left = int(np.count_nonzero(~self._excluded))
         if left < 2:
             raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
-        if left < FEWEST and settings.profile != ACCURATE:
-            raise InputError(
-                f"profile: {settings.profile} needs {FEWEST} electrodes, {layout.name} has {left} in "
-                f"use; {ACCURATE} takes fewer"
-            )
-        self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.regularization is not None:
@@ -94,12 +92,12 @@ class Pipeline:
         self.report = f"profile {self.profile}"
         if settings.profile == "auto":
             self.profile, self.report = self._measure_profiles()
-        kind = "nonlinear" if self.profile == ACCURATE else self.profile
-        self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
+        even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
+        self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
-        if self.profile == ACCURATE:
+        if self.profile in ESTIMATED or left < FEWEST or layout.scan:
             self._estimator = self._make_estimator()
 
     def _make_estimator(self) -> Estimator:
@@ -112,7 +110,13 @@ class Pipeline:
             model=settings.model,
             excluded=settings.excluded,
             sensor=self.sensor,
+            effort=ESTIMATED.get(self.profile, BOUNDED),
         )
+
+    def _estimates(self) -> Estimator:
+        if self._estimator is None:
+            self._estimator = self._make_estimator()
+        return self._estimator
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
@@ -160,7 +164,6 @@ class Pipeline:
 
     def _forget(self) -> None:
         """Start the next frame from scratch."""
-        self._make_image.forget()
         self._state.forget()
 
     def process(
@@ -184,7 +187,7 @@ class Pipeline:
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
-        if self._estimator is not None:
+        if self.profile in ESTIMATED:
             result = self._estimated(voltages, grounded, drive_voltage, row_period)
         else:
             result = self._imaged(voltages, grounded, drive_voltage)
@@ -223,7 +226,7 @@ class Pipeline:
             if self.sensor is not None:
                 row = row + self.sensor["offset"]
         if self._rows is None:
-            self._rows = RowEstimator(self._estimator or self._make_estimator())
+            self._rows = RowEstimator(self._estimates())
         followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
         contacts = [
             replace(_reported(contact), id=number, age=age)
@@ -252,7 +255,7 @@ class Pipeline:
         are taken for rows of one state.
         """
         lasts = row_period * (rows - 1)
-        return stamp + (lasts if self._estimator is not None else lasts / 2)
+        return stamp + (lasts if self.profile in ESTIMATED else lasts / 2)
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
@@ -312,7 +315,7 @@ class Pipeline:
         if self._baseline is not None and self.sensor is not None:
             frame = frame + self.sensor["offset"]  # expected of readings, and in the baseline
         rows = np.asarray(grounded, int)
-        return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+        return self._estimates().estimate(frame[rows], rows, drive_voltage, self._state, row_period)
 
     def _without_baseline(self, voltages, grounded):
         """(E, E) ordered frame, V, with the tare taken off."""
@@ -335,33 +338,18 @@ class Pipeline:
         )
 
     def _imaged(self, voltages, grounded, drive_voltage) -> Result:
-        """The image, and contacts from the blobs of the profile's own one.
-
-        A regularization that was given makes the image that is shown, and nothing else: eq. 1 has
-        ripples with a small one and one blob with a large one.
-        """
+        """The linear image and the contacts that its blobs show; what the estimator says where a
+        frame is none that one linear step is made for, see `_read`."""
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        faults = why_left_out(frame, bad, self._excluded, self.settings.noise) if bad.any() else {}
-        left = np.count_nonzero(~bad)
-        if left < FEWEST:
-            self._make_image.forget()
-            reason = f"{left} electrodes can be read, profile {self.profile} needs {FEWEST}"
-            return self._withheld(reason, bad, faults)
-        if measured is None:
-            self._make_image.forget()
-            return self._idle(bad, faults)
-        if not np.array_equal(bad, self._left_out):
-            self._make_image.forget()
-            self._left_out = bad
-        image = self._make_image(local, measured)
-        if len(image.blobs) > left:
-            self._make_image.forget()
-            reason = f"{len(image.blobs)} contacts are seen, {left} electrodes tell {left} at most"
-            return self._withheld(reason, bad, faults)
-        conducts = sum(each.conductance for each in image.strengths)
-        if image.strengths and conducts * self.layout.sheet_resistance < _NOTHING:
-            self._make_image.forget()
-            return self._withheld("no contacts explain the readings", bad, faults)
+        if local is None:
+            self._forget()
+            return self._idle(bad, self._faults(frame, bad))
+        image = None
+        if measured is not None and np.count_nonzero(~bad) >= FEWEST:
+            image = described(local, measured, self._disc_change, self.settings.contact_radius)
+        if image is None or image.left_over > _LEFT_OVER:
+            return self._estimated(voltages, grounded, drive_voltage, 0.0)
+        self._forget()
         level = self.settings.regularization
         if level is None:
             level = local.regularization(local.level(measured))
@@ -378,28 +366,31 @@ class Pipeline:
             _numbers(bad),
             False,
             level,
-            faults=faults,
+            faults=self._faults(frame, bad),
         )
 
+    def _faults(self, frame, bad) -> dict[int, str]:
+        if not bad.any():
+            return {}
+        return why_left_out(frame, bad, self._excluded, self.settings.noise)
+
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
-        """How strongly each contact of a frame conducts, strongest first; arguments as for
-        `process`."""
-        drive_voltage = check_drive_voltage(drive_voltage)
-        if self._estimator is not None:
-            estimate = self._estimate(voltages, grounded, drive_voltage)
-            found = [
-                Strength(np.array([each.x, each.y]), each.conductance, each.area, True)
-                for each in estimate.contacts
-            ]
-            return sorted(found, key=lambda strength: -strength.conductance)
-        _, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        few = np.count_nonzero(~bad) < FEWEST
-        found = [] if few or measured is None else self._make_image(local, measured).strengths
+        """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
+        as for `process`."""
+        estimate = self._estimate(voltages, grounded, check_drive_voltage(drive_voltage))
+        found = [
+            Strength(np.array([each.x, each.y]), each.conductance, each.area)
+            for each in estimate.contacts
+        ]
         return sorted(found, key=lambda strength: -strength.conductance)
 
     def _read(self, voltages, grounded, drive_voltage):
         """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if
-        idle."""
+        idle.
+
+        None for the last alone where one linear step is not enough: readings are missing, the touch
+        began or ended between rows, or channels contradict reciprocity and none of them is broken.
+        """
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
@@ -409,9 +400,19 @@ class Pipeline:
         missing = np.isnan(frame)
         if np.count_nonzero(missing) > len(frame):
             bad |= dead_channels(~missing)
-        if is_idle(frame, missing, bad, self.settings.threshold * self.settings.noise):
+        noise = self.settings.noise
+        if is_idle(frame, missing, bad, self.settings.threshold * noise):
             return frame, bad, None, None
-        return frame, bad, *self._measure(frame, bad, drive_voltage)
+        bad |= stuck_channels(frame, ~missing, noise)
+        read = ~missing & ~bad & ~bad[:, None]
+        left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
+        bad |= open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
+        changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
+        used = np.flatnonzero(~bad)
+        if len(used) < 2:
+            return frame, bad, None, None
+        local, measured = self._measure(frame, bad, drive_voltage)
+        return frame, bad, local, None if changes else measured
 
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""
@@ -428,45 +429,27 @@ class Pipeline:
         return self.process(*frame)
 
     def _measure(self, frame, bad, drive_voltage):
-        """`LocalImage` and `Grounded` of the good channels; broken ones are added to `bad` (E,)."""
-        used = np.flatnonzero(~bad)
-        for attempt in range(2):
+        """`LocalImage` and `Grounded` of the good channels, see `_read`; broken ones are added to
+        `bad` (E,)."""
+        noise = self.settings.noise
+        while True:
+            used = np.flatnonzero(~bad)
             if len(used) < 2:
                 return None, None
             local = self._model.local(used)
             part = frame if len(used) == len(frame) else frame[np.ix_(used, used)]
-            if self.profile == "fast":
-                part = part.astype(np.float32)
+            part = part.astype(np.float32)
             if np.count_nonzero(np.isnan(part)) > len(used):
-                measured, doubtful = self._measure_rows(local, part, drive_voltage)
-                doubtful = doubtful and attempt == 0
-            else:
-                measured = local.meter.read(part, drive_voltage)
-                doubtful = attempt == 0 and is_doubtful(
-                    local.meter, part, measured, self.settings.noise
-                )
-            if doubtful:
-                broken = broken_channels(part, drive_voltage, self.settings.noise)
-                if not broken.any() and measured is not None:
-                    broken = swapped_channels(local.meter, part, drive_voltage, measured)
-                if broken.any():
-                    bad[used[broken]] = True
-                    used = used[~broken]
-                    continue
-            if measured is None:
-                measured = read_incomplete(local.meter, local, part, drive_voltage)
-            return local, measured
-
-    def _measure_rows(self, local, part, drive_voltage):
-        """`Grounded` of whole rows, None where single readings are missing; whether it is
-        doubtful."""
-        scanned = scanned_rows(part)
-        if scanned is None:
-            return None, True
-        measured = read_rows(local, part, scanned, drive_voltage, self.profile != "fast")
-        if measured.couplings is None:
-            return measured, True
-        return measured, is_doubtful_subset(part[scanned], measured, self.settings.noise)
+                return local, None
+            measured = local.meter.read(part, drive_voltage)
+            if not is_doubtful(local.meter, part, measured, noise):
+                return local, measured
+            broken = broken_channels(part, drive_voltage, noise)
+            if not broken.any():
+                broken = swapped_channels(local.meter, part, drive_voltage, measured)
+            if not broken.any():
+                return local, None
+            bad[used[broken]] = True
 
     def _idle(self, bad, faults) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))

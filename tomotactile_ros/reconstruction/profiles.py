@@ -11,7 +11,7 @@ import numpy as np
 from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.transfer import Transfer
 
-MEASURED = ("nonlinear", "balanced", "fast")  # most accurate first
+MEASURED = ("accurate", "balanced", "fast")  # most accurate first
 _ROUNDS = 15
 _CONTACTS = 4
 _STRENGTH = 1.0  # conductance of each contact, times the sheet resistance
