@@ -132,7 +132,7 @@ def image_alone(layout, pipeline, data):
 def starts(layout, pipelines):
     """Prints and yields what a start from the last image saves where contacts move."""
     for name, frames in moving(layout).items():
-        for profile in ("balanced", "nonlinear"):
+        for profile in ("balanced", "accurate"):
             times, steps = warm_starts(pipelines[profile], frames)
             print(
                 f"{name}, {profile}: {1e3 * times[0]:.2f} ms, {steps[0]:.1f} linear systems from "

@@ -37,7 +37,7 @@ TEXTS = {
     "recording": "for device:=replay: a frames.npz or a rosbag2",
     "topic": "for device:=replay: which topic of a bag with several sensors",
     "rate": "frames/s; 0 leaves it to the device",
-    "profile": "fast, balanced, nonlinear, accurate or auto",
+    "profile": "fast, balanced, accurate or auto",
     "frame_id": "frame of the sensor",
     "hardware_id": "name of the sensor in diagnostics; frame_id if empty",
     "namespace": "of both nodes, one for each sensor",

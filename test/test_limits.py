@@ -62,7 +62,7 @@ def test_one_cell_is_refused():
 @pytest.mark.parametrize("rows, cols", [(2, 2), (2, 3)])
 def test_few_electrodes_are_for_the_accurate_profile(rows, cols):
     layout = equal_grid(rows, cols, (0.2, 0.2), 0.005, 1e4)
-    for profile in ("fast", "balanced", "nonlinear", "auto"):
+    for profile in ("fast", "balanced", "accurate", "auto"):
         with pytest.raises(InputError, match=f"{profile} needs 9 electrodes.*accurate takes fewer"):
             Pipeline(layout, Settings(profile))
     (found,) = process(layout, frame_of(layout), "accurate").contacts

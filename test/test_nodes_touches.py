@@ -53,7 +53,7 @@ def are_at(*places):
 
 def test_touches_are_pressed_moved_and_let_go(probe, start, press):
     driver = start("driver", {"scene": "live"})
-    reconstruction = start("reconstruction", {"profile": "nonlinear"})
+    reconstruction = start("reconstruction", {"profile": "accurate"})
     press(message((*FIRST, 2.0, 0.006), frame_id="tactile_link"))
     found = probe.wait_for(ContactArray, "contacts", are_at(FIRST))
     (contact,) = found.contacts
@@ -75,7 +75,7 @@ def test_touches_are_pressed_moved_and_let_go(probe, start, press):
 def test_a_touch_on_a_curved_sensor_is_given_and_found_in_space(probe, start, press, tmp_path):
     layout = ros_checks.write_curved_layout(tmp_path)
     start("driver", {"scene": "live", "layout": layout})
-    start("reconstruction", {"profile": "nonlinear", "layout": layout})
+    start("reconstruction", {"profile": "accurate", "layout": layout})
     angle, bend = FIRST[0] / ros_checks.BEND, ros_checks.BEND
     outwards = np.array([np.sin(angle), 0.0, np.cos(angle)])
     place = bend * outwards + [0.0, FIRST[1], -bend]
@@ -96,7 +96,7 @@ def test_a_touch_on_a_curved_sensor_is_given_and_found_in_space(probe, start, pr
 
 def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):
     driver = start("driver", {"scene": "live"})
-    start("reconstruction", {"profile": "nonlinear"})
+    start("reconstruction", {"profile": "accurate"})
     begin = time.monotonic()
     press(message((0.5, 0.0, 1.0, 0.005), (0.0, 0.0, -1.0, 0.005), (0.0, np.nan, 1.0, 0.005),
                   (*FIRST, 2.0, 0.006)))  # fmt: skip

@@ -111,7 +111,7 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
         "--layout",
         "equal-4x4",
         "--profile",
-        "nonlinear",
+        "accurate",
         "--calibration",
         out,
         "--out",

@@ -265,7 +265,7 @@ class Estimator:
             windows = [each for each in _LATEST if each < min(since, count)]
         budget = BUDGET if start is None or not timed else _FIRST_LOOK
         refused = 0.0 if start is None else state.refused
-        fit = search.contacts(rows, prior, start, budget, state.sheet, refused)
+        fit = search.contacts(rows, prior, start, budget, state.sheet, refused, state.misfit)
         fit = self._moved(search, fit, unlike)
         if not _is_suspect(fit):
             return fit, 0

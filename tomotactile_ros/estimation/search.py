@@ -40,6 +40,8 @@ _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not k
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
+_CONTINUED = 0.2  # spacings that a contact may be from where it was expected
+_RESIZED = 0.5  # the same of the logarithm of its radius
 _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
@@ -48,7 +50,7 @@ _CERTAIN = (
     4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
 )
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
-_POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to be better than
+_POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
@@ -90,12 +92,14 @@ class Search:
         budget: int = BUDGET,
         sheet: SheetColumns | None = None,
         refused: float = 0.0,
+        usual: float = 1.0,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start` on.
 
         sheet : derivatives by the sheet that an earlier fit ended with, or None
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
+        usual : chi-squared per reading that the fit left of which `start` is
         """
         operator, self._left, self._sheet = self.operator, budget, sheet
         self._refused = refused
@@ -107,7 +111,11 @@ class Search:
         if not len(unknowns.contacts):
             fit = self._first(fit)
         else:
-            fit = self._without_idle(self._from(unknowns, fit))
+            found = self._without_idle(self._from(unknowns, fit))
+            if self._left > 0 and self._is_another(unknowns, found, usual):
+                rest = Fit(operator, resting(operator, prior), rows, prior)
+                found = self._likelier(found, self._first(rest))
+            fit = found
         before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
@@ -127,6 +135,17 @@ class Search:
         added = self._added(start, place, strength, fit.prior.radius)
         more = self._solve(added, fit, goal=found.cost)
         return more if more.cost < found.cost - self._threshold * more.doubt else found
+
+    def _is_another(self, start: Unknowns, found: Fit, usual: float) -> bool:
+        """Whether a fit is too far from where it started to be of the same contacts: then it may
+        have stopped anywhere between them and what is there now."""
+        contacts = found.unknowns.contacts[: len(start.contacts)]
+        if len(contacts) != len(start.contacts):
+            return True
+        apart = np.abs(contacts - start.contacts)
+        far = _CONTINUED * self.operator.pitch
+        moved = (apart[:, :2] > far).any() or (apart[:, RADIUS] > _RESIZED).any()
+        return bool(moved or found.chi_squared > _POOR * usual * found.rows.count)
 
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for

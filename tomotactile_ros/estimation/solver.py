@@ -29,6 +29,7 @@ _FEW_TRIES, _LITTLE = (
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
 _HELD = 1e-2  # of the deviations of a sensor that is held
+_ROUNDING = 1e-11  # of the diagonal of the normal matrix
 _HOPE = 3.0  # times what a step gained, all that follow may gain
 RATES = (
     0.3,
@@ -260,6 +261,8 @@ class Linear:
             prior.deviations,
         )
         self.normal = normal - self.channels.normal
+        # what rounding takes off a difference of matrices
+        self.normal[np.diag_indices(count)] += _ROUNDING * normal.diagonal()
         self.right = right - self.channels.right
 
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -307,8 +310,8 @@ class Linear:
         """What an undamped step takes off the cost, to first order."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         right = scale * self.right
-        factor = cho_factor(self.normal * scale[:, None] * scale)
-        return float(right @ cho_solve(factor, right)) + self.channels.promised
+        step = np.linalg.lstsq(self.normal * scale[:, None] * scale, right, rcond=1e-12)[0]
+        return float(right @ step) + self.channels.promised
 
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
