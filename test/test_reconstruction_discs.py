@@ -98,7 +98,11 @@ def test_a_weak_touch_is_one_contact(pipelines, radius, error):
     frames = frames_of(pipelines["fast"].layout, [(x, y, radius, 2e3) for x, y in PLACES])
     for pipeline in pipelines.values():
         for (x, y), frame in zip(PLACES, frames):
-            (contact,) = pipeline.process(frame, GROUNDED, DRIVE).contacts
+            result = pipeline.process(frame, GROUNDED, DRIVE)
+            if result.state != "valid":  # so weak that nobody knows where
+                assert "too weakly" in result.reason and radius == 0.002
+                continue
+            (contact,) = result.contacts
             assert np.hypot(contact.x - x, contact.y - y) < error
             assert contact.force == pytest.approx(2e3 * np.pi * radius**2, rel=0.1)
 
@@ -110,9 +114,9 @@ def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, 
     ]
     discs += [(0.099, 0.01, 1e-3, None), (-0.0995, -0.0995, 5e-4, None)]
     for frame in frames_of(pipelines[profile].layout, discs):
-        contacts = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
-        assert contacts
-        for contact in contacts:
+        result = pipelines[profile].process(frame, GROUNDED, DRIVE)
+        assert bool(result.contacts) == (result.state == "valid")
+        for contact in result.contacts:
             assert 0 < contact.force <= 100 / 1e4 / 1e-4 * 1.001  # 100 / R at this contact law
             assert max(abs(contact.x), abs(contact.y)) <= 0.1
 

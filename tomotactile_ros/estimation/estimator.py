@@ -24,7 +24,7 @@ from tomotactile_ros.estimation.screening import (
 )
 from tomotactile_ros.estimation.search import BUDGET, FULL, Effort, Search
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layout import Layout
 
 _KEPT = 4  # operators for sets of electrodes in use
@@ -330,6 +330,8 @@ class Estimator:
             by_column = (fit.rows.weights * fit.misfit**2).sum(axis=0)
             np.add.at(by_column, fit.rows.grounded, (fit.rows.weights * fit.misfit**2).sum(axis=1))
             worst = int(by_column.argmax())
+            if _lies_on(fit, used[worst]):
+                break  # there the model errs most
             weights = fit.rows.weights.copy()
             weights[:, worst] = 0.0
             weights[fit.rows.grounded == worst] = 0.0
@@ -471,6 +473,14 @@ def _share_left(fit: Fit) -> float:
     signal = float((fit.rows.weights * fit.rows.readings**2).sum())
     excess = max(fit.chi_squared - 1.5 * fit.rows.count, 0.0)
     return excess / max(signal, 1e-300)
+
+
+def _lies_on(fit: Fit, electrode: int) -> bool:
+    """Whether a contact reaches an electrode."""
+    layout, contacts = fit.operator.layout, fit.unknowns.contacts
+    apart = np.hypot(*(contacts[:, :2] - layout.positions[electrode]).T)
+    reach = np.exp(contacts[:, RADIUS] + np.hypot(*contacts[:, STRETCH:].T))
+    return bool((apart < layout.radius + reach).any())
 
 
 def _is_suspect(fit: Fit) -> bool:

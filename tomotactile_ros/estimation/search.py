@@ -41,7 +41,6 @@ _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from cont
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
-_RESIZED = 0.5  # the same of the logarithm of its radius
 _CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
@@ -142,9 +141,8 @@ class Search:
         contacts = found.unknowns.contacts[: len(start.contacts)]
         if len(contacts) != len(start.contacts):
             return True
-        apart = np.abs(contacts - start.contacts)
-        far = _CONTINUED * self.operator.pitch
-        moved = (apart[:, :2] > far).any() or (apart[:, RADIUS] > _RESIZED).any()
+        apart = np.hypot(*(contacts - start.contacts)[:, :2].T)
+        moved = (apart > _CONTINUED * self.operator.pitch).any()
         return bool(moved or found.chi_squared > _POOR * usual * found.rows.count)
 
     def in_motion(self, fit: Fit) -> Fit:
@@ -287,7 +285,7 @@ class Search:
                 for place in (contact[:2] - way, contact[:2] + way):
                     strength = float(np.exp(contact[CONDUCTANCE])) / 2
                     start = self._added(start, place, strength, fit.prior.radius)
-                fit = self._likelier(fit, self._solve(start, fit, goal=fit.cost))
+                fit = self._likelier(fit, self._simplified(self._solve(start, fit, goal=fit.cost)))
         return fit
 
     def _clustered(self, unknowns: Unknowns) -> Unknowns:

@@ -292,7 +292,7 @@ class Linear:
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads; `promised` is then how much the cost should fall by the
-        linear model."""
+        linear model, `whole` whether the step is hardly damped and not limited."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaled = self.normal * scale[:, None] * scale
         damped = scaled.copy()
@@ -301,6 +301,7 @@ class Linear:
         self.promised = float(step @ (2 * self.right - self.normal @ step))
         self.promised += self.channels.promised
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
+        self.whole = damping <= _FIRST_DAMPING and longest <= 1
         if longest > 1:
             step = step / longest
         return self._moved(step)
@@ -373,8 +374,9 @@ def solve(
         settled = _CONVERGED * fit.doubt
         if better is not None:
             fit = better
-        # the next step takes off less than what the linear model was wrong by
-        if gained < settled or abs(gained - linear.promised) < settled:
+        # after a whole step the next takes off less than what the linear model was wrong by
+        exact = linear.whole and abs(gained - linear.promised) < settled
+        if gained < settled or exact:
             break
         if step and fit.cost - _HOPE * gained > goal:
             break
