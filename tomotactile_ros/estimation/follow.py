@@ -21,16 +21,15 @@ from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
 from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH, Belief, RowState
+from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
 _UNEXPLAINED = 1e-6  # the same of a row that nothing explains
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
 _LOOSE = (1e-3, 1e-3, 1.0, 1.0, 1.0)  # m, m/s and of ln c: what may change from one row to the next
-_NEW_SPEED = 0.3  # m/s, as `solver.RATES`
 _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one
 _YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
-_STEPS, _SETTLED = 8, 0.05  # of a fit; of a standard deviation squared: as `solver`
-_REACH = 0.3, 1.5  # spacings and of ln c in one step, as `solver`
+_STEPS = 8  # of a fit at the most
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
@@ -145,7 +144,7 @@ class Follower:
             state.sums = sums
         if gains.max() < self.births.threshold:
             return
-        variances = [*(2 * self._half) ** 2, _NEW_SPEED**2, _NEW_SPEED**2, _NEW_STRENGTH**2]
+        variances = [*(2 * self._half) ** 2, RATES[0] ** 2, RATES[0] ** 2, _NEW_STRENGTH**2]
         for x, y, strength in self.births.starts(gains, conductances):
             if belief.count and self._within(belief, x, y):
                 continue
@@ -215,10 +214,10 @@ class Follower:
     def _limited(self, now, wanted, count):
         """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet."""
         way = (wanted - now)[: STATE * count].reshape(-1, STATE)
-        reach = _REACH[0] * self.operator.pitch
+        reach = REACH * self.operator.pitch
         longest = max(
             np.abs(way[:, PLACE]).max(initial=0.0) / reach,
-            np.abs(way[:, STRENGTH]).max(initial=0.0) / _REACH[1],
+            np.abs(way[:, STRENGTH]).max(initial=0.0) / REACH_STRENGTH,
             1.0,
         )
         out = now + (wanted - now) / longest

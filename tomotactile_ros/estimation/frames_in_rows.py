@@ -15,23 +15,18 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from tomotactile_ros.estimation.estimator import Estimate
+from tomotactile_ros.estimation.estimator import RESTING, TOUCHING, Estimate
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.row_model import RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.search import chosen
-from tomotactile_ros.estimation.solver import Fit
+from tomotactile_ros.estimation.solver import RATES, Fit
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
+from tomotactile_ros.estimation.tracks import REACH
 
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
-# of the sum of two radii: discs nearer to each other are one shape, as in `estimator`
-_TOUCHING = 1.15
-_MOVING = 0.005  # m/s: slower contacts rest, as in `estimator`
-# spacings between a contact of rows and one of a frame at the same time, as in `tracks`
-_SAME = 0.6
-_NEW_SPEED = 0.3  # m/s, standard deviation for a contact that rows had missed, as `solver.RATES`
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
@@ -50,10 +45,10 @@ def corrected(follower: Follower, state: RowState, fit: Fit, estimate: Estimate,
         contact, (size, own) = seen.contacts[i], _covariance(fit, i, misfit)
         mean = np.array([contact[X], contact[Y], 0.0, 0.0, contact[CONDUCTANCE]])
         sizes = np.array([contact[RADIUS], size])
-        own[[2, 3], [2, 3]] = np.square(_NEW_SPEED)
+        own[[2, 3], [2, 3]] = np.square(RATES[0])
         apart = {j: np.hypot(*(belief.mean[STATE * j :][:2] - contact[:2])) for j in free}
         best = min(apart, key=apart.__getitem__, default=None)
-        if best is None or apart[best] > _SAME * operator.pitch:
+        if best is None or apart[best] > REACH * operator.pitch:
             state.last += 1
             belief = belief.with_contact(mean, own, sizes, state.last, state.time)
             continue
@@ -71,7 +66,7 @@ def _agreed(belief: Belief, which: int, mean, covariance, sizes) -> Belief:
     at = slice(STATE * which, STATE * which + STATE)
     change = (mean - belief.mean[at])[:2]
     own = belief.covariance[at, at]
-    resting = np.hypot(*belief.mean[at][2:4]) < _MOVING + 3 * np.sqrt(own[2, 2] + own[3, 3])
+    resting = np.hypot(*belief.mean[at][2:4]) < RESTING + 3 * np.sqrt(own[2, 2] + own[3, 3])
     unlike = change @ np.linalg.solve(own[:2, :2] + covariance[:2, :2] + _FLOOR * np.eye(2), change)
     sized = belief.sizes.copy()
     sized[which] = sizes
@@ -105,7 +100,7 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     radii = np.exp(contacts[:, RADIUS])
     out = (radii > _WIDE * pitch) | (np.hypot(*contacts[:, STRETCH:].T) > _STRETCHED)
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
-    touching = (apart < _TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
+    touching = (apart < TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
     return out | touching.any(axis=1)
 
 
@@ -134,7 +129,7 @@ def _numbered(state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitc
         here = np.array([contact.x, contact.y])
         if not (np.hypot(*(centres - here).T) < np.maximum(radii, contact.radius)).any():
             continue
-        reach = _SAME * pitch + contact.radius
+        reach = REACH * pitch + contact.radius
         same = [w for w in before if np.hypot(w[2].x - contact.x, w[2].y - contact.y) < reach]
         if same:
             before.remove(same[0])
@@ -142,5 +137,5 @@ def _numbered(state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitc
         else:
             state.last += 1
             number, began = state.last, state.time
-        found.append((number, began, replace(contact)))
+        found.append((number, began, contact))
     return found

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tomotactile_ros.estimation.estimator import (
-    _FORCE_FLOOR,
-    _PLACE_FLOOR,
+    FORCE_FLOOR,
+    PLACE_FLOOR,
     Contact,
     Estimator,
     State,
@@ -22,11 +22,9 @@ from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.frames_in_rows import corrected
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
+from tomotactile_ros.estimation.search import CLOSE
+from tomotactile_ros.estimation.solver import SIMILAR
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
-
-_CLOSE = 1.5  # spacings: nearer contacts may be one wide one, as `search._CLOSE`
-# spacings, and of ln a in tenths: within, the mean D of a contact stays, as `solver._SIMILAR`
-_SIMILAR = 0.04
 
 
 @dataclass
@@ -162,7 +160,7 @@ class RowEstimator:
             return False
         places = belief.contacts()[:, :2]
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-        near = apart < _CLOSE * self._follower(state.used, state.drive).operator.pitch
+        near = apart < CLOSE * self._follower(state.used, state.drive).operator.pitch
         np.fill_diagonal(near, False)
         return bool(near[np.array(belief.begun) > state.confirmed].any())
 
@@ -172,7 +170,7 @@ class RowEstimator:
         pitch = follower.operator.pitch
         here = contact[[0, 1, 3]] / [pitch, pitch, 10.0]
         kept = state.means.get(number)
-        if kept is None or np.abs(kept[0] - here).max() > _SIMILAR:
+        if kept is None or np.abs(kept[0] - here).max() > SIMILAR:
             full = np.zeros((1, PARAMETERS))
             full[0, :4] = contact
             across = (patches_for(float(np.exp(contact[3])), pitch),)
@@ -193,7 +191,7 @@ class RowEstimator:
         relative = (
             by_strength**2 * covariance[STRENGTH, STRENGTH] / m**2 + by_size**2 * size_variance
         )
-        place = covariance[:2, :2] + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
+        place = covariance[:2, :2] + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
         certainty = 1 / max(float(covariance[STRENGTH, STRENGTH]), 1e-12)
         radius = float(np.sqrt(area / np.pi))
         return Contact(
@@ -205,7 +203,7 @@ class RowEstimator:
             radius,
             g,
             tuple(float(each) for each in place.ravel()),
-            force * min(float(np.sqrt(relative + _FORCE_FLOOR**2)), 10.0),
+            force * min(float(np.sqrt(relative + FORCE_FLOOR**2)), 10.0),
             radius * float(np.sqrt(size_variance)),
             float(1 - np.exp(-certainty / 2)),
             (float(mean[2]), float(mean[3])),

@@ -23,12 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
 from tomotactile_ros.estimation.solver import Prior
 
 # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 INEXACT = 0.01
-SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing, as in `operator`
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not k
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
-_CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
+CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
@@ -238,7 +238,7 @@ class Search:
         """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6),
         two at least, is in."""
         tree = linkage(contacts[:, :2], "single")
-        return fcluster(tree, _CLOSE * self.operator.pitch, "distance")
+        return fcluster(tree, CLOSE * self.operator.pitch, "distance")
 
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
@@ -355,7 +355,7 @@ class Search:
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
-        return weak or apart < _CLOSE * self.operator.pitch
+        return weak or apart < CLOSE * self.operator.pitch
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Contacts below the dynamic range are taken out again, weakest first."""

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-_REACH = 0.6  # spacings between where a contact is and where it was expected
+REACH = 0.6  # spacings between where a contact is and where it was expected
 _FASTEST = 1.0  # m/s: how much farther it may be the longer it was not seen
 _LOST = 0.3  # s without a valid frame after which a contact is a new one
 
@@ -77,7 +77,7 @@ class Tracks:
         expected = np.array([track.place for track in self._tracks])
         expected += lasts[:, None] * np.array([track.velocity for track in self._tracks])
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
-        reach = _REACH * self._pitch + _FASTEST * lasts
+        reach = REACH * self._pitch + _FASTEST * lasts
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):
             if cost[row, column] < 1:

@@ -218,10 +218,7 @@ class Pipeline:
         """
         drive_voltage = check_drive_voltage(drive_voltage)
         row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
-        if self._baseline is not None:
-            row = row - self._baseline[int(grounded)]
-            if self.sensor is not None:
-                row = row + self.sensor["offset"]
+        row = self._expected_zero(row, int(grounded))
         if self._rows is None:
             self._rows = RowEstimator(self._estimator or self._make_estimator())
         followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
@@ -308,11 +305,17 @@ class Pipeline:
         return again
 
     def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
-        frame = self._without_baseline(voltages, grounded)
-        if self._baseline is not None and self.sensor is not None:
-            frame = frame + self.sensor["offset"]  # expected of readings, and in the baseline
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
         rows = np.asarray(grounded, int)
         return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+
+    def _expected_zero(self, readings, grounded=slice(None)):
+        """(..., E) ordered readings, V, with the tare taken off, but for offsets that are known:
+        the estimator expects these, and they are in the baseline."""
+        if self._baseline is None:
+            return readings
+        readings = readings - self._baseline[grounded]
+        return readings if self.sensor is None else readings + self.sensor["offset"]
 
     def _without_baseline(self, voltages, grounded):
         """(E, E) ordered frame, V, with the tare taken off."""
