@@ -125,7 +125,7 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
     assert contact["force"] == pytest.approx(4.0, rel=0.05)
     assert set(contact) == {
         *("x", "y", "force", "pressure", "area", "radius"),
-        *("id", "age", "vx", "vy"),
+        *("id", "age", "vx", "vy", "position_std", "force_std", "probability"),
     }
 
 

@@ -12,9 +12,10 @@ noise does anywhere on the lattice (`births`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dtrtrs
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.births import Births
@@ -83,12 +84,12 @@ class Follower:
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         fit = self._fit(state.model, expected, read, ground, 1)
-        if fit.chi_squared > chi2.isf(_SURPRISING, max(count, 1)):
+        surprising, unexplained = _limits(max(count, 1))
+        if fit.chi_squared > surprising:
             fit = self._explained(state, expected, fit, read, ground, lasts)
         else:
             state.sums = self.births.nothing()
-        unlikely = fit.chi_squared > chi2.isf(_UNEXPLAINED, max(count, 1))
-        state.unexplained = state.unexplained + 1 if unlikely else 0
+        state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         if state.model.known.wide is not None and np.isinf(fit.row.own):
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
@@ -165,38 +166,38 @@ class Follower:
         mean, best = prior.mean, None
         mutual = model.mutual(prior.contacts()) if prior.count > 1 else 0.0
         by_sensor = slice(STATE * prior.count, None)
-        own = np.arange(len(readings))
+        modes = len(prior.mean) - len(readings)  # each gain changes its own reading alone
+        unread = np.where(valid, 0.0, _NOT_READ)
+        both = np.outer(valid, valid)
         for step in range(steps):
             row = model.row(prior.contacts(mean), ground, mean[by_sensor], mutual)
-            slopes = np.zeros((len(readings), len(mean)))
+            slopes = np.zeros((len(readings), modes))
             for i in range(prior.count):
                 slopes[:, STATE * i : STATE * i + 2] = row.by_contact[:, 3 * i : 3 * i + 2]
                 slopes[:, STATE * i + STRENGTH] = row.by_contact[:, 3 * i + 2]
-            modes = STATE * prior.count + row.by_sheet.shape[1]
-            slopes[:, STATE * prior.count : modes] = row.by_sheet
-            slopes[own, modes + own] = row.driven
+            slopes[:, STATE * prior.count :] = row.by_sheet
             slopes *= valid[:, None]
-            left = np.where(valid, readings - row.readings, 0.0) - slopes @ (prior.mean - mean)
-            spread = prior.covariance @ slopes.T
-            scatter = slopes @ spread + np.outer(row.common, row.common) * np.outer(valid, valid)
-            scatter[np.diag_indices(len(scatter))] += np.where(valid, row.variance, _NOT_READ)
+            driven = np.where(valid, row.driven, 0.0)
+            way = prior.mean - mean
+            left = np.where(valid, readings - row.readings, 0.0)
+            left -= slopes @ way[:modes] + driven * way[modes:]
+            spread = prior.covariance[:, :modes] @ slopes.T + prior.covariance[:, modes:] * driven
+            scatter = slopes @ spread[:modes] + driven[:, None] * spread[modes:]
+            scatter += np.outer(row.common, row.common) * both
+            scatter[np.diag_indices(len(scatter))] += np.where(valid, row.variance, unread)
             root = np.linalg.cholesky(scatter)
-            white = solve_triangular(root, left, lower=True, check_finite=False)
+            white = _solved(root, np.column_stack([left, spread.T]))
+            white, shares = white[:, 0], white[:, 1:]
             chi_squared = float(white @ white)
             cost = chi_squared + 2 * float(np.log(root.diagonal()).sum())
             best = _Fit(prior, cost, chi_squared, row, left, root)
-            step_to = prior.mean + spread @ solve_triangular(
-                root, white, lower=True, trans="T", check_finite=False
-            )
+            step_to = prior.mean + white @ shares
             taken = self._limited(mean, step_to, prior.count)
             small = np.abs(taken - mean).max(initial=0.0) < 1e-6
             mean = taken
             if small:
                 break
-        covariance = prior.covariance - spread @ cho_solve(
-            (root, True), spread.T, check_finite=False
-        )
-        covariance = (covariance + covariance.T) / 2
+        covariance = prior.covariance - shares.T @ shares
         rows = tuple(each + 1 for each in prior.rows)
         belief = replace(prior, mean=mean, covariance=covariance, rows=rows)
         return replace(best, belief=belief)
@@ -240,3 +241,14 @@ class Follower:
                 if (apart < _CLOSE * np.exp(contacts[:i, 3])).any():
                     belief = belief.without(i)
         return belief
+
+
+@lru_cache(maxsize=None)
+def _limits(count: int) -> tuple[float, float]:
+    """Chi-squared of `count` readings from which on a row is surprising, and one unexplained."""
+    return float(chi2.isf(_SURPRISING, count)), float(chi2.isf(_UNEXPLAINED, count))
+
+
+def _solved(root: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of root x = right with the lower triangle `root`: a row has no time for checks."""
+    return dtrtrs(root, right, lower=1)[0]

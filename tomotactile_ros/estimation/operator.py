@@ -125,10 +125,11 @@ class SheetOperator:
         """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
         return self.field.at(places)
 
-    @property
+    @cached_property
     def share_table(self) -> np.ndarray:
-        """(J, M, n) derivative of H by the sheet's coefficients at the points of `lattice`."""
-        return self._share_change
+        """(M, J, n) derivative of H by the sheet's coefficients at the points of `lattice`; single
+        precision, point by point in memory, for who looks few points up and often."""
+        return np.ascontiguousarray(self._share_change.transpose(1, 0, 2), np.float32)
 
     @property
     def bordered(self) -> np.ndarray:
