@@ -12,7 +12,7 @@ noise does anywhere on the lattice (`births`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -23,6 +23,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
 from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH, Belief, RowState
 from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
+from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
 _UNEXPLAINED = 1e-6  # the same of a row that nothing explains
@@ -30,9 +31,11 @@ _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one e
 _LOOSE = (1e-3, 1e-3, 1.0, 1.0, 1.0)  # m, m/s and of ln c: what may change from one row to the next
 _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one
 _YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
-_STEPS = 8  # of a fit at the most
+_STEPS, _FIRST_STEPS = 8, 2  # of a fit at the most; of each of several starts
+_SETTLED = 0.05  # standard deviations that a last step moves a contact
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
+_BESIDE = 1.0  # spacings from the rim of a wide contact within which nothing begins
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 
@@ -117,9 +120,8 @@ class Follower:
                     before = self._fit(model, rest, read, ground, 1)
                     for fit in self._born(model, rest, before, read, ground, None, names):
                         offer(fit, 2)
-        if model.known.wide is not None:  # its change looks like new ones: frames tell them apart
+        if model.known.wide is not None:
             offer(self._gone(model, expected, read, ground), 1)
-            return min(tried, key=lambda each: each[0])[1]
         names = state.last + 1, state.time
         for fit in self._born(model, expected, plain, read, ground, state, names):
             offer(fit, 1)
@@ -146,24 +148,41 @@ class Follower:
         if gains.max() < self.births.threshold:
             return
         variances = [*(2 * self._half) ** 2, RATES[0] ** 2, RATES[0] ** 2, _NEW_STRENGTH**2]
+        fits = []
         for x, y, strength in self.births.starts(gains, conductances):
-            if belief.count and self._within(belief, x, y):
+            if self._within(belief, x, y) or self._beside(model.known.wide, x, y):
                 continue
             mean = np.array([x, y, 0.0, 0.0, strength])
             begun = belief.with_contact(mean, variances, self._size, *names)
-            yield self._fit(model, begun, read, ground, _STEPS)
+            fits.append((begun, self._fit(model, begun, read, ground, _FIRST_STEPS)))
+        if fits:
+            begun, first = min(fits, key=lambda each: each[1].cost)
+            yield self._fit(model, begun, read, ground, _STEPS, first.belief.mean)
+
+    def _beside(self, wide, x, y) -> bool:
+        """Whether what is new there may be a change of a wide contact: frames tell them apart."""
+        if wide is None:
+            return False
+        apart = np.hypot(*(wide.contacts[:, :2] - [x, y]).T)
+        reach = _BESIDE * self.operator.pitch + np.exp(wide.contacts[:, RADIUS])
+        return bool((apart < reach).any())
 
     def _within(self, belief, x, y) -> bool:
+        if not belief.count:
+            return False
         contacts = belief.contacts()
         apart = np.hypot(*(contacts[:, :2] - [x, y]).T)
         return bool((apart < _CLOSE * (np.exp(contacts[:, 3]) + np.exp(self._size[0]))).any())
 
-    def _fit(self, model: RowModel, prior: Belief, read, ground: int, steps: int) -> _Fit:
-        """The belief after the row, linearised `steps` times at the most."""
+    def _fit(
+        self, model: RowModel, prior: Belief, read, ground: int, steps: int, start=None
+    ) -> _Fit:
+        """The belief after the row, linearised `steps` times at the most, about `start` first."""
         readings, valid = read
         if not prior.count and model.known.wide is None:
             return self._idle(model, prior, readings, valid, ground)
-        mean, best = prior.mean, None
+        mean, best = prior.mean if start is None else start, None
+        ours = slice(0, STATE * prior.count)
         mutual = model.mutual(prior.contacts()) if prior.count > 1 else 0.0
         by_sensor = slice(STATE * prior.count, None)
         modes = len(prior.mean) - len(readings)  # each gain changes its own reading alone
@@ -193,9 +212,9 @@ class Follower:
             best = _Fit(prior, cost, chi_squared, row, left, root)
             step_to = prior.mean + white @ shares
             taken = self._limited(mean, step_to, prior.count)
-            small = np.abs(taken - mean).max(initial=0.0) < 1e-6
-            mean = taken
-            if small:
+            moved, mean = (taken - mean)[ours], taken
+            known = prior.covariance.diagonal()[ours] - (shares[:, ours] ** 2).sum(axis=0)
+            if (moved**2 <= _SETTLED**2 * known).all():
                 break
         covariance = prior.covariance - shares.T @ shares
         rows = tuple(each + 1 for each in prior.rows)
@@ -243,7 +262,7 @@ class Follower:
         return belief
 
 
-@lru_cache(maxsize=None)
+@cache
 def _limits(count: int) -> tuple[float, float]:
     """Chi-squared of `count` readings from which on a row is surprising, and one unexplained."""
     return float(chi2.isf(_SURPRISING, count)), float(chi2.isf(_UNEXPLAINED, count))

@@ -81,9 +81,6 @@ class Belief:
             covariance[strength, strength] += _PRESSING**2 * lasts / 1e-3
         return replace(self, mean=mean, covariance=covariance)
 
-    def renamed(self, numbers, begun, rows) -> Belief:
-        return replace(self, numbers=tuple(numbers), begun=tuple(begun), rows=tuple(rows))
-
     def loosened(self, variances) -> Belief:
         """The same with `variances` (5,) added to those of each contact."""
         covariance = self.covariance.copy()

@@ -33,7 +33,7 @@ FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
-_FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
+FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
@@ -298,7 +298,7 @@ class Search:
         across = patches_for(radius, self.operator.pitch)
         contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
         touch = Touches(self.operator, contact[None], [across], np.zeros(self.operator.modes))
-        contact[2] = np.log(min(strength, _FILLED / max(touch.mean[0], 1e-9)))
+        contact[2] = np.log(min(strength, FILLED / max(touch.mean[0], 1e-9)))
         free = np.array([True] * _FORM + [False] * 2)
         return unknowns.with_contacts(
             np.vstack([unknowns.contacts, contact]),

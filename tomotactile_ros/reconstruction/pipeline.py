@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.grid import Grid
@@ -97,6 +98,7 @@ class Pipeline:
         kind = "nonlinear" if self.profile == ACCURATE else self.profile
         self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
         self._estimator, self._state = None, State()
+        self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile == ACCURATE:
@@ -155,7 +157,8 @@ class Pipeline:
         self.sensor = sensor
         if self._estimator is not None:
             self._estimator.sensor = sensor
-        self._rows = None
+        if self._rows is not None:
+            self._rows.estimator.sensor = sensor
         self._forget()
 
     def _forget(self) -> None:
@@ -197,10 +200,13 @@ class Pipeline:
             ]
         return result
 
-    def rows(self) -> RowsState:
-        """The state of a sensor whose rows are followed, before the first of them
-        (`process_row`)."""
-        return RowsState()
+    def rows(self, waits: bool = True) -> RowsState:
+        """The state of a sensor whose rows are followed, before the first of them (`process_row`).
+
+        The row that completes a frame waits for the frame's estimate; not so without `waits`: then
+        frames are given to `correct`.
+        """
+        return RowsState(waits=waits)
 
     def process_row(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
@@ -216,12 +222,21 @@ class Pipeline:
 
         Raises InputError where the row does not fit the layout.
         """
+        self.follow_row(voltages, grounded, drive_voltage, time, state)
+        return self.after_row(state)
+
+    def follow_row(
+        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+    ) -> None:
+        """Take a row into `state` and ask for nothing; see `process_row`."""
         drive_voltage = check_drive_voltage(drive_voltage)
         row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
         row = self._expected_zero(row, int(grounded))
-        if self._rows is None:
-            self._rows = RowEstimator(self._estimator or self._make_estimator())
-        followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
+        self._row_estimator().follow(row, int(grounded), drive_voltage, float(time), state)
+
+    def after_row(self, state: RowsState) -> Result:
+        """Contacts at the time of the last row that `state` was given."""
+        followed = self._row_estimator().report(state)
         contacts = [
             replace(_reported(contact), id=number, age=age)
             for number, age, contact in followed.contacts
@@ -234,12 +249,35 @@ class Pipeline:
             none,
             contacts,
             _numbers(bad | self._excluded),
-            not contacts and not followed.reason,
+            not followed.touched,
             0.0,
             state=followed.state,
             reason=followed.reason,
             faults=dict(state.left_out),
         )
+
+    def correct(
+        self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
+    ) -> None:
+        """Let the frame that was just given to `process` correct rows that are followed meanwhile,
+        maybe in another thread.
+
+        Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
+        """
+        if self._estimate_of_frame is not None:
+            state.tell(self._estimate_of_frame.at(stamp, row_period, len(grounded)))
+            return
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
+        chosen = np.asarray(grounded, int)
+        look = self._row_estimator().look
+        seen = look(frame[chosen], chosen, drive_voltage, row_period, state.frames)
+        state.tell(seen.at(stamp, row_period, len(chosen)))
+
+    def _row_estimator(self) -> RowEstimator:
+        rows = self._rows
+        if rows is None:
+            rows = self._rows = RowEstimator(self._estimator or self._make_estimator())
+        return rows
 
     def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
         """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows`
@@ -256,6 +294,7 @@ class Pipeline:
         estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
         if estimate.state != "valid":
             estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
+        self._estimate_of_frame = FrameSeen.of(estimate, self._state)
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
