@@ -9,11 +9,15 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from geometry_msgs.msg import Point
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import ends_cleanly
-from std_msgs.msg import Header
+from sensor_msgs.msg import Image
+from std_msgs.msg import Bool, Header
 
 from tomotactile_ros.msg import Contact, ContactArray
+from tomotactile_ros.nodes.conversions import stamp_of
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEAR = 0.005  # m
 FIRST, SECOND = (0.052, 0.031), (-0.047, -0.022)
 
@@ -110,6 +114,36 @@ def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):
     press(message((*SECOND, 2.0, 0.006)))
     probe.wait_for(ContactArray, "contacts", are_at(SECOND))
     ends_cleanly(driver)
+
+
+@pytest.mark.parametrize("composed", [False, True])
+def test_rows_tell_of_a_touch_and_its_end(probe, start, press, composed):
+    parameters = {"layout": "equal-4x4", "scene": "live", "delivery": "rows", "rows_per_message": 4}
+    parameters |= {"publish_every": 4, "contact_radius": 0.006}
+    for name in ["tactile"] if composed else ["driver", "reconstruction"]:
+        start(name, parameters)
+    touched = probe.listen(Bool, "touched", LATCHED)
+    probe.until(lambda: touched and not touched[-1].data, "word of an untouched sheet")
+    arrays = probe.listen(ContactArray, "contacts", 1000)
+    press(message((*FIRST, 2.0, 0.006)))
+    probe.until(lambda: touched[-1].data, "word of a touch")
+    probe.until(lambda: arrays and are_at(FIRST)(arrays[-1]), "its contact")
+    (number,) = {contact.id for contact in arrays[-1].contacts}
+    arrays.clear()
+    probe.until(lambda: len(arrays) > 100, "contacts of rows")
+    for each in arrays:
+        assert each.state == ContactArray.VALID and [c.id for c in each.contacts] == [number]
+        assert are_at(FIRST)(each)
+    stamps = [stamp_of(each.header) for each in arrays]
+    assert np.median(np.diff(stamps)) == pytest.approx(4e-3, abs=1e-4)  # a frame has 16 rows
+    assert probe.wait_for(Bool, "touched", qos=LATCHED).data  # also for who comes later
+    found = ros_checks.figures_of(probe, "reconstruction: reconstruction")
+    assert int(found["rows_followed"]) > 400 and float(found["rows_per_second"]) > 0
+    assert int(found["frames_processed"]) > 0
+    probe.wait_for(Image, "pressure")
+    press(message())
+    probe.until(lambda: not touched[-1].data, "word of its end")
+    probe.until(lambda: are_at()(arrays[-1]), "no contact")
 
 
 def test_only_a_live_scene_listens(probe, start):

@@ -26,7 +26,7 @@ from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
-_UNEXPLAINED = 1e-6  # the same of a row that nothing explains
+_UNEXPLAINED = 1e-9  # the same of a row that nothing explains: one in 12 days at 1 kHz
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
 _LOOSE = (1e-3, 1e-3, 1.0, 1.0, 1.0)  # m, m/s and of ln c: what may change from one row to the next
 _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one

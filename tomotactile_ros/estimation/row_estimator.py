@@ -65,6 +65,19 @@ class RowsState:
     past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
+    @property
+    def highest(self) -> int:
+        """The highest number that a contact was given."""
+        return self.last if self.rows is None else max(self.last, self.rows.last)
+
+    @property
+    def touching(self) -> tuple[int, ...] | None:
+        """Numbers of what touches; None where that is not known."""
+        rows = self.rows
+        if rows is None or rows.unexplained or self.doubted >= _DOUBTFUL:
+            return None
+        return (*(number for number, *_ in rows.wide), *rows.belief.numbers)
+
     def tell(self, seen: FrameSeen) -> None:
         """Leave what a frame said to the next row; from any thread. Of several the last one
         counts."""
@@ -149,7 +162,7 @@ class RowEstimator:
         used = tuple(e for e in electrodes if e not in excluded and e not in state.left_out)
         _, prior = self.estimator.sensor_of(used, drive_voltage)
         variance = (self.estimator.noise / drive_voltage) ** 2
-        last = state.last if state.rows is None else max(state.last, state.rows.last)
+        last = state.highest
         state.used, state.drive = used, drive_voltage
         state.rows = self._follower(used, drive_voltage).begin(Known.before(prior, variance))
         state.rows.last = last

@@ -47,7 +47,7 @@ class Tracks:
     def __init__(self, pitch: float):
         self._pitch = pitch
         self._tracks: list[_Track] = []
-        self._last = 0
+        self.last = 0  # the highest number that was given
 
     def follow(self, contacts: Sequence[Placed], time: float) -> list[tuple[int, float]]:
         """Number and age, s, of each of `contacts` of a valid frame that holds for `time`, s.
@@ -60,8 +60,8 @@ class Tracks:
         for contact, track in zip(contacts, chosen):
             place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
             if track is None:
-                self._last += 1
-                track = _Track(self._last, time, time, place, velocity)
+                self.last += 1
+                track = _Track(self.last, time, time, place, velocity)
             track.place, track.velocity, track.seen = place, velocity, time
             tracks.append(track)
             found.append((track.number, time - track.begun))

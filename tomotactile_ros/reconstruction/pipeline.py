@@ -200,13 +200,14 @@ class Pipeline:
             ]
         return result
 
-    def rows(self, waits: bool = True) -> RowsState:
+    def rows(self, waits: bool = True, after: RowsState | None = None) -> RowsState:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
 
         The row that completes a frame waits for the frame's estimate; not so without `waits`: then
-        frames are given to `correct`.
+        frames are given to `correct`. Numbers of contacts go on from those of `after`.
         """
-        return RowsState(waits=waits)
+        self._row_estimator()
+        return RowsState(waits=waits, last=self._tracks.last if after is None else after.highest)
 
     def process_row(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
