@@ -163,7 +163,7 @@ def numbers_and_places(followed):
     return {number: (contact.x, contact.y) for number, _, contact in followed.contacts}
 
 
-WIDE = Contact("disc", center=(-0.01, 0.02), radius=0.03, pressure=5e3)
+WIDE = Contact("disc", center=(-0.01, 0.02), radius=0.03, pressure=5e3, start=0.0015)
 
 
 def is_seen(contact, followed, place, force):
@@ -185,7 +185,7 @@ def test_wide_and_small_contacts_whether_rows_wait_for_frames_or_not(estimator, 
     tap = Contact("disc", center=(0.06, -0.06), radius=0.008, pressure=15e3, start=0.0345)
     followed = followed_late(estimator, [WIDE, tap], 5, late)
     assert all(each.state == "valid" for each in followed)
-    for each in followed[:35]:
+    for each in followed[2:35]:
         assert is_seen(WIDE, each, 9e-3, 0.4) == 1 and len(each.contacts) == 1
     for each in followed[35:]:
         assert is_seen(WIDE, each, 2e-3, 0.05) == 1
@@ -205,10 +205,11 @@ def test_rows_are_withheld_where_frames_are(estimator):
     seen = rows.look(frame, np.arange(16), DRIVE, ROW_PERIOD, state.frames)
     bad = replace(seen, estimate=Estimate([], [], "withheld", "the readings contradict"), fit=None)
     said = []
+    rows.follow(np.zeros(16), 0, DRIVE, 15 * ROW_PERIOD, state)
     for told in (None, bad, bad, seen.at(0.0, ROW_PERIOD, 16)):
         if told is not None:
             state.tell(told)
-        said.append(rows.estimate(frame[0], 0, DRIVE, ROW_PERIOD * (15 + len(said)), state))
+        said.append(rows.estimate(frame[0], 0, DRIVE, ROW_PERIOD * (16 + len(said)), state))
     assert [each.reason for each in said] == ["", "", "the readings contradict", ""]
     assert not said[2].contacts and said[2].touched and said[3].contacts
 
@@ -216,9 +217,21 @@ def test_rows_are_withheld_where_frames_are(estimator):
 def test_a_pause_or_a_clock_set_back_begins_anew_with_other_numbers(estimator):
     rows, state = RowEstimator(estimator), RowsState(waits=False)
     row = frames_of([Contact("disc", **NEW)], 1)[0][3]
-    times = [10.0, 10.001, 12.0, 12.001, 3.0, 3.001]
-    found = [numbers_and_places(rows.estimate(row, 3, DRIVE, t, state)) for t in times]
-    assert [list(each) for each in found[1::2]] == [[1], [2], [3]]
+    found = []
+    for begun in (10.0, 12.0, 3.0):
+        for i, readings in enumerate((np.zeros(16), row, row)):
+            said = rows.estimate(readings, 3, DRIVE, begun + i * ROW_PERIOD, state)
+        found.append(list(numbers_and_places(said)))
+    assert found == [[1], [2], [3]]
+
+
+def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
+    both = [RESTING, Contact("disc", **NEW)]
+    followed = followed_late(estimator, both, 4, 6)
+    assert all("when rows began" in each.reason for each in followed[:11])
+    known = [each for each in followed if not each.reason]
+    assert known and all(len(each.contacts) == 2 for each in known)
+    assert not followed[-1].reason
 
 
 def test_what_is_learned_of_the_sensor_leaves_contacts_and_their_numbers(operator):

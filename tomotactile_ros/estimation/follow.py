@@ -28,9 +28,13 @@ from tomotactile_ros.estimation.touch import RADIUS
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
 _UNEXPLAINED = 1e-9  # the same of a row that nothing explains: one in 12 days at 1 kHz
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
+_CALMING = 0.9  # part of the surprises that the next row remembers: ten rows
+_CONFUSED = (
+    2.8  # surprises of late: one touch or its end makes two; more, and rows are not believed
+)
 _LOOSE = (1e-3, 1e-3, 1.0, 1.0, 1.0)  # m, m/s and of ln c: what may change from one row to the next
 _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one
-_YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
+YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
 _STEPS, _FIRST_STEPS = 8, 2  # of a fit at the most; of each of several starts
 _SETTLED = 0.05  # standard deviations that a last step moves a contact
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
@@ -88,8 +92,12 @@ class Follower:
         count = int(np.count_nonzero(valid))
         fit = self._fit(state.model, expected, read, ground, 1)
         surprising, unexplained = _limits(max(count, 1))
+        state.confused *= _CALMING
         if fit.chi_squared > surprising:
             fit = self._explained(state, expected, fit, read, ground, lasts)
+            state.confused += 1 + (fit.chi_squared > surprising)
+            if state.confused > _CONFUSED:  # what rows say from here on rests on what was wrong
+                state.confused = np.inf
         else:
             state.sums = self.births.nothing()
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
@@ -97,6 +105,10 @@ class Follower:
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
         state.belief = self._tidied(fit.belief)
+        if np.isinf(fit.row.own):
+            state.confused = 0.0
+        state.touched_at_once |= not state.read and not np.isinf(fit.row.own)
+        state.read += 1
 
     def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
         """The likeliest of what may have happened."""
@@ -115,7 +127,7 @@ class Follower:
             if expected.count > 1:
                 offer(self._gone(model, expected, read, ground), 1)
             for i, rest in enumerate(left):
-                if expected.rows[i] < _YOUNG:
+                if expected.rows[i] < YOUNG:
                     names = expected.numbers[i], expected.begun[i]
                     before = self._fit(model, rest, read, ground, 1)
                     for fit in self._born(model, rest, before, read, ground, None, names):

@@ -31,6 +31,7 @@ from tomotactile_ros.estimation.tracks import REACH
 
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
+_SLIDING = 0.02  # m/s, known for sure: the way within a frame is a part of a contact's width
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
@@ -69,13 +70,16 @@ def corrected(
     lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
     found = fit.unknowns.after(lasts)
     since = max(state.time - seen.ended, 0.0)
-    is_wide = _wide(found, operator.pitch)
+    is_wide = _wide(found, operator.pitch) & ~_moving(state.belief, then, found, operator.pitch)
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
     belief, misfit = state.belief, max(1.0, fit.chi_squared / max(fit.rows.count, 1))
     left = dict(then)
+    confused = bool(np.isinf(state.confused))
+    if confused:
+        belief = unlearned(belief, state.model.known)
     for i in np.flatnonzero(~is_wide):
         contact, (size, own) = found.contacts[i], _covariance(fit, i, misfit)
-        mean = np.array([contact[X], contact[Y], 0.0, 0.0, contact[CONDUCTANCE]])
+        mean = np.array([contact[X], contact[Y], *found.rates[i, :2], contact[CONDUCTANCE]])
         sizes = np.array([contact[RADIUS], size])
         own[[2, 3], [2, 3]] = np.square(RATES[0])
         number = _nearest(left, mean[:2], REACH * operator.pitch)
@@ -89,15 +93,19 @@ def corrected(
             continue
         mean[:2] -= left.pop(number)
         if number in belief.numbers:  # otherwise it has gone since
-            belief = _agreed(belief, belief.numbers.index(number), mean, own, sizes)
+            which = belief.numbers.index(number)
+            belief = _agreed(belief, which, mean, own, sizes, confused)
     for j in reversed(range(belief.count)):
-        missed = belief.numbers[j] in left and belief.begun[j] <= seen.begun
+        missed = belief.numbers[j] in left and (confused or belief.begun[j] <= seen.begun)
         missed = missed or belief.numbers[j] in {number for number, *_ in state.wide}
         if missed or _lies_in(belief.contacts()[j], found.contacts[is_wide]):
             belief = belief.without(j)
     known = state.model.known.moved(belief.shift, None)
-    if is_wide.any():  # rows took them for something else, and the sensor for what explains that
-        known = replace(known, sheet=found.sheet, gain=found.gain, wide=chosen(found, is_wide))
+    if (
+        is_wide.any() or confused
+    ):  # rows took them for something else, and the sensor for what explains that
+        wide = chosen(found, is_wide) if is_wide.any() else None
+        known = replace(known, sheet=found.sheet, gain=found.gain, wide=wide)
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
 
@@ -116,7 +124,7 @@ def _lies_in(contact: np.ndarray, wide: np.ndarray) -> bool:
     return bool((apart < np.exp(wide[:, RADIUS])).any())
 
 
-def _agreed(belief: Belief, which: int, mean, covariance, sizes) -> Belief:
+def _agreed(belief: Belief, which: int, mean, covariance, sizes, confused: bool) -> Belief:
     """The contact `which` of rows with the size that the frame found, and with its place where they
     contradict; `mean` (5,) has the change of the place in the place of the place."""
     at = slice(STATE * which, STATE * which + STATE)
@@ -127,7 +135,7 @@ def _agreed(belief: Belief, which: int, mean, covariance, sizes) -> Belief:
     sized = belief.sizes.copy()
     sized[which] = sizes
     belief = replace(belief, sizes=sized)
-    if not resting or unlike < chi2.isf(_CONTRADICTS, 2):
+    if not confused and (not resting or unlike < chi2.isf(_CONTRADICTS, 2)):
         return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
     moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0
@@ -156,7 +164,7 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0
-    state.sums = follower.births.nothing()
+    state.sums, state.confused = follower.births.nothing(), 0.0
 
 
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
@@ -167,6 +175,19 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
     touching = (apart < TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
     return out | touching.any(axis=1)
+
+
+def _moving(belief: Belief, then, seen: Unknowns, pitch: float) -> np.ndarray:
+    """(k,) bool, contacts of a frame of which rows say that they move: their way looks like a form
+    of theirs."""
+    out = np.zeros(len(seen.contacts), bool)
+    for j, number in enumerate(belief.numbers):
+        speed = belief.mean[STATE * j :][2:4]
+        spread = belief.covariance[STATE * j + 2 : STATE * j + 4, STATE * j + 2 : STATE * j + 4]
+        if np.hypot(*speed) > _SLIDING + 3 * np.sqrt(np.trace(spread)) and number in then:
+            apart = np.hypot(*(seen.contacts[:, :2] - then[number]).T)
+            out |= apart < REACH * pitch
+    return out
 
 
 def _covariance(fit: Fit, which: int, misfit: float):

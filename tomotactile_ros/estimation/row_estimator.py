@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.estimator import (
     Estimator,
     State,
 )
-from tomotactile_ros.estimation.follow import Follower
+from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
@@ -71,10 +71,15 @@ class RowsState:
         return self.last if self.rows is None else max(self.last, self.rows.last)
 
     @property
+    def confused(self) -> bool:
+        """Whether rows have contradicted what was said of the sheet again and again."""
+        return self.rows is not None and np.isinf(self.rows.confused)
+
+    @property
     def touching(self) -> tuple[int, ...] | None:
         """Numbers of what touches; None where that is not known."""
         rows = self.rows
-        if rows is None or rows.unexplained or self.doubted >= _DOUBTFUL:
+        if rows is None or rows.unexplained or self.doubted >= _DOUBTFUL or self.confused:
             return None
         return (*(number for number, *_ in rows.wide), *rows.belief.numbers)
 
@@ -219,6 +224,12 @@ class RowEstimator:
         rows = state.rows
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
+        if self._frames and rows.touched_at_once and rows.read < YOUNG:
+            return Followed(
+                [], "withheld", "it was touched when rows began: more of them tell by what"
+            )
+        if self._frames and state.confused:
+            return Followed([], "withheld", "rows contradict each other: the next frame tells")
         if state.doubted >= _DOUBTFUL:
             return Followed([], "withheld", state.doubt)
         if self._frames and self._may_be_one(state):
