@@ -39,6 +39,7 @@ NEAR, APART, GRACE = 0.010, 0.045, 3  # m, m, rows
 INSIDE = 0.085  # m: centres are at most so far from the middle along each side
 SPEEDS = (0.2, 0.5, 1.0)  # m/s
 AFTER = (1, 2, 4, 12)  # rows
+FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
 SETTLED = 30  # rows after which velocities are judged
 PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
 
@@ -199,12 +200,13 @@ def moving(sensor: Sensor, touches: int, speed: float) -> Tally:
         way = np.array([np.cos(angle), np.sin(angle)])
         side = np.array([-way[1], way[0]]) * 0.06 * (2 * random.random() - 1)
         begin = side - 0.075 * way
-        lasts = min(0.15 / speed, 3 * ROWS * ROW_PERIOD)
-        frames = int(np.ceil(lasts / ROW_PERIOD / ROWS))
-        slide = disc(begin, 0.0, lasts, speed * way)
+        start = (FIRST - 0.5) * ROW_PERIOD
+        end = start + min(0.15 / speed, 3 * ROWS * ROW_PERIOD)
+        frames = int(np.ceil(end / ROW_PERIOD / ROWS))
+        slide = disc(begin, start, end, speed * way)
         rows = list(sensor.rows([slide], frames, touch, tally.costs))
         judge(rows, tally)
-        for row in rows[SETTLED:]:
+        for row in rows[FIRST + SETTLED :]:
             if not row.true:
                 continue
             (true,) = row.true
@@ -226,10 +228,11 @@ def crossing(sensor: Sensor, pairs: int) -> Tally:
         side = PASSING / 2 * np.array([-way[1], way[0]])
         middle = 0.02 * (2 * random.random(2) - 1)
         lasts = 0.15 / CROSSING
-        contacts = [
-            disc(middle + sign * (side - 0.075 * way), 0.0, lasts, sign * CROSSING * way)
-            for sign in (1, -1)
-        ]
+        contacts = []
+        for i, sign in enumerate((1, -1)):
+            start = (FIRST + i * LATER - 0.5) * ROW_PERIOD
+            begin = side - (0.075 - start * CROSSING) * way
+            contacts.append(disc(middle + sign * begin, start, lasts, sign * CROSSING * way))
         frames = int(lasts / ROW_PERIOD) // ROWS
         rows = list(sensor.rows(contacts, frames, pair, tally.costs))
         judge(rows, tally)
@@ -265,11 +268,11 @@ def several(sensor: Sensor, rows: int, count: int) -> Tally:
     places: list[np.ndarray] = []
     for _ in range(count):
         places.append(anywhere(random, *places))
-    said = list(
-        sensor.rows([disc(place) for place in places], max(rows // ROWS, 2), 0, tally.costs)
-    )
-    judge(said[ROWS:], tally)
-    tally.costs = tally.costs[ROWS:]
+    starts = [(FIRST + i * LATER - 0.5) * ROW_PERIOD for i in range(count)]
+    discs = [disc(place, start) for place, start in zip(places, starts)]
+    said = list(sensor.rows(discs, 2 + rows // ROWS, 0, tally.costs))
+    judge(said, tally)
+    tally.costs = tally.costs[2 * ROWS :]
     return tally
 
 

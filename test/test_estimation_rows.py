@@ -228,7 +228,7 @@ def test_a_pause_or_a_clock_set_back_begins_anew_with_other_numbers(estimator):
 def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
     both = [RESTING, Contact("disc", **NEW)]
     followed = followed_late(estimator, both, 4, 6)
-    assert all("when rows began" in each.reason for each in followed[:11])
+    assert "when rows began" in followed[0].reason and all(each.reason for each in followed[:11])
     known = [each for each in followed if not each.reason]
     assert known and all(len(each.contacts) == 2 for each in known)
     assert not followed[-1].reason
