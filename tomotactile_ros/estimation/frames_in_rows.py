@@ -60,34 +60,41 @@ class FrameSeen:
 
 
 def corrected(
-    follower: Follower, state: RowState, seen: FrameSeen, then: Mapping[int, np.ndarray]
+    follower: Follower,
+    state: RowState,
+    seen: FrameSeen,
+    then: Mapping[int, np.ndarray],
+    ended: bool = False,
 ) -> None:
     """Takes a valid frame into `state`.
 
     then : {number: place (2,), m} of contacts as rows had it when the frame ended
+    ended : whether rows saw something end within the frame, which may show it still
     """
-    operator, fit = follower.operator, seen.fit
+    operator, fit, belief = follower.operator, seen.fit, state.belief
     lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
     found = fit.unknowns.after(lasts)
     since = max(state.time - seen.ended, 0.0)
-    is_wide = _wide(found, operator.pitch) & ~_moving(state.belief, then, found, operator.pitch)
+    reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
+    sliding = {} if confused else _sliding(belief)
+    blurred = _blurred(found, then, sliding, reach, seen.ended - seen.begun)
+    is_wide = _wide(found, operator.pitch) & ~blurred
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
-    belief, misfit = state.belief, max(1.0, fit.chi_squared / max(fit.rows.count, 1))
-    left = dict(then)
-    confused = bool(np.isinf(state.confused))
+    misfit, left = max(1.0, fit.chi_squared / max(fit.rows.count, 1)), dict(then)
     if confused:
         belief = unlearned(belief, state.model.known)
-    for i in np.flatnonzero(~is_wide):
+    for i in np.flatnonzero(~is_wide & ~blurred):
         contact, (size, own) = found.contacts[i], _covariance(fit, i, misfit)
         mean = np.array([contact[X], contact[Y], *found.rates[i, :2], contact[CONDUCTANCE]])
         sizes = np.array([contact[RADIUS], size])
         own[[2, 3], [2, 3]] = np.square(RATES[0])
-        number = _nearest(left, mean[:2], REACH * operator.pitch)
+        number = _nearest(left, mean[:2], reach)
         if number is None:
             mean[:2] += since * found.rates[i, :2]
             later = dict(zip(belief.numbers, belief.contacts()[:, :2]))
             fresh = {n: place for n, place in later.items() if n not in then}
-            if _nearest(fresh, mean[:2], REACH * operator.pitch) is None:
+            known_by_now = _nearest(fresh, mean[:2], reach) is not None
+            if confused or not (known_by_now or ended):
                 state.last += 1
                 belief = belief.with_contact(mean, own, sizes, state.last, state.time)
             continue
@@ -95,19 +102,40 @@ def corrected(
         if number in belief.numbers:  # otherwise it has gone since
             which = belief.numbers.index(number)
             belief = _agreed(belief, which, mean, own, sizes, confused)
+    taken_over = {number for number, *_ in state.wide}
     for j in reversed(range(belief.count)):
-        missed = belief.numbers[j] in left and (confused or belief.begun[j] <= seen.begun)
-        missed = missed or belief.numbers[j] in {number for number, *_ in state.wide}
-        if missed or _lies_in(belief.contacts()[j], found.contacts[is_wide]):
+        number = belief.numbers[j]
+        missed = number in left and (confused or belief.begun[j] <= seen.begun)
+        in_wide = number in taken_over or _lies_in(belief.contacts()[j], found.contacts[is_wide])
+        if in_wide or (missed and number not in sliding):
             belief = belief.without(j)
     known = state.model.known.moved(belief.shift, None)
-    if (
-        is_wide.any() or confused
-    ):  # rows took them for something else, and the sensor for what explains that
+    if is_wide.any() or confused:  # rows took it for something else, and the sensor for the rest
         wide = chosen(found, is_wide) if is_wide.any() else None
         known = replace(known, sheet=found.sheet, gain=found.gain, wide=wide)
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
+
+
+def _sliding(belief: Belief) -> dict[int, float]:
+    """{number: speed, m/s} of contacts that are known to move."""
+    out = {}
+    for j, number in enumerate(belief.numbers):
+        at = slice(STATE * j + 2, STATE * j + 4)
+        speed = float(np.hypot(*belief.mean[at]))
+        if speed > _SLIDING + 3 * np.sqrt(np.trace(belief.covariance[at, at])):
+            out[number] = speed
+    return out
+
+
+def _blurred(found: Unknowns, then, sliding, reach: float, lasts: float) -> np.ndarray:
+    """(k,) bool, contacts of a frame of `lasts` s that are the way of one that slides."""
+    out = np.zeros(len(found.contacts), bool)
+    for number, speed in sliding.items():
+        if number in then:
+            apart = np.hypot(*(found.contacts[:, :2] - then[number]).T)
+            out |= apart < reach + speed * lasts / 2
+    return out
 
 
 def _nearest(places: Mapping[int, np.ndarray], place, reach: float) -> int | None:
@@ -175,19 +203,6 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
     touching = (apart < TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
     return out | touching.any(axis=1)
-
-
-def _moving(belief: Belief, then, seen: Unknowns, pitch: float) -> np.ndarray:
-    """(k,) bool, contacts of a frame of which rows say that they move: their way looks like a form
-    of theirs."""
-    out = np.zeros(len(seen.contacts), bool)
-    for j, number in enumerate(belief.numbers):
-        speed = belief.mean[STATE * j :][2:4]
-        spread = belief.covariance[STATE * j + 2 : STATE * j + 4, STATE * j + 2 : STATE * j + 4]
-        if np.hypot(*speed) > _SLIDING + 3 * np.sqrt(np.trace(spread)) and number in then:
-            apart = np.hypot(*(seen.contacts[:, :2] - then[number]).T)
-            out |= apart < REACH * pitch
-    return out
 
 
 def _covariance(fit: Fit, which: int, misfit: float):

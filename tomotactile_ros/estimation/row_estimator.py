@@ -30,7 +30,7 @@ from tomotactile_ros.estimation.solver import SIMILAR
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 _PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there before is not known
-_REMEMBERED = 4096  # rows: a frame whose estimate takes longer than they lasted is too old
+_REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
@@ -143,8 +143,8 @@ class RowEstimator:
         if at >= 0 and valid.any():
             readings = voltages[follower.operator.used] / drive_voltage
             follower.follow(state.rows, readings, valid, at, time)
+        state.past.append((time, _places(state.rows)))
         if not (state.waits and self._frames):
-            state.past.append((time, _places(state.rows)))
             return
         state.read.append(voltages)
         state.grounded.append(grounded)
@@ -195,7 +195,6 @@ class RowEstimator:
         period = max((ended - begun) / max(len(state.times) - 1, 1), 0.0)
         rows = np.array(state.read), np.array(state.grounded)
         seen = self.look(*rows, state.drive, period, state.frames)
-        state.past.append((ended, _places(state.rows)))
         self._take(replace(seen, begun=begun, ended=ended), state)
 
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
@@ -216,7 +215,9 @@ class RowEstimator:
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
         if then is None:  # rows have begun since, or it took too long
             return
-        corrected(self._follower(state.used, state.drive), state.rows, seen, then)
+        within = [places for at, places in state.past if seen.begun <= at <= seen.ended]
+        ended = any(places.keys() - then.keys() for places in within)
+        corrected(self._follower(state.used, state.drive), state.rows, seen, then, ended)
         state.confirmed = seen.ended
 
     def report(self, state: RowsState) -> Followed:
