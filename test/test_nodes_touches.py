@@ -134,11 +134,11 @@ def test_rows_tell_of_a_touch_and_its_end(probe, start, press, composed):
     for each in arrays:
         assert each.state == ContactArray.VALID and [c.id for c in each.contacts] == [number]
         assert are_at(FIRST)(each)
-    stamps = [stamp_of(each.header) for each in arrays]
-    assert np.median(np.diff(stamps)) == pytest.approx(4e-3, abs=1e-4)  # a frame has 16 rows
+    apart = np.diff([stamp_of(each.header) for each in arrays])
+    assert (apart > 0).all() and apart.min() == pytest.approx(4e-3, abs=1e-4)  # a frame: 16 ms
     assert probe.wait_for(Bool, "touched", qos=LATCHED).data  # also for who comes later
     found = ros_checks.figures_of(probe, "reconstruction: reconstruction")
-    assert int(found["rows_followed"]) > 400 and float(found["rows_per_second"]) > 0
+    assert int(found["rows_followed"]) > 100 and float(found["rows_per_second"]) > 0
     assert int(found["frames_processed"]) > 0
     probe.wait_for(Image, "pressure")
     press(message())

@@ -31,6 +31,7 @@ from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 _PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there before is not known
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
+_LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
@@ -42,7 +43,8 @@ class RowsState:
     waits : whether the row that completes a frame waits for the frame's estimate
     rows : of the follower, None before the first row; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
-    confirmed : s, time of the last frame that was valid; doubted : frames since that nothing explained
+    confirmed : s, time of the last frame that was valid; looked : of the last one that was told
+    doubted : frames since that nothing explained
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -58,6 +60,7 @@ class RowsState:
     last: int = 0  # highest number of a contact that is not to be given again
     sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
+    looked: float = -np.inf
     doubted: int = 0
     doubt: str = ""
     means: dict = field(default_factory=dict)
@@ -74,6 +77,16 @@ class RowsState:
     def confused(self) -> bool:
         """Whether rows have contradicted what was said of the sheet again and again."""
         return self.rows is not None and np.isinf(self.rows.confused)
+
+    @property
+    def asks(self) -> bool:
+        """Whether a frame can tell what rows cannot: of what has just begun, of wide contacts,
+        where rows are not believed; and now and then in any case."""
+        rows = self.rows
+        if rows is None or self.touching is None or rows.wide:
+            return True
+        new = any(begun > self.confirmed for begun in rows.belief.begun)
+        return new or rows.time - self.looked > _LOOKED_AT
 
     @property
     def touching(self) -> tuple[int, ...] | None:
@@ -200,6 +213,7 @@ class RowEstimator:
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
+        state.looked = seen.ended
         left_out = {e: why for e, why in estimate.left_out.items() if why != "excluded"}
         if set(left_out) != set(state.left_out):  # other electrodes: what rows told was of others
             state.left_out = left_out

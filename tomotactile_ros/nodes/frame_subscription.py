@@ -19,7 +19,7 @@ try:
 except ImportError:  # Humble
     from rclpy.qos_event import SubscriptionEventCallbacks
 
-ROWS_DEPTH = 64  # messages of rows that may wait
+ROWS_DEPTH = 16  # messages of rows that may wait
 
 
 def subscribe_to_frames(

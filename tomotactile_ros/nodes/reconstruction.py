@@ -183,14 +183,21 @@ class Reconstruction:
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         self._check(frame, layout_id)
-        result = self._pipeline.process(
-            frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
-        )
+        followed, result = self._rows.followed, None
+        self._rows.watch.frame_has(len(frame.grounded))
+        if followed:
+            with self._rows_lock:
+                result = self._rows.image(self._pipeline)
+        if result is None:
+            result = self._pipeline.process(
+                frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
+            )
+            if followed:
+                self._rows.correct(self._pipeline, frame)
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
         self._learning.offer(frame)
-        followed = self._rows.followed
         self._withheld = self._rows.withheld if followed else result.reason
         if not followed:
             self._outputs.say_touched(not result.idle)
@@ -203,8 +210,6 @@ class Reconstruction:
             self._outputs.publish(
                 result.pressure, result.contacts, header, contacts_too=not followed
             )
-        if followed:
-            self._rows.correct(self._pipeline, frame)
         self._excluded = result.excluded
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9

@@ -20,6 +20,7 @@ from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.row_watch import RowWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.settings import Result
 
 SPECS = (
     Spec(
@@ -80,11 +81,18 @@ class Rows:
         age = self._node.get_clock().now().nanoseconds * 1e-9 - now
         self.watch.followed(rows.sequence, len(rows.grounded), age, self._last - begun)
 
-    def correct(self, pipeline: Pipeline, frame: Frame) -> None:
-        """Let a frame that was just processed correct what rows tell."""
-        self.watch.frame_has(len(frame.grounded))
+    def image(self, pipeline: Pipeline) -> Result | None:
+        """An image of what rows tell, where a frame could tell no more and the profile draws
+        contacts; None where the frame is to be processed."""
         state = self._state
-        if state is not None and self._of[0] is pipeline and self.followed:
+        if state is None or self._of[0] is not pipeline or not pipeline.fits or state.asks:
+            return None
+        return pipeline.image_after_row(state)
+
+    def correct(self, pipeline: Pipeline, frame: Frame) -> None:
+        """Let a frame that was just processed correct what rows tell, if they ask for it."""
+        state = self._state
+        if state is not None and self._of[0] is pipeline and state.asks:
             pipeline.correct(
                 state,
                 frame.voltages,

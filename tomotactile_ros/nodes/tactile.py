@@ -21,7 +21,7 @@ from tomotactile_ros.nodes.life import ManagedNode, PlainNode, run
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
 
-_MOST_WAITING = 64  # messages of rows; whoever has no time for more leaves the oldest out
+_MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
 
@@ -77,8 +77,11 @@ class DirectReconstruction(Reconstruction):
     def _work_on_rows(self) -> None:
         while True:
             item = self._row_queue.get()
-            while item is not None and self._row_queue.qsize() > _MOST_WAITING:
-                self._rows.watch.skip(item[0].sequence, len(item[0].grounded))
+            while item is not None:
+                rows = len(item[0].grounded)
+                if self._row_queue.qsize() <= max(_MOST_WAITING // rows, 1):
+                    break
+                self._rows.watch.skip(item[0].sequence, rows)
                 item = self._row_queue.get()
             if item is None:
                 return

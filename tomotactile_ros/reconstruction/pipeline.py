@@ -142,6 +142,11 @@ class Pipeline:
         self._forget()
 
     @property
+    def fits(self) -> bool:
+        """Whether the profile fits contacts to readings, and draws them for an image."""
+        return self._estimator is not None
+
+    @property
     def baseline(self) -> np.ndarray | None:
         """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None
         without."""
@@ -257,6 +262,14 @@ class Pipeline:
             faults=dict(state.left_out),
         )
 
+    def image_after_row(self, state: RowsState) -> Result:
+        """`after_row` with an image of its contacts: what profiles that fit contacts show of a
+        frame, without looking at one."""
+        result = self.after_row(state)
+        discs = [contact for _, _, contact in self._row_estimator().report(state).contacts]
+        pressure = self.grid.fill(self._drawn(discs)[0])
+        return replace(result, pressure=pressure)
+
     def correct(
         self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
     ) -> None:
@@ -304,13 +317,7 @@ class Pipeline:
             )
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
-        pressure = np.zeros(len(self.grid.pixels))
-        conductance = np.zeros_like(pressure)
-        for each in estimate.parts:
-            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
-            covered = covered / covered.sum()
-            pressure[pixels] += each.force * covered / self.grid.cell_area
-            conductance[pixels] += each.conductance * covered
+        pressure, conductance = self._drawn(estimate.parts)
         level = self.settings.regularization
         if level is None or idle:
             typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
@@ -327,6 +334,17 @@ class Pipeline:
             misfit=estimate.misfit,
             faults=estimate.left_out,
         )
+
+    def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) pressure, Pa, and conductance, S, of contacts of the estimator."""
+        pressure = np.zeros(len(self.grid.pixels))
+        conductance = np.zeros_like(pressure)
+        for each in discs:
+            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
+            covered = covered / covered.sum()
+            pressure[pixels] += each.force * covered / self.grid.cell_area
+            conductance[pixels] += each.conductance * covered
+        return pressure, conductance
 
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
