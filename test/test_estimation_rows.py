@@ -225,6 +225,16 @@ def test_a_pause_or_a_clock_set_back_begins_anew_with_other_numbers(estimator):
     assert found == [[1], [2], [3]]
 
 
+def test_rows_that_are_missing_for_a_while_change_nothing(estimator):
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    frames = frames_of([Contact("disc", **NEW, start=0.0015)], 2)
+    for begun, frame in zip((0.0, 0.316), frames):
+        for i, row in enumerate(frame):
+            said = rows.estimate(row, i, DRIVE, begun + i * ROW_PERIOD, state)
+            if begun or i > 1:
+                assert is_seen(Contact("disc", **NEW), said, 5e-3, 0.3) == 1
+
+
 def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
     both = [RESTING, Contact("disc", **NEW)]
     followed = followed_late(estimator, both, 4, 6)

@@ -185,7 +185,7 @@ class Reconstruction:
         self._check(frame, layout_id)
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
-        if followed:
+        if followed and self._pipeline.fits:
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)
         if result is None:

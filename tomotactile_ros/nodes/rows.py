@@ -52,6 +52,7 @@ class Rows:
         self._of: tuple = ()  # pipeline and tare of the state
         self._last = -_PATIENCE
         self._since, self._touching = 0, None
+        self._preparing = False  # seconds, where the profile has no estimator
 
     @property
     def wanted(self) -> bool:
@@ -61,13 +62,22 @@ class Rows:
     @property
     def followed(self) -> bool:
         """Whether contacts are those of rows now."""
-        return self.wanted and time.monotonic() - self._last < _PATIENCE
+        late = time.monotonic() - self._last > _PATIENCE
+        return self.wanted and (self._preparing or not late)
 
     def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
         """Follow rows, and publish what is due."""
         of = pipeline, pipeline.baseline
+        self._last = time.monotonic()
         if len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of)):
-            self._state, self._of = pipeline.rows(waits=False, after=self._state), of
+            if not pipeline.follows:
+                self.withheld = "preparing to follow rows"
+                self._outputs.withhold(self.withheld, make_header(rows.stamp, frame_id))
+            self._preparing = True
+            try:
+                self._state, self._of = pipeline.rows(waits=False, after=self._state), of
+            finally:
+                self._preparing = False
         begun, every = time.monotonic(), self._values()["publish_every"]
         for i, (voltages, ground) in enumerate(zip(rows.voltages, rows.grounded)):
             now = rows.stamp + i * rows.row_period

@@ -142,6 +142,11 @@ class Pipeline:
         self._forget()
 
     @property
+    def follows(self) -> bool:
+        """Whether rows can be followed at once; otherwise the first `rows` takes seconds."""
+        return self._rows is not None or self._estimator is not None
+
+    @property
     def fits(self) -> bool:
         """Whether the profile fits contacts to readings, and draws them for an image."""
         return self._estimator is not None
