@@ -20,6 +20,7 @@ from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layout import load_layout
 from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -254,6 +255,32 @@ def test_what_is_learned_of_the_sensor_leaves_contacts_and_their_numbers(operato
         found = numbers_and_places(rows.estimate(row, i % 16, DRIVE, i * ROW_PERIOD, state))
         assert list(found) == [1]
         assert i < 16 or np.hypot(*(state.rows.belief.mean[:2] - before)) < 1e-3
+
+
+def test_frames_and_rows_in_turn_give_no_number_twice_and_show_the_same_image():
+    law = ContactLaw(1e-4, 1.0)
+    settings = Settings("accurate", noise=NOISE, contact_law=law, contact_radius=0.008)
+    pipeline, grounded = Pipeline(LAYOUT, settings), np.arange(16)
+    first, second = frames_of([Contact("disc", **NEW, start=0.0015)], 2)
+    shown = pipeline.process(second, grounded, DRIVE, ROW_PERIOD, 0.0)
+    state = pipeline.rows(waits=False)
+    for i, row in enumerate(first):
+        pipeline.follow_row(row, i, DRIVE, 1.0 + i * ROW_PERIOD, state)
+    assert state.asks  # of what has just begun
+    told = second, grounded, DRIVE, ROW_PERIOD, 1.016
+    pipeline.process(*told)
+    for i, row in enumerate(second):
+        pipeline.follow_row(row, i, DRIVE, 1.016 + i * ROW_PERIOD, state)
+    pipeline.correct(state, second, grounded, DRIVE, ROW_PERIOD, 1.016)
+    pipeline.follow_row(second[0], 0, DRIVE, 1.032, state)
+    assert not state.asks
+    drawn = pipeline.image_after_row(state)
+    again = pipeline.process(second, grounded, DRIVE, ROW_PERIOD, 2.0)
+    assert [r.contacts[0].id for r in (shown, drawn, again)] == [1, 2, 3]
+    for image in (shown.pressure, drawn.pressure):
+        force = np.nansum(image) * pipeline.grid.cell_area
+        assert force == pytest.approx(drawn.contacts[0].force, rel=0.1)
+    assert np.nanargmax(drawn.pressure) == np.nanargmax(shown.pressure)
 
 
 def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path):

@@ -68,8 +68,10 @@ class Rows:
     def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
         """Follow rows, and publish what is due."""
         of = pipeline, pipeline.baseline
+        new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
+        resumed = not self.followed
         self._last = time.monotonic()
-        if len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of)):
+        if new or resumed:
             if not pipeline.follows:
                 self.withheld = "preparing to follow rows"
                 self._outputs.withhold(self.withheld, make_header(rows.stamp, frame_id))

@@ -214,10 +214,11 @@ class Pipeline:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
 
         The row that completes a frame waits for the frame's estimate; not so without `waits`: then
-        frames are given to `correct`. Numbers of contacts go on from those of `after`.
+        frames are given to `correct`. Numbers of contacts go on from those of `after` and of frames.
         """
         self._row_estimator()
-        return RowsState(waits=waits, last=self._tracks.last if after is None else after.highest)
+        last = max(self._tracks.last, 0 if after is None else after.highest)
+        return RowsState(waits=waits, last=last)
 
     def process_row(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
@@ -248,6 +249,7 @@ class Pipeline:
     def after_row(self, state: RowsState) -> Result:
         """Contacts at the time of the last row that `state` was given."""
         followed = self._row_estimator().report(state)
+        self._tracks.last = max(self._tracks.last, state.highest)
         contacts = [
             replace(_reported(contact), id=number, age=age)
             for number, age, contact in followed.contacts
