@@ -26,6 +26,7 @@ from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
+_CONFUSING = 1e-5  # the same of rows that are counted: noise makes two in ten once in two weeks
 _UNEXPLAINED = 1e-9  # the same of a row that nothing explains: one in 12 days at 1 kHz
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
 _CALMING = 0.9  # part of the surprises that the next row remembers: ten rows
@@ -91,11 +92,12 @@ class Follower:
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         fit = self._fit(state.model, expected, read, ground, 1)
-        surprising, unexplained = _limits(max(count, 1))
+        surprising, confusing, unexplained = _limits(max(count, 1))
         state.confused *= _CALMING
         if fit.chi_squared > surprising:
+            confuses = fit.chi_squared > confusing
             fit = self._explained(state, expected, fit, read, ground, lasts)
-            state.confused += 1 + (fit.chi_squared > surprising)
+            state.confused += confuses * (1 + (fit.chi_squared > confusing))
             if state.confused > _CONFUSED:  # what rows say from here on rests on what was wrong
                 state.confused = np.inf
         else:
@@ -275,9 +277,9 @@ class Follower:
 
 
 @cache
-def _limits(count: int) -> tuple[float, float]:
-    """Chi-squared of `count` readings from which on a row is surprising, and one unexplained."""
-    return float(chi2.isf(_SURPRISING, count)), float(chi2.isf(_UNEXPLAINED, count))
+def _limits(count: int) -> tuple[float, ...]:
+    """Chi-squared of `count` readings from which on a row is surprising, confusing, unexplained."""
+    return tuple(float(chi2.isf(p, count)) for p in (_SURPRISING, _CONFUSING, _UNEXPLAINED))
 
 
 def _solved(root: np.ndarray, right: np.ndarray) -> np.ndarray:
