@@ -69,7 +69,7 @@ def corrected(
     """Takes a valid frame into `state`.
 
     then : {number: place (2,), m} of contacts as rows had it when the frame ended
-    ended : whether rows saw something end within the frame, which may show it still
+    ended : whether rows saw something end within the frame or the one before: it may show it still
     """
     operator, fit, belief = follower.operator, seen.fit, state.belief
     lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
@@ -78,6 +78,9 @@ def corrected(
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
     sliding = {} if confused else _sliding(belief)
     blurred = _blurred(found, then, sliding, reach, seen.ended - seen.begun)
+    if ended and not confused:  # what was there before may be seen still, as something wide
+        there = [*then.values(), *(np.array([each.x, each.y]) for *_, each in state.wide)]
+        blurred |= _wide(found, operator.pitch) & _apart(found, there, reach)
     is_wide = _wide(found, operator.pitch) & ~blurred
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
     misfit, left = max(1.0, fit.chi_squared / max(fit.rows.count, 1)), dict(then)
@@ -143,6 +146,15 @@ def _nearest(places: Mapping[int, np.ndarray], place, reach: float) -> int | Non
     apart = {number: float(np.hypot(*(each - place))) for number, each in places.items()}
     best = min(apart, key=apart.__getitem__, default=None)
     return None if best is None or apart[best] > reach else best
+
+
+def _apart(found: Unknowns, places, reach: float) -> np.ndarray:
+    """(k,) bool, contacts of a frame that are at none of `places`."""
+    out = np.ones(len(found.contacts), bool)
+    for place in places:
+        away = np.hypot(*(found.contacts[:, :2] - place).T)
+        out &= away > reach + np.exp(found.contacts[:, RADIUS])
+    return out
 
 
 def _lies_in(contact: np.ndarray, wide: np.ndarray) -> bool:

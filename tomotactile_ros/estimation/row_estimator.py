@@ -229,7 +229,8 @@ class RowEstimator:
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
         if then is None:  # rows have begun since, or it took too long
             return
-        within = [places for at, places in state.past if seen.begun <= at <= seen.ended]
+        since = 2 * seen.begun - seen.ended  # the frame before, with which its estimate began
+        within = [places for at, places in state.past if since <= at <= seen.ended]
         ended = any(places.keys() - then.keys() for places in within)
         corrected(self._follower(state.used, state.drive), state.rows, seen, then, ended)
         state.confirmed = seen.ended
