@@ -36,16 +36,16 @@ _FEWEST_READINGS = 8  # a contact has four unknowns
 _LATEST = (24, 12, 6, 3, 2)  # last rows of a frame that are looked at alone where it changes
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 _FIRST_ORDER = 0.2  # spacings that a contact moves while rows are read that are estimated together
-_RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
+RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
-_TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
+TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
-_PLACE_FLOOR = 1.5e-3
-_FORCE_FLOOR = 0.02  # the same of forces, relative
+PLACE_FLOOR = 1.5e-3
+FORCE_FLOOR = 0.02  # the same of forces, relative
 
 
 @dataclass(frozen=True)
@@ -371,9 +371,9 @@ class Estimator:
             g = prediction.conductances[i] * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
             slope = prediction.force_slope(i, self.law.exponent)[free]
-            relative = float(np.sqrt(slope @ own @ slope + _FORCE_FLOOR**2))
+            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2))
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
-            place = place + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
+            place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
@@ -410,7 +410,7 @@ def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
 
 def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
     """What is expected `lasts` s later: contacts that move go on, slow ones rest."""
-    if not (np.abs(unknowns.rates[:, :2]) > _RESTING).any():
+    if not (np.abs(unknowns.rates[:, :2]) > RESTING).any():
         return unknowns.in_motion(False)
     later = unknowns.after(lasts)
     strengths = unknowns.contacts[:, CONDUCTANCE]  # a press does not go on growing
@@ -439,7 +439,7 @@ def joined(parts: list[Contact]) -> list[Contact]:
     places = np.array([[each.x, each.y] for each in parts])
     radii = np.array([each.radius for each in parts])
     apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-    touching = apart < _TOUCHING * np.add.outer(radii, radii)
+    touching = apart < TOUCHING * np.add.outer(radii, radii)
     count, group = connected_components(touching, directed=False)
     found = [_joined([parts[i] for i in np.flatnonzero(group == each)]) for each in range(count)]
     return sorted(found, key=lambda each: -each.force)

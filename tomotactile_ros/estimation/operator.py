@@ -39,7 +39,7 @@ from tomotactile_ros.sheet.fem import FemSheet
 _SEEN = 2e-3
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # spacings between contacts beyond which D between them is nothing: electrodes take all
-_SCREENED = 2.0
+SCREENED = 2.0
 
 
 class SheetOperator:
@@ -125,10 +125,11 @@ class SheetOperator:
         """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
         return self.field.at(places)
 
-    @property
+    @cached_property
     def share_table(self) -> np.ndarray:
-        """(J, M, n) derivative of H by the sheet's coefficients at the points of `lattice`."""
-        return self._share_change
+        """(M, J, n) derivative of H by the sheet's coefficients at the points of `lattice`; single
+        precision, point by point in memory, for who looks few points up and often."""
+        return np.ascontiguousarray(self._share_change.transpose(1, 0, 2), np.float32)
 
     @property
     def bordered(self) -> np.ndarray:
@@ -249,7 +250,7 @@ class Patches:
             for part, field in zip(parts, operator.field_at(forms[:, :2]) @ sheet):
                 self._factor[part] = np.exp(-0.5 * field)
         owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
-        group = _groups(forms, _SCREENED * operator.pitch)
+        group = _groups(forms, SCREENED * operator.pitch)
         members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
         self.near = [members[each] for each in group]
         self.impedance = np.zeros((len(places), len(places)))

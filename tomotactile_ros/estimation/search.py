@@ -35,13 +35,13 @@ FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
-_FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
+FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
-_CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
+CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
@@ -304,7 +304,7 @@ class Search:
         """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6),
         two at least, is in."""
         tree = linkage(contacts[:, :2], "single")
-        return fcluster(tree, _CLOSE * self.operator.pitch, "distance")
+        return fcluster(tree, CLOSE * self.operator.pitch, "distance")
 
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
@@ -364,7 +364,7 @@ class Search:
         across = patches_for(radius, self.operator.pitch)
         contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
         touch = Touches(self.operator, contact[None], [across], np.zeros(self.operator.modes))
-        contact[2] = np.log(min(strength, _FILLED / max(touch.mean[0], 1e-9)))
+        contact[2] = np.log(min(strength, FILLED / max(touch.mean[0], 1e-9)))
         free = np.array([True] * _FORM + [False] * 2)
         return unknowns.with_contacts(
             np.vstack([unknowns.contacts, contact]),
@@ -426,7 +426,7 @@ class Search:
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
-        return weak or apart < _CLOSE * self.operator.pitch
+        return weak or apart < CLOSE * self.operator.pitch
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Contacts below the dynamic range are taken out again, weakest first."""

@@ -20,6 +20,7 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
 # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
 _CONVERGED = 0.05
+REACH, REACH_STRENGTH = 0.3, 1.5  # spacings and of ln c: one linearisation holds for it
 STEPS = 12  # at most, from one start
 _TRIES = 6  # of damping in one step
 _FEW_TRIES, _LITTLE = (
@@ -37,7 +38,7 @@ RATES = (
     10.0,
 )  # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
-_SIMILAR = 0.04
+SIMILAR = 0.04
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ class SheetColumns:
         if len(contacts) != len(self._contacts) or not _same_rows(self._rows, fit.rows):
             return False
         apart = np.abs(contacts - self._contacts)
-        limits = _SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
+        limits = SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
         return bool((apart <= limits).all())
 
 
@@ -413,5 +414,5 @@ def _smallest(operator) -> float:
 
 def _limits(fit) -> np.ndarray:
     """How far contacts may move in one step, in the units of their parameters."""
-    reach = 0.3 * fit.operator.pitch
-    return np.array([reach, reach, 1.5, 0.5, 0.3, 0.3])
+    reach = REACH * fit.operator.pitch
+    return np.array([reach, reach, REACH_STRENGTH, 0.5, 0.3, 0.3])

@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
 from tomotactile_ros.estimation.search import BOUNDED, FULL
@@ -95,6 +96,7 @@ class Pipeline:
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
+        self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile in ESTIMATED or left < FEWEST or layout.scan:
@@ -144,6 +146,16 @@ class Pipeline:
         self._forget()
 
     @property
+    def follows(self) -> bool:
+        """Whether rows can be followed at once; otherwise the first `rows` takes seconds."""
+        return self._rows is not None or self._estimator is not None
+
+    @property
+    def fits(self) -> bool:
+        """Whether the profile fits contacts to readings, and draws them for an image."""
+        return self.profile in ESTIMATED
+
+    @property
     def baseline(self) -> np.ndarray | None:
         """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None
         without."""
@@ -159,7 +171,8 @@ class Pipeline:
         self.sensor = sensor
         if self._estimator is not None:
             self._estimator.sensor = sensor
-        self._rows = None
+        if self._rows is not None:
+            self._rows.estimator.sensor = sensor
         self._forget()
 
     def _forget(self) -> None:
@@ -200,10 +213,15 @@ class Pipeline:
             ]
         return result
 
-    def rows(self) -> RowsState:
-        """The state of a sensor whose rows are followed, before the first of them
-        (`process_row`)."""
-        return RowsState()
+    def rows(self, waits: bool = True, after: RowsState | None = None) -> RowsState:
+        """The state of a sensor whose rows are followed, before the first of them (`process_row`).
+
+        The row that completes a frame waits for the frame's estimate; not so without `waits`: then
+        frames are given to `correct`. Numbers of contacts go on from those of `after` and of frames.
+        """
+        self._row_estimator()
+        last = max(self._tracks.last, 0 if after is None else after.highest)
+        return RowsState(waits=waits, last=last)
 
     def process_row(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
@@ -219,15 +237,22 @@ class Pipeline:
 
         Raises InputError where the row does not fit the layout.
         """
+        self.follow_row(voltages, grounded, drive_voltage, time, state)
+        return self.after_row(state)
+
+    def follow_row(
+        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+    ) -> None:
+        """Take a row into `state` and ask for nothing; see `process_row`."""
         drive_voltage = check_drive_voltage(drive_voltage)
         row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
-        if self._baseline is not None:
-            row = row - self._baseline[int(grounded)]
-            if self.sensor is not None:
-                row = row + self.sensor["offset"]
-        if self._rows is None:
-            self._rows = RowEstimator(self._estimates())
-        followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
+        row = self._expected_zero(row, int(grounded))
+        self._row_estimator().follow(row, int(grounded), drive_voltage, float(time), state)
+
+    def after_row(self, state: RowsState) -> Result:
+        """Contacts at the time of the last row that `state` was given."""
+        followed = self._row_estimator().report(state)
+        self._tracks.last = max(self._tracks.last, state.highest)
         contacts = [
             replace(_reported(contact), id=number, age=age)
             for number, age, contact in followed.contacts
@@ -240,12 +265,43 @@ class Pipeline:
             none,
             contacts,
             _numbers(bad | self._excluded),
-            not contacts and not followed.reason,
+            not followed.touched,
             0.0,
             state=followed.state,
             reason=followed.reason,
             faults=dict(state.left_out),
         )
+
+    def image_after_row(self, state: RowsState) -> Result:
+        """`after_row` with an image of its contacts: what profiles that fit contacts show of a
+        frame, without looking at one."""
+        result = self.after_row(state)
+        discs = [contact for _, _, contact in self._row_estimator().report(state).contacts]
+        pressure = self.grid.fill(self._drawn(discs)[0])
+        return replace(result, pressure=pressure)
+
+    def correct(
+        self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
+    ) -> None:
+        """Let the frame that was just given to `process` correct rows that are followed meanwhile,
+        maybe in another thread.
+
+        Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
+        """
+        if self._estimate_of_frame is not None:
+            state.tell(self._estimate_of_frame.at(stamp, row_period, len(grounded)))
+            return
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
+        chosen = np.asarray(grounded, int)
+        look = self._row_estimator().look
+        seen = look(frame[chosen], chosen, drive_voltage, row_period, state.frames)
+        state.tell(seen.at(stamp, row_period, len(chosen)))
+
+    def _row_estimator(self) -> RowEstimator:
+        rows = self._rows
+        if rows is None:
+            rows = self._rows = RowEstimator(self._estimates())
+        return rows
 
     def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
         """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows`
@@ -262,6 +318,8 @@ class Pipeline:
         estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
         if estimate.state != "valid":
             estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
+        if self.fits:
+            self._estimate_of_frame = FrameSeen.of(estimate, self._state)
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
@@ -270,13 +328,7 @@ class Pipeline:
             )
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
-        pressure = np.zeros(len(self.grid.pixels))
-        conductance = np.zeros_like(pressure)
-        for each in estimate.parts:
-            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
-            covered = covered / covered.sum()
-            pressure[pixels] += each.force * covered / self.grid.cell_area
-            conductance[pixels] += each.conductance * covered
+        pressure, conductance = self._drawn(estimate.parts)
         level = self.settings.regularization
         if level is None or idle:
             typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
@@ -293,6 +345,17 @@ class Pipeline:
             misfit=estimate.misfit,
             faults=estimate.left_out,
         )
+
+    def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) pressure, Pa, and conductance, S, of contacts of the estimator."""
+        pressure = np.zeros(len(self.grid.pixels))
+        conductance = np.zeros_like(pressure)
+        for each in discs:
+            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
+            covered = covered / covered.sum()
+            pressure[pixels] += each.force * covered / self.grid.cell_area
+            conductance[pixels] += each.conductance * covered
+        return pressure, conductance
 
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
@@ -311,11 +374,17 @@ class Pipeline:
         return again
 
     def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
-        frame = self._without_baseline(voltages, grounded)
-        if self._baseline is not None and self.sensor is not None:
-            frame = frame + self.sensor["offset"]  # expected of readings, and in the baseline
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
         rows = np.asarray(grounded, int)
         return self._estimates().estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+
+    def _expected_zero(self, readings, grounded=slice(None)):
+        """(..., E) ordered readings, V, with the tare taken off, but for offsets that are known:
+        the estimator expects these, and they are in the baseline."""
+        if self._baseline is None:
+            return readings
+        readings = readings - self._baseline[grounded]
+        return readings if self.sensor is None else readings + self.sensor["offset"]
 
     def _without_baseline(self, voltages, grounded):
         """(E, E) ordered frame, V, with the tare taken off."""
