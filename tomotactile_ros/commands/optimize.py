@@ -15,6 +15,7 @@ from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.files import YAML, check_out, check_picture
+from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, Option, command_of, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS
 from tomotactile_ros.optimizer.step import best_of, ratio
@@ -31,9 +32,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--method",
         choices=(*METHODS, *ALIASES, *_SCANS),
-        required=True,
-        help="equalize (or paper): the paper's; free: least blur; scan (or grounding): which "
-        "electrodes to ground, and in which order",
+        default=METHODS[0],
+        help="touch (default): contacts known best; equalize (or paper): the paper's; free: least "
+        "blur; scan (or grounding): which electrodes to ground, and in which order",
     )
     parser.add_argument("--out", required=True, help="layout file (.yaml) to write")
     parser.add_argument("--report", help="picture (.png) to write (default: beside the layout)")
@@ -41,7 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     for option in OPTIONS:
         _add_option(parser, option)
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes of the free search"
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes of the search"
     )
     parser.add_argument(
         "--conditions",
@@ -99,13 +100,18 @@ def _move_electrodes(args, start, report):
     except KeyboardInterrupt:
         print("no step was finished: nothing is written", file=sys.stderr)
         raise
+    stopped = len(history) - 1 < request.total
     name = args.name or Path(args.out).stem
     command = command_of(request.method, vars(args))
     request.result(name, history, best, command=command).save(args.out)
     title = f"{start.name} -> {name}, method {request.method}"
     save_report(report, history, best, title, request.keep_out)
-    if len(history) - 1 < request.total:
+    if stopped:
         print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
+        if request.method == "touch":
+            print("--resume, with the same options, goes on")
+    elif request.state_file is not None:
+        request.state_file.unlink(missing_ok=True)
     print("\n".join(_summary(history[0], best)))
     print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
 
@@ -113,12 +119,12 @@ def _move_electrodes(args, start, report):
 def _request(args, start):
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not a positive number")
-    return request_of(start, args.method, vars(args))
+    return request_of(start, args.method, vars(args), state_file_of(args.out))
 
 
 def _search(args, request):
     """All steps, and the best; with progress."""
-    several = request.method == "free" and args.workers > 1
+    several = request.method != "equalize" and args.workers > 1
     pool = Workers(args.workers) if several else nullcontext()
     with pool as executor, Progress(request.method, request.total) as progress:
         return best_of(
@@ -127,6 +133,12 @@ def _search(args, request):
 
 
 def _note(step):
+    if step.posterior is not None:
+        place = step.posterior.metrics["place"]
+        return (
+            f"place {1e6 * place['mean']:.0f} um, worst tenth {1e6 * place['worst_tenth']:.0f} um, "
+            f"score {step.score:.3f}"
+        )
     hwhm = step.metrics["hwhm"]
     return (
         f"HWHM {1e3 * hwhm['mean']:.1f} mm, worst tenth {1e3 * hwhm['worst_tenth']:.1f} mm, "
@@ -135,6 +147,9 @@ def _note(step):
 
 
 def _summary(start, best):
+    if best.posterior is not None:
+        yield from _expected(start.posterior, best.posterior)
+        yield "images of eq. 1, which this method does not look at:"
     for label, group, key in (
         ("mean HWHM", "hwhm", "mean"),
         ("HWHM of the worst tenth", "hwhm", "worst_tenth"),
@@ -143,6 +158,21 @@ def _summary(start, best):
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
         yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {ratio(before, after):.3f}"
+
+
+def _expected(before, after):
+    """What is expected of contacts, at places that the search did not see."""
+    yield f"expected of contacts, pairs {1e3 * after.conditions.apart:.3g} mm apart:"
+    for label, group, key, scale, unit in (
+        ("mean place error", "place", "mean", 1e6, "um"),
+        ("place, worst tenth", "place", "worst_tenth", 1e6, "um"),
+        ("mean force error", "force", "mean", 100, "%"),
+        ("mean d' of pairs", "separation", "mean", 1, ""),
+    ):
+        if not before.metrics[group]:
+            continue
+        old, new = (scale * each.metrics[group][key] for each in (before, after))
+        yield f"{label:26} {old:7.2f} -> {new:7.2f} {unit:2}  x {ratio(old, new):.3f}"
 
 
 def _choose_scan(args, layout, report):

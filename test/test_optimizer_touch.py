@@ -1,0 +1,195 @@
+"""Layouts for touch: the search, what it keeps, and what it refuses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.arrangements import spread_electrodes
+from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.posterior import Conditions, expected
+from tomotactile_ros.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
+from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.optimizer.request import Request
+from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.optimizer.touch import TouchObjective, TouchSearch, touch
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region, regular_polygon
+
+SQUARE = (0.2, 0.2)
+POOR = equal_grid(3, 3, SQUARE, 0.008, 1e4, 0.045)  # far from the rim, and large
+
+
+def test_moves_keep_the_symmetries_and_are_all_of_them_in_the_end():
+    layout = equal_grid(4, 4, SQUARE, 0.005, 1e4)
+    group = shared_group(layout.outline, layout.positions)
+    orbits = find_orbits(layout.positions, group).matrix
+    moves = smooth_moves(layout.positions, group, 100).reshape(-1, 32)
+    assert len(moves) == orbits.shape[1]
+    assert moves @ moves.T == pytest.approx(16 * np.eye(len(moves)), abs=1e-6)
+    left = moves.T - orbits @ np.linalg.lstsq(orbits, moves.T, rcond=None)[0]
+    assert np.abs(left).max() < 1e-9
+    scale = layout.positions.ravel() / np.linalg.norm(layout.positions)
+    assert moves[0] @ scale == pytest.approx(4.0)  # the coarsest is the scale of the whole
+
+
+def test_moves_leave_fixed_electrodes_and_symmetries_that_would_move_them():
+    layout = equal_grid(4, 4, SQUARE, 0.005, 1e4)
+    group = shared_group(layout.outline, layout.positions)
+    assert len(keeps_fixed(group, layout.positions, ())) == 8
+    kept = keeps_fixed(group, layout.positions, (0,))
+    assert len(kept) == 2  # the diagonal through the corner
+    moves = smooth_moves(layout.positions, kept, 9, (0,))
+    assert np.all(moves[:, 0] == 0)
+    both = keeps_fixed(group, layout.positions, (0, 15))
+    assert len(both) == 4
+
+
+def test_fixed_electrodes_do_not_give_way():
+    outline = Outline.rectangle(*SQUARE)
+    start = np.array([[0.0, 0.0], [0.01, 0.0], [0.05, 0.05]])
+    placed = Constraints(outline, 0.03, fixed=(0,)).project(start)
+    assert np.array_equal(placed[0], start[0])
+    assert np.linalg.norm(placed[1] - placed[0]) == pytest.approx(0.03, rel=1e-2)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Two rounds from a poor start, one electrode fixed, a zone to keep out of on one side."""
+    zone = Region(regular_polygon(0.012) + [0.05, 0.0])
+    constraints = Constraints(POOR.outline, 0.018, 0.01, (zone,), (4,))
+    how = {"conditions": Conditions(apart=0.06), "radii": (0.003, 0.008), "rounds": 2, "starts": 1}
+    return best_of(touch(POOR, constraints=constraints, places=5, resolution=12, **how))
+
+
+def test_a_poor_start_gets_better_at_places_that_the_search_did_not_see(found):
+    history, best = found
+    assert [step.iteration for step in history] == [0, 1, 2]
+    assert history[0].score == 1.0 and best.score < 0.9
+    conditions = best.posterior.conditions
+    before, after = (expected(s.layout, conditions, 7).lengths for s in (history[0], best))
+    assert np.all(after < before)
+
+
+def test_what_was_given_is_kept(found):
+    layout = found[1].layout.positions
+    assert np.array_equal(layout[4], POOR.positions[4])
+    assert np.linalg.norm(layout - [0.05, 0.0], axis=1).min() > 0.012 - 1e-4
+    assert np.abs(layout).max() <= 0.09 + 1e-9
+    mirrored = layout.reshape(3, 3, 2)[::-1].reshape(-1, 2)
+    assert np.abs(layout * [1, -1] - mirrored).max() < 1e-9
+    assert 0.003 <= found[1].layout.radius < 0.008
+
+
+def test_a_start_that_nothing_betters_is_kept():
+    """One trial of no moves: what comes out is the start."""
+    grid = equal_grid(2, 2, SQUARE, 0.005, 1e4)
+    constraints = Constraints(grid.outline, 0.011, fixed=(0, 1, 2, 3))
+    how = {"constraints": constraints, "rounds": 1, "starts": 1, "places": 4, "resolution": 12}
+    _, best = best_of(touch(grid, **how))
+    assert np.array_equal(best.layout.positions, grid.positions)
+    assert best.score == 1.0
+
+
+def test_a_figure_that_gets_worse_is_not_paid_for_by_another():
+    start = np.array([1e-4, 3e-4, 0.02])
+    objective = TouchObjective(POOR, Conditions(), start, 4)
+
+    class Found:
+        lengths = start * [0.8, 1.05, 1.0]
+
+    traded = objective.score(Found)
+    Found.lengths = start * [0.95, 1.0, 1.0]
+    assert objective.score(Found) < 1.0 < 1.2 * traded
+    assert objective.score(Found) < traded * np.exp(0.05)
+
+
+def test_a_search_goes_on_where_it_was_and_not_with_another_question(tmp_path):
+    path = tmp_path / "x.search.json"
+    constraints = Constraints(POOR.outline, 0.02)
+    how = {"constraints": constraints, "rounds": 2, "starts": 1, "places": 3, "resolution": 12}
+    whole = []
+    for step in touch(POOR, **how, checkpoint=Checkpoint(path, {"q": 1})):
+        whole.append(step)
+        if step.iteration == 1:
+            state = path.read_text()  # as a stop leaves it
+    assert json.loads(state)["done"] == 1
+    path.write_text(state)
+    resumed = list(touch(POOR, **how, checkpoint=Checkpoint(path, {"q": 1}, resume=True)))
+    assert [step.iteration for step in resumed] == [0, 1, 2]
+    assert np.allclose(resumed[-1].layout.positions, whole[-1].layout.positions, atol=1e-9)
+    with pytest.raises(InputError, match="another q"):
+        Checkpoint(path, {"q": 2}, resume=True).taken()
+    path.write_text("{}")
+    with pytest.raises(InputError, match="no state of a search"):
+        Checkpoint(path, {}, resume=True).taken()
+    with pytest.raises(InputError, match="not there"):
+        Checkpoint(tmp_path / "none", {}, resume=True).taken()
+
+
+def test_a_trial_survives_its_file(tmp_path):
+    kept = Checkpoint(tmp_path / "s.json", {"a": [1, 2]})
+    kept.keep(2, [Trial(POOR.positions, 0.004, 0.9, 0.5)])
+    done, (trial,) = replace(kept, resume=True).taken()
+    assert done == 2 and np.array_equal(trial.positions, POOR.positions)
+    assert (trial.radius, trial.score, trial.reach) == (0.004, 0.9, 0.5)
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        Outline.circle(0.08),
+        Outline.polygon([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]]),
+        Outline.rectangle(0.2, 0.1, holes=(np.array([[-0.02, -0.02], [0.02, -0.02], [0, 0.02]]),)),
+    ],
+)
+def test_electrodes_are_spread_over_any_outline(outline):
+    layout = spread_electrodes(12, outline, None, 1e4)
+    assert layout.electrodes == 12
+    spacing = np.sqrt(outline.area / 12)
+    assert layout.pitches.min() > 0.6 * spacing
+    assert outline.rim_distance(layout.positions).min() > 0.2 * spacing
+
+
+def test_on_a_circle_the_search_goes_without_a_closed_form():
+    layout = spread_electrodes(5, Outline.circle(0.05), 0.003, 1e4)
+    constraints = Constraints(layout.outline, 0.01)
+    objective = TouchObjective.of(layout, Conditions(apart=0.04), 4)
+    search = TouchSearch(objective, constraints, None, True)
+    trial = search.improve(search.first(0), 2, 4)
+    assert trial.score <= 1.0 and constraints.kept_by(trial.positions)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"fixed": (9,)}, "fixed"),
+        ({"radius_range": (0.004, 0.002)}, "is no range"),
+        ({"radius_range": (0.001, 0.06)}, "spacing"),
+        ({"fixed": (0,), "keep_out": ((-0.055, -0.055, 0.01),)}, "fixed: these electrodes violate"),
+        ({"resume": True}, "resume"),
+        ({"noise": -1.0}, "noise"),
+    ],
+)
+def test_impossible_requests_are_one_line(given, message):
+    with pytest.raises(InputError, match=message):
+        next(Request(POOR, "touch", steps=0, **given).steps_of())
+
+
+def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
+    out = tmp_path / "disc.yaml"
+    words = ["optimize", "--electrodes", "5", "--circle", "0.05", "--starts", "1", "--steps", "0"]
+    assert main([*words, "--workers", "1", "--resolution", "12", "--out", str(out)]) == 0
+    layout: Layout = load_layout(out)
+    assert (layout.outline.kind, layout.electrodes) == ("circle", 5)
+    provenance = layout.provenance
+    assert provenance["algorithm"] == "touch"
+    assert provenance["metrics"]["after"]["touch"]["place"]["mean"] > 0
+    assert "--electrodes 5 --circle 0.05" in provenance["settings"]["command"]
+    assert out.with_suffix(".png").exists()
+    assert not out.with_suffix(".search.json").exists()  # it has ended
