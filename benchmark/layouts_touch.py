@@ -28,6 +28,8 @@ from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.posterior import Conditions, expected, usual_apart
 from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.optimizer.scan import Chooser, spread
+from tomotactile_ros.optimizer.touch_report import save_comparison
 
 DATA = Path(__file__).resolve().parent.parent / "build" / "layouts"
 SCALES = (0.95, 0.9, 0.86)
@@ -37,6 +39,7 @@ AMOUNTS = {
     4: Amount(40, 16, (0.04, 0.05)),
     8: Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
 }
+ELLIPSES = {4: 12, 8: 16}  # along a side, of pictures
 PLACES = {4: 24, 8: 12}  # of what is expected, along a side
 
 
@@ -112,6 +115,24 @@ def pair_table(found: dict, profiles) -> list[str]:
     return list(markdown(header, rows))
 
 
+def rows_table(count: int, rows: int, name: str) -> list[str]:
+    """The profile accurate with the best `rows` rows, and with all of them."""
+    layout = layouts(count)[name]
+    data = reference(layout, AMOUNTS[count], DATA)
+    chosen = spread(layout.positions, Chooser(layout).best(rows))
+    header = ["rows", *(f"{kind}: mean, median, p95/mm" for kind in (EVEN, UNEVEN))]
+    cells = []
+    for order in (range(layout.electrodes), chosen):
+        [found] = measure(data, ["accurate"], rows=list(order), pairs=False)
+        place = [found.figures[kind] for kind in (EVEN, UNEVEN)]
+        cells.append([str(len(order))])
+        cells[-1] += [
+            ", ".join(f"{1e3 * each[key]:.3f}" for key in ("mean", "median", "p95"))
+            for each in place
+        ]
+    return list(markdown(header, cells))
+
+
 def rank_table(found: dict, profiles) -> list[str]:
     """Spearman's rho between the score that is expected and what was measured."""
     score = [each["expected"][-1] for each in found.values()]
@@ -133,7 +154,22 @@ def main():
     parser.add_argument("--only", nargs="+", metavar="NAME", help="layouts to compare")
     parser.add_argument("--layout", action="append", default=[], help="another one, a file")
     parser.add_argument("--profiles", nargs="+", choices=PROFILES, default=PROFILES)
+    parser.add_argument("--rows", type=int, help="best so many rows against all of them, instead")
+    parser.add_argument("--picture", help="ellipses of the layouts, a file, instead")
     args = parser.parse_args()
+    if args.picture:
+        chosen = layouts(args.count)
+        save_comparison(
+            args.picture,
+            [
+                (chosen[name], expected(chosen[name], places=ELLIPSES[args.count]))
+                for name in args.only or ("equal", "touch")
+            ],
+        )
+        return
+    if args.rows is not None:
+        print("\n".join(rows_table(args.count, args.rows, (args.only or ["equal"])[0])))
+        return
     every = layouts(args.count)
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
     found = {}

@@ -96,6 +96,8 @@ class Measured:
         """Distance, m, from which on 80 % of the pairs are told apart, between those measured;
         infinite if never."""
         few = np.flatnonzero(self.told < _ENOUGH)
+        if not len(self.told):
+            return float("nan")
         if not len(few):
             return float(self.apart[0])
         last = few[-1]
@@ -124,10 +126,12 @@ def measure(
     data: ReferenceData,
     profiles: Sequence[str] = PROFILES,
     rows: Sequence[int] | None = None,
+    pairs: bool = True,
 ) -> Iterator[Measured]:
     """The profiles on the states of `data`, each with noise and conversion of its own.
 
     rows : electrodes to ground, as read; those of the layout's scan without it
+    pairs : whether they are measured, too
     """
     rows = np.asarray(data.layout.grounded if rows is None else rows)
     frames = [readings(potentials(data.state(i)), seed=(_SEED, i))[rows] for i in range(len(data))]
@@ -137,17 +141,19 @@ def measure(
         pipeline = Pipeline(data.layout, Settings(profile, noise=NOISE, contact_law=LAW))
         found = {}
         for case, numbers in data.cases().items():
+            if not pairs and case not in (EVEN, UNEVEN):
+                continue
             results = []
             for i in numbers:  # each after a frame without any contact
                 pipeline.process(idle, rows, DRIVE)
                 results.append(pipeline.process(frames[i], rows, DRIVE))
             judge = distances if case in (EVEN, UNEVEN) else told_apart
             found[case] = judge(results, [true[i] for i in numbers])
-        pairs = {case: told for case, told in found.items() if case not in (EVEN, UNEVEN)}
+        told = {case: told for case, told in found.items() if case not in (EVEN, UNEVEN)}
         yield Measured(
             data.layout,
             profile,
             {kind: found[kind] for kind in (EVEN, UNEVEN)},
-            np.array([float(case.split()[0]) / 1e3 for case in pairs]),
-            np.array([told.mean() for told in pairs.values()]),
+            np.array([float(case.split()[0]) / 1e3 for case in told]),
+            np.array([each.mean() for each in told.values()]),
         )

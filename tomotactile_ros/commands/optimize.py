@@ -14,10 +14,12 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
+from tomotactile_ros.evaluation.posterior import NOISE, Conditions
 from tomotactile_ros.files import YAML, check_out, check_picture
 from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, Option, command_of, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS
+from tomotactile_ros.optimizer.scan import spread
 from tomotactile_ros.optimizer.step import best_of, ratio
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.progress import Progress, track
@@ -25,6 +27,7 @@ from tomotactile_ros.simulation import ROW_PERIOD
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 
+_PLACE = 0.002  # m
 _SCANS = ("scan", "grounding")  # the second is the name of old
 
 
@@ -54,10 +57,24 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--frame-time",
         type=float,
-        help="of scan: time for a frame, s, in the place of --conditions",
+        help="of scan: time for a frame, s, in the place of --conditions; of --explore: the longest",
     )
     parser.add_argument(
-        "--row-period", type=float, default=ROW_PERIOD, help="of scan: time of a row, s"
+        "--row-period",
+        type=float,
+        default=ROW_PERIOD,
+        help="of scan and --explore: time of a row, s",
+    )
+    parser.add_argument(
+        "--explore",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="compare numbers of electrodes and of rows on this sheet instead: a table, a picture, and "
+        "a layout of the fewest that do for --place and --frame-time",
+    )
+    parser.add_argument(
+        "--place", type=float, default=_PLACE, help="of --explore: error wanted, m (default: 0.002)"
     )
 
 
@@ -78,11 +95,15 @@ def _add_option(parser: ArgumentParser, option: Option) -> None:
 
 
 def run(args: Namespace) -> None:
+    if args.explore and not args.layout and not args.rows:
+        args.electrodes = args.explore[0]  # any number: of the start the sheet alone counts
     start = start_of(vars(args), "--")
     report = args.report or Path(args.out).with_suffix(".png")
     check_out(args.out, *YAML)
     check_picture(report)
-    if args.method in _SCANS:
+    if args.explore:
+        _explore(args, start, report)
+    elif args.method in _SCANS:
         _choose_scan(args, start, report)
     else:
         _move_electrodes(args, start, report)
@@ -90,6 +111,7 @@ def run(args: Namespace) -> None:
 
 def _move_electrodes(args, start, report):
     from tomotactile_ros.optimizer.report import save_report
+    from tomotactile_ros.optimizer.touch_report import save_touch_report
 
     request = _request(args, start)
     if not args.layout and args.size is None:
@@ -105,7 +127,8 @@ def _move_electrodes(args, start, report):
     command = command_of(request.method, vars(args))
     request.result(name, history, best, command=command).save(args.out)
     title = f"{start.name} -> {name}, method {request.method}"
-    save_report(report, history, best, title, request.keep_out)
+    save = save_report if best.posterior is None else save_touch_report
+    save(report, history, best, title, request.keep_out)
     if stopped:
         print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
         if request.method == "touch":
@@ -218,6 +241,42 @@ def _choose_scan(args, layout, report):
     ).save(args.out)
     save_grounding(report, found)
     print(f"{args.out}: scan of {len(taken)} rows; provenance.grounding has the others; {report}")
+
+
+def _explore(args, start, report):
+    """Numbers of electrodes and rows compared, and the fewest that do written."""
+    from tomotactile_ros.optimizer.explore import answer, explore
+    from tomotactile_ros.optimizer.touch_report import save_exploration
+
+    checks.length(args.place, "--place")
+    if args.frame_time is not None:
+        checks.positive(args.frame_time, "--frame-time", "time in s")
+    conditions = Conditions(noise=NOISE if args.noise is None else args.noise)
+    sheet = start.outline, args.explore, start.radius, start.sheet_resistance
+    steps = explore(*sheet, args.row_period, conditions)
+    found = list(track(steps, "numbers of electrodes", total=len(args.explore)))
+    print("electrodes  rows  frame/ms  place/um  worst tenth/um  force/%")
+    for choice in (each for choices in found for each in choices):
+        print(
+            f"{choice.layout.electrodes:10d} {len(choice.rows):5d} {1e3 * choice.frame_time:9.3g} "
+            f"{1e6 * choice.place:9.1f} {1e6 * choice.worst_tenth:15.1f} {100 * choice.force:8.2f}"
+        )
+    save_exploration(report, found)
+    limit = "" if args.frame_time is None else f" within {1e3 * args.frame_time:g} ms"
+    wanted = f"{1e3 * args.place:g} mm in the worst tenth{limit}"
+    best = answer([each for choices in found for each in choices], args.place, args.frame_time)
+    if best is None:
+        raise InputError(
+            f"--explore: none of these numbers of electrodes is expected to come to {wanted}; {report} "
+            "shows what they come to"
+        )
+    scan = best.rows if len(best.rows) < best.layout.electrodes else ()
+    order = tuple(spread(best.layout.positions, scan)) if scan else ()
+    replace(best.layout, name=args.name or Path(args.out).stem, scan=order).save(args.out)
+    print(
+        f"{args.out}, {report}: {best.layout.electrodes} electrodes, {len(best.rows)} rows are the "
+        f"fewest that are expected to come to {wanted}"
+    )
 
 
 def _counts(args, layout):
