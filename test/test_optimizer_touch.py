@@ -198,3 +198,22 @@ def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
     assert "--electrodes 5 --circle 0.05" in provenance["settings"]["command"]
     assert out.with_suffix(".png").exists()
     assert not out.with_suffix(".search.json").exists()  # it has ended
+
+
+def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, capsys):
+    out = tmp_path / "fast.yaml"
+    words = ["optimize", "--size", "0.1", "0.1", "--radius", "0.002", "--explore", "4", "9"]
+    words += ["--place", "0.003", "--frame-time", "0.008", "--out", str(out)]
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    table = np.array([line.split() for line in lines[1:-1]], float)
+    assert table[:, :2].tolist() == [[4, 2], [4, 4], [9, 2], [9, 4], [9, 8], [9, 9]]
+    four, nine = table[:2, 3], table[2:, 3]
+    assert np.all(np.diff(four) < 0) and np.all(np.diff(nine) < 0)
+    assert nine[-1] < four[-1]
+    layout = load_layout(out)
+    good = table[(table[:, 4] <= 3000) & (table[:, 2] <= 8)]
+    assert layout.electrodes == good[:, 0].min()
+    assert out.with_suffix(".png").exists()
+    assert main([*words, "--place", "1e-7"]) == 2
+    assert "none of these numbers" in capsys.readouterr().err

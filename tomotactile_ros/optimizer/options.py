@@ -102,7 +102,7 @@ SEARCH = (
     Option(
         "steps",
         int,
-        "Rounds of touch (default: 3), updates of equalize (default: 5), or generations of evolution "
+        "Rounds of touch (default: 2), updates of equalize (default: 5), or generations of evolution "
         "at the end of free (default: none on rectangles, 30 on other outlines)",
         high=100_000,
     ),

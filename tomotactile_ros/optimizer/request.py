@@ -97,7 +97,7 @@ class Request:
         checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
         checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
-            raise InputError("spacing, margin and keep_out: methods touch and free alone know them")
+            raise InputError("spacing, margin and keep_out: only methods touch and free know them")
         if self.method != "equalize":
             largest = self.radius_range[1] if self.radius_range else self.layout.radius
             self._constraints().check(self.layout.electrodes, largest)

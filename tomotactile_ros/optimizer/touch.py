@@ -39,7 +39,7 @@ from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.step import Clock, Step
 
-ROUNDS = 3
+ROUNDS = 2
 STARTS = 2
 _SCALES = (1.0, 0.95, 0.9, 0.97, 0.93, 0.86, 0.88, 0.82)  # of the start, for the first starts
 _FIRST_MOVES = 3  # in the first round; twice as many in each after it
@@ -107,10 +107,11 @@ class TouchSearch:
     def first(self, number: int) -> Trial | None:
         """The start scaled about the middle, but for what is fixed; None where it is not allowed.
 
-        Every second one has the smallest radius.
+        Where the radius is free every second one has the smallest, with the same scale.
         """
         reference = self.objective.reference
-        positions = reference.positions * _SCALES[number % len(_SCALES)]
+        scale = number if self.radii is None else number // 2
+        positions = reference.positions * _SCALES[scale % len(_SCALES)]
         held = list(self.constraints.fixed)
         positions[held] = reference.positions[held]
         radius = reference.radius
