@@ -2,7 +2,7 @@
 what is expected without frames.
 
     scripts/setup python3 benchmark/layouts_touch.py 4
-    scripts/setup python3 benchmark/layouts_touch.py 8 --only equal touch
+    scripts/setup python3 benchmark/layouts_touch.py 8 --layout touch-8x8.yaml --only equal r_2 touch-8x8
 
 Tables are Markdown on standard output. What electrodes see is kept in build/layouts: half a minute
 for a layout of 4 x 4, three for one of 8 x 8, and half as much for the profiles. Needs Gmsh and

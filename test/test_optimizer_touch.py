@@ -25,6 +25,12 @@ SQUARE = (0.2, 0.2)
 POOR = equal_grid(3, 3, SQUARE, 0.008, 1e4, 0.045)  # far from the rim, and large
 
 
+def objective_of(layout, conditions, places):
+    """Relative to the layout itself."""
+    found = expected(layout, conditions, places, pairs=24)
+    return TouchObjective(layout, conditions, found.lengths, places)
+
+
 def test_moves_keep_the_symmetries_and_are_all_of_them_in_the_end():
     layout = equal_grid(4, 4, SQUARE, 0.005, 1e4)
     group = shared_group(layout.outline, layout.positions)
@@ -76,7 +82,7 @@ def test_what_was_given_is_kept():
     """An electrode that is fixed, a zone to keep out of on one side, a margin, the symmetries."""
     zone = Region(regular_polygon(0.012) + [0.05, 0.0])
     constraints = Constraints(POOR.outline, 0.018, 0.01, (zone,), (4,))
-    objective = TouchObjective.of(POOR, Conditions(apart=0.06), 3)
+    objective = objective_of(POOR, Conditions(apart=0.06), 3)
     search = TouchSearch(objective, constraints, (0.003, 0.006), True)
     trial = search.improve(search.first(0), 3, 5)
     assert np.array_equal(trial.positions[4], POOR.positions[4])
@@ -161,7 +167,7 @@ def test_electrodes_are_spread_over_any_outline(outline):
 def test_on_a_circle_the_search_goes_without_a_closed_form():
     layout = spread_electrodes(5, Outline.circle(0.05), 0.003, 1e4)
     constraints = Constraints(layout.outline, 0.01)
-    objective = TouchObjective.of(layout, Conditions(apart=0.04), 4)
+    objective = objective_of(layout, Conditions(apart=0.04), 4)
     search = TouchSearch(objective, constraints, None, True)
     trial = search.improve(search.first(0), 2, 4)
     assert trial.score <= 1.0 and constraints.kept_by(trial.positions)

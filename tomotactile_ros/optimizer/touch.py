@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import repeat
 
 import numpy as np
@@ -68,12 +69,6 @@ class TouchObjective:
     conditions: Conditions
     start: np.ndarray
     places: int
-
-    @classmethod
-    def of(cls, reference: Layout, conditions: Conditions, places: int) -> TouchObjective:
-        """With the reference's own lengths."""
-        found = expected(reference, conditions, places, pairs=_PAIRS)
-        return cls(reference, conditions, found.lengths, places)
 
     def posterior(self, positions: np.ndarray, radius: float) -> Posterior:
         """What is expected with electrodes of `radius` (m) at `positions` (E, 2), m."""
@@ -206,13 +201,14 @@ def touch(
     clock = Clock(rounds)
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
-    found = expected(layout, conditions, places + _UNSEEN, pairs=_PAIRS)
+    spread = map if executor is None else executor.map
+    look = partial(expected, layout, conditions, pairs=_PAIRS)
+    seen, found = spread(look, (places, places + _UNSEEN))
     judge = TouchObjective(layout, conditions, found.lengths, places + _UNSEEN)
     allowed = constraints.kept_by(layout.positions)
     yield clock.step(0, evaluate_layout(layout, **evaluation), 1.0, allowed, found)
-    objective = TouchObjective.of(layout, conditions, places)
+    objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
-    spread = map if executor is None else executor.map
     done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
     if not trials:
         trials = [each for each in spread(search.first, range(starts)) if each is not None]

@@ -44,9 +44,10 @@ def save_touch_report(
     figure.supxlabel(_LEGEND + zones, fontsize=8.5)
     axes = figure.subplots(1, 3, width_ratios=[1, 1, 0.75])
     factor = _factor(start.posterior)
-    when = "before", f"after (step {best.iteration})"
-    for axis, step, words in zip(axes, (start, best), when):
-        draw_ellipses(axis, step.layout, step.posterior, factor, words)
+    draw_ellipses(axes[0], start.layout, start.posterior, factor, "before")
+    when = f"after (step {best.iteration})"
+    draw_ellipses(axes[1], best.layout, best.posterior, factor, when)
+    for axis in axes[:2]:
         _zones(axis, keep_out)
     steps = [step.iteration for step in history]
     lengths = np.array([step.posterior.lengths for step in history if step.posterior is not None])
@@ -55,7 +56,7 @@ def save_touch_report(
     axes[2].set(xlabel="round", ylabel="relative to the start", title="history")
     axes[2].xaxis.get_major_locator().set_params(integer=True)
     axes[2].grid(alpha=0.3)
-    axes[2].legend(fontsize=8)
+    axes[2].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False)
     save_figure(figure, path)
 
 
