@@ -53,7 +53,7 @@ PRESSURE = 2e4  # Pa: 1.6 N on such a disc
 LAW = ContactLaw(1e-4, 1.0)  # that of the shipped scenes: 2 S/m^2 at this pressure
 PAIRS_APART = 0.04  # m, two fingers
 PAIR_PITCHES = 0.6  # two contacts where pitches differ: 40 mm with 4 x 4 electrodes on 200 mm
-NOTICED = 50.0  # d' at which the profiles tell a pair from one contact, nearly enough
+NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
 PLACES = 10  # contacts along the longer side
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
