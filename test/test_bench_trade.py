@@ -96,8 +96,8 @@ def test_a_perfect_result_has_no_error():
 
     positions = [np.array([[0.01, 0.02], [-0.03, 0.0]])]
     recording = trials.Recording(np.empty(0), positions, [np.array([2.0, 4.0])])
-    assert accuracy._resolved([Perfect(positions[0])], recording).tolist() == [True]
-    assert accuracy._resolved([Perfect(positions[0][:1])], recording).tolist() == [False]
+    assert accuracy.told_apart([Perfect(positions[0])], positions).tolist() == [True]
+    assert accuracy.told_apart([Perfect(positions[0][:1])], positions).tolist() == [False]
     assert accuracy._force_error([Perfect(positions[0])], recording).tolist() == [0.0, 0.5]
 
 

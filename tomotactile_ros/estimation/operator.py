@@ -21,6 +21,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.tables import (
@@ -197,8 +198,12 @@ class SheetOperator:
         at_places = np.vstack([at_places, np.ones(len(places))])
         potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
         field = self.field.cell_values(places)
-        flat = root * np.einsum("tcd,tcp->tdp", slope, potential[fem.unknown][mesh.triangles])
-        flat = flat[order]
+        entries = (root * slope.transpose(0, 2, 1))[order].ravel()  # gradients as one sparse matrix
+        unknowns = np.repeat(fem.unknown[mesh.triangles][order], 2, axis=0).ravel()
+        ends_of_rows = np.arange(0, len(entries) + 1, 3)
+        shape = 2 * len(order), len(potential)
+        flat = csr_matrix((entries, unknowns, ends_of_rows), shape) @ potential
+        flat = flat.reshape(len(order), 2, -1)
         cells = len(ends) - 1
         by_cell = np.empty((cells, len(places), self.count))
         for cell in range(cells):
