@@ -151,6 +151,7 @@ def test_offsets_below_the_range_are_bounded_not_guessed():
 
 
 def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
+    """And with what electrodes as modelled err in this frame, which acts as resistances do."""
     own = learner()
     rows = rows_of(operator(), frames()[1], np.arange(16), DRIVE, NOISE)
     fit = own.look(rows)
@@ -174,9 +175,9 @@ def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
     offset = [slope("offset", j, 1e-4, DRIVE) for j in range(16)]
     resistance = [slope("resistance", j, 1.0) for j in range(16)]
     root = np.sqrt(rows.weights).ravel()
-    first = np.array(contacts) * root
+    first = np.array([*contacts, *resistance]) * root
     rest = np.array([*sheet, *gain, *offset, *resistance]) * root
-    prior = np.diag([0.12**-2.0, 0.12**-2.0, 1e-2, 0.6**-2.0])
+    prior = np.diag([0.12**-2.0, 0.12**-2.0, 1e-2, 0.6**-2.0, *operator().inexact ** -2.0])
     mixed = first @ rest.T
     wanted = rest @ rest.T - mixed.T @ np.linalg.solve(first @ first.T + prior, mixed)
     scale = np.sqrt(wanted.diagonal())

@@ -28,9 +28,10 @@ _OHM = 400.0  # more than the other electrodes: a switch has some tens to hundre
 _OHM_FLOOR = 30.0  # ohm, deviation: what the models of electrodes differ by
 _GAIN = 0.01  # relative change
 _SHEET = 0.25  # loss of conductance, logarithm
+_TORN = 0.1  # the same where channels and an even change of the sheet leave misfits
 _EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
 _LAST = 5  # touches
-_SHEET_FLOOR = 0.03  # the same, deviation: what the modes of the field cannot show
+_SHEET_FLOOR = 0.02  # the same, deviation: what the modes of the field cannot show
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,12 @@ class Health:
         """Name, text and deviations of all that looks broken."""
         compared = self._reference is not None and self._reference is not state
         channels = [*self._wires(state), *(self._gains(state) if compared else ())]
-        if self._misfits and np.median(self._misfits) > _EXPLAINED and channels:
+        odd = bool(self._misfits) and np.median(self._misfits) > _EXPLAINED
+        torn = list(self._tear(state, _TORN if odd else _SHEET)) if compared else []
+        yield from torn
+        if odd and torn:
+            return  # what channels seem to have is the tear's
+        if odd and channels:
             names = ", ".join(sorted({name.split()[1] for name, _, _ in channels}, key=int))
             yield (
                 "sheet",
@@ -100,8 +106,6 @@ class Health:
             )
         else:
             yield from channels
-        if compared:
-            yield from self._tear(state)
 
     def _wires(self, state):
         more = state["resistance"] - np.median(state["resistance"])
@@ -127,13 +131,13 @@ class Health:
                 float(sure[n]),
             )
 
-    def _tear(self, state):
+    def _tear(self, state, least):
         now, deviation = findings.field(state, self._operator)
         before, uncertain = findings.field(self._reference, self._operator)
         loss = before - now
         sure = loss / np.sqrt(deviation**2 + uncertain**2 + _SHEET_FLOOR**2)
-        worst = int(np.where(loss > _SHEET, sure, -np.inf).argmax())
-        if loss[worst] > _SHEET and sure[worst] > _SURE:
+        worst = int(np.where(loss > least, loss, -np.inf).argmax())
+        if loss[worst] > least and sure[worst] > _SURE:
             x, y = 1e3 * self._operator.field.centres[worst]
             yield (
                 "tear",

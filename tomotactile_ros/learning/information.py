@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, contact_priors
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +79,7 @@ def information(
     right[gain] = (weights * by_gain * misfit).sum(axis=0)
     right[offset] = (weights * misfit).sum(axis=0)
     right[resistance] = to_rows @ (by_row * misfit).sum(axis=1)
+    _without_inexact(normal, right, resistance, operator.inexact)
     _in_units(normal, right, slice(first + count, first + 2 * count), drive)
     return _without_contacts(fit, normal, right, free)
 
@@ -95,6 +96,15 @@ def _derivatives(prediction: Prediction, unknowns: Unknowns):
     )
 
 
+def _without_inexact(normal, right, resistance, deviation):
+    """What electrodes as modelled err in this frame acts as resistances do; it is eliminated."""
+    factor = cho_factor(normal[resistance, resistance] + np.diag(deviation**-2.0))
+    mixed = normal[resistance].copy()
+    back = cho_solve(factor, mixed)
+    right -= back.T @ right[resistance]
+    normal -= mixed.T @ back
+
+
 def _in_units(normal, right, offset, drive):
     """From offsets in parts of the drive voltage to V."""
     normal[offset] /= drive
@@ -107,7 +117,7 @@ def _without_contacts(fit, normal, right, free) -> Information:
     if not free:
         nothing = np.zeros((0, len(normal))), np.zeros(0)
         return Information(normal, right, *nothing, fit.chi_squared, readings)
-    curvature, pull = (each[:free] for each in Linear.priors(_Of(fit)))
+    curvature, pull = contact_priors(fit)
     own = normal[:free, :free] + np.diag(curvature)
     scale = 1 / np.sqrt(own.diagonal())
     factor = cho_factor(own * scale[:, None] * scale)
@@ -122,10 +132,3 @@ def _without_contacts(fit, normal, right, free) -> Information:
         fit.chi_squared,
         readings,
     )
-
-
-@dataclass(frozen=True)
-class _Of:
-    """What the estimator's priors are asked of."""
-
-    fit: Fit
