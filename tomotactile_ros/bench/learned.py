@@ -229,9 +229,8 @@ def _compared(error, deviation):
 
 
 _HEADER = (
-    "sensor", "touches", "place mm: median", "p95", "force %: median", "p95", "factor",
-    "ghosts", "missed", "withheld",
-    "gains %", "bound", "to ground ohm", "bound", "sheet %", "bound", "ratio", "s a frame",
+    "sensor", "frames of", "touches", "place mm: median", "p95", "force %: median", "p95", "factor",
+    "ghosts", "missed", "withheld", "gains %", "bound", "to ground ohm", "bound", "sheet %", "bound", "ratio", "s a frame",
 )  # fmt: skip
 
 
@@ -241,6 +240,7 @@ def _cells(row: dict, which: str = "after") -> tuple[str, ...]:
     known = which == "after"
     return (
         row["case"],
+        row["source"],
         str(row["touches"]) if known else "none",
         *(_scaled(place[key], 1e3, 2) for key in ("median", "p95")),
         *(_scaled(force[key], 100, 1) for key in ("median", "p95")),

@@ -45,6 +45,7 @@ class Learner:
         self.ledger = Ledger(self.operator.pitch)
         self._where = state.indices(self.operator.used)
         self.set(state)
+        self.about()
 
     def about(self) -> None:
         """Take up the model of the sheet as it is known now, where it is known to be uneven."""
