@@ -130,8 +130,8 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
         assert content["latency"].shape == (1,)
     assert contact["force"] == pytest.approx(4.0, rel=0.05)
     assert set(contact) == {
-        *("x", "y", "force", "pressure", "area", "radius"),
-        *("id", "age", "vx", "vy"),
+        *("x", "y", "force", "pressure", "area", "radius", "id", "age"),
+        *("vx", "vy", "position_std", "force_std", "probability"),
     }
 
 
