@@ -230,6 +230,20 @@ def test_gains_offsets_and_resistances_from_eight_touches():
     assert np.abs(findings.field(state, operator())[0]).max() < 0.05
 
 
+def test_the_grounded_electrodes_own_reading_tells_its_resistance():
+    """The drop over switch and wire, whatever the model errs in the electrode: far better known."""
+    whole = simulator()
+    sensor = Simulator(layout(), replace(whole.scene, own_reading=True), row_period=0.0)
+    times = np.arange(0.25, 4.0, 0.5)
+    found = []
+    for each in (whole, sensor):
+        read = np.array([each.frame(t, i) for i, t in enumerate(times)])
+        state = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE).state
+        found.append((rms(state["resistance"] - truth().ground_resistance), state))
+    assert found[1][0] < 10 and found[1][0] < found[0][0] / 2
+    assert found[1][1].std("resistance").mean() < found[0][1].std("resistance").mean() / 2
+
+
 def test_report_names_what_is_off_and_what_is_not_known():
     text = "\n".join(findings.lines(learned()))
     worst = int(np.abs(truth().gain / truth().gain.mean() - 1).argmax())
