@@ -276,6 +276,7 @@ def text(rows: list[dict], markdown: bool = False) -> Iterator[str]:
 
 def save_plot(path, rows: list[dict]) -> None:
     """A PNG: errors against the number of touches, and what the covariance says of them."""
+    from matplotlib import colormaps
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -286,19 +287,21 @@ def save_plot(path, rows: list[dict]) -> None:
         ("resistance", 1, "to ground / Ω"),
         ("sheet", 100, "sheet / %"),
     )
-    figure = Figure(figsize=(13, 4.6), layout="constrained")
+    colours = colormaps["tab20"]
+    figure = Figure(figsize=(13, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, (part, unit, label) in zip(figure.subplots(1, 3), parts):
         for number, row in enumerate(rows):
             course = row["course"]
             count = np.arange(1, len(course) + 1)
-            colour = f"C{number}"
+            colour = colours(number % 20)
             for key, style in (("error", "-"), ("bound", ":")):
                 values = [unit * each[part][key] for each in course]
                 axes.plot(count, values, style, color=colour, linewidth=1.2)
-            axes.plot([], [], color=colour, label=f"{row['case']}, {row['source']}")
+            name = f"{row['case']} ({row['source']})" if axes is figure.axes[0] else None
+            axes.plot([], [], color=colour, label=name)
         axes.set(xscale="log", yscale="log", xlabel="touches", title=label)
         axes.grid(alpha=0.3, which="both")
-    figure.axes[0].legend(fontsize=7)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.suptitle("rms error after each touch (solid) and what the covariance says (dotted)")
     save_figure(figure, path)

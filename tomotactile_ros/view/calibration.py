@@ -22,6 +22,7 @@ def save_fit(
     (n,), m^2, and of the law that was fitted to them."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
     force, conductance, area = (np.asarray(x, float) for x in (forces, conductances, areas))
     pressure, density = force / area, conductance / area
@@ -34,6 +35,10 @@ def save_fit(
     left.plot(line / 1e3, law.conductance(line), color="0.5", label=label)
     left.plot(pressure / 1e3, density, "o", label="presses")
     left.set(xscale="log", yscale="log", xlabel="pressure / kPa", ylabel="conductance / (S/m²)")
+    for axis in (left.xaxis, left.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_formatter(NullFormatter())
     left.legend(frameon=False)
     right.axhline(0, color="0.5")
     right.plot(force, 100 * (found / force - 1), "o")
