@@ -56,10 +56,11 @@ class ChannelFit:
     slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
         by the resistance of its row; offsets have 1
     rows (L,) grounded electrode of each row
-    now : gain - 1, offset, resistance (n,) each; deviations of their priors, in the same units
+    deviations : of the priors of gains, offsets, resistances, (n,) each; pull (3 n,) of the priors
+    precision : `Prior.precision`; None: the channels are independent
     """
 
-    def __init__(self, mixed, weights, misfit, slopes, rows, now, deviations):
+    def __init__(self, mixed, weights, misfit, slopes, rows, deviations, pull, precision=None):
         gain, resistance = slopes
         count = weights.shape[1]
         self._count = count
@@ -68,15 +69,14 @@ class ChannelFit:
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
         own = np.arange(count)
-        normal[own, own] = (weighted * gain).sum(axis=0) + deviations[0] ** -2.0
+        normal[own, own] = (weighted * gain).sum(axis=0)
         normal[own, count + own] = normal[count + own, own] = weighted.sum(axis=0)
-        normal[count + own, count + own] = weights.sum(axis=0) + deviations[1] ** -2.0
+        normal[count + own, count + own] = weights.sum(axis=0)
         np.add.at(
             normal,
             (2 * count + rows, 2 * count + rows),
             (by_row * resistance * deviations[2]).sum(1),
         )
-        normal[2 * count + own, 2 * count + own] += 1.0
         to_rows = np.zeros((count, len(rows)))
         to_rows[rows, np.arange(len(rows))] = 1.0
         normal[third, first] = to_rows @ (by_row * gain)
@@ -85,13 +85,22 @@ class ChannelFit:
         normal[second, third] = normal[third, second].T
         right = np.concatenate(
             [
-                (weighted * misfit).sum(axis=0) - now[0] / deviations[0] ** 2,
-                (weights * misfit).sum(axis=0) - now[1] / deviations[1] ** 2,
-                to_rows @ (by_row * misfit).sum(axis=1) - now[2] / deviations[2],
+                (weighted * misfit).sum(axis=0),
+                (weights * misfit).sum(axis=0),
+                to_rows @ (by_row * misfit).sum(axis=1),
             ]
         )
         self._mixed = mixed
         self._scale = np.concatenate([np.ones(2 * count), np.full(count, deviations[2])])
+        right += self._scale * pull
+        if precision is None:
+            everything = np.arange(3 * count)
+            normal[everything, everything] += (self._scale / np.concatenate(deviations)) ** 2
+        else:
+            modes = len(precision) - 3 * count
+            others = precision[:modes, modes:] * self._scale  # sheet against channels
+            self._mixed[len(self._mixed) - modes :] += others
+            normal += precision[modes:, modes:] * self._scale * self._scale[:, None]
         factor = cho_factor(normal)
         self._right = cho_solve(factor, right)
         self._back = cho_solve(factor, self._mixed.T)

@@ -118,6 +118,7 @@ class Estimator:
     model : of the sheet; excluded : electrodes never used; channels : what is expected of them
     sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
     effort : how far the search for contacts goes
+    spread : standard deviation of the logarithm of contacts' radii; None: what fingers have
     """
 
     def __init__(
@@ -132,10 +133,12 @@ class Estimator:
         channels: ChannelPrior | None = None,
         sensor=None,
         effort: Effort = FULL,
+        spread: float | None = None,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
         self.model, self.excluded, self.effort = model, frozenset(excluded), effort
         self.channels, self.sensor = channels or ChannelPrior(), sensor
+        self.spread = spread
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
@@ -214,9 +217,11 @@ class Estimator:
 
     def _prior(self, operator: SheetOperator, drive_voltage: float) -> Prior:
         prior = Prior.unknown(operator, self.channels, self.radius, drive_voltage)
+        if self.spread is not None:
+            prior = replace(prior, spread=self.spread)
         if self.sensor is None:
             return prior
-        return self.sensor.prior(operator.used, drive_voltage, prior)
+        return self.sensor.prior(operator, drive_voltage, prior)
 
     def sensor_of(self, used: tuple[int, ...], drive_voltage: float) -> tuple[SheetOperator, Prior]:
         """The operator of the electrodes `used`, and what is expected of the sensor before any
@@ -229,7 +234,12 @@ class Estimator:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
             self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.effort)
-        return self._searches[used]
+        search = self._searches[used]
+        if self.sensor is not None:
+            operator = search.operator.near(self.sensor["sheet"])
+            if operator is not search.operator:
+                search = self._searches[used] = Search(operator, self.effort)
+        return search
 
     def _rows(self, search, voltages, valid, grounded, drive_voltage, times):
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
@@ -421,13 +431,11 @@ def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
 def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
     """What is expected of the sensor once a frame has been explained: what was found there."""
     return replace(
-        prior,
+        prior.narrowed(_LEARNT),
         sheet=seen.sheet,
-        sheet_deviation=_LEARNT * prior.sheet_deviation,
         gain=seen.gain,
         offset=seen.offset,
         resistance=seen.resistance,
-        deviations=tuple(_LEARNT * each for each in prior.deviations),
     )
 
 

@@ -86,6 +86,8 @@ class Prior:
     sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
     gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation
         of each of them
+    precision : (J + 3 n, J + 3 n) inverse covariance of sheet, gains, offsets and resistances, of
+        which the deviations are the marginal ones; None: all are independent
     learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is
         only trimmed
     """
@@ -101,14 +103,32 @@ class Prior:
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
     rates: tuple[float, float, float] = RATES
     learned: bool = False
+    precision: np.ndarray | None = None
 
     def held(self) -> Prior:
         """The same sensor, as good as certain."""
+        return self.narrowed(_HELD)
+
+    def narrowed(self, part: float) -> Prior:
+        """The same sensor, all its deviations times `part`."""
         return replace(
             self,
-            sheet_deviation=_HELD * self.sheet_deviation,
-            deviations=tuple(_HELD * each for each in self.deviations),
+            sheet_deviation=part * self.sheet_deviation,
+            deviations=tuple(part * each for each in self.deviations),
+            precision=None if self.precision is None else self.precision / part**2,
         )
+
+    def apart(self, unknowns: Unknowns) -> np.ndarray:
+        """(J + 3 n,) what sheet, gains, offsets and resistances are more than expected."""
+        expected = self.sheet, self.gain, self.offset, self.resistance
+        found = unknowns.sheet, unknowns.gain, unknowns.offset, unknowns.resistance
+        return np.concatenate([now - mean for now, mean in zip(found, expected)])
+
+    def pull(self, apart: np.ndarray) -> np.ndarray:
+        """(J + 3 n,) inverse covariance times `apart`."""
+        if self.precision is not None:
+            return self.precision @ apart
+        return apart / np.concatenate([self.sheet_deviation, *self.deviations]) ** 2
 
     @classmethod
     def unknown(
@@ -158,9 +178,8 @@ class Fit:
 
     def _of_priors(self) -> float:
         u, prior = self.unknowns, self.prior
-        cost = (((u.sheet - prior.sheet) / prior.sheet_deviation) ** 2).sum()
-        for now, mean, deviation in zip(_channels(u), _channels(prior), prior.deviations):
-            cost += (((now - mean) / deviation) ** 2).sum()
+        apart = prior.apart(u)
+        cost = apart @ prior.pull(apart)
         contacts = u.contacts
         cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
         cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
@@ -246,9 +265,15 @@ class Linear:
         normal[self.free :, : self.free] = normal[: self.free, self.free :].T
         normal[self.free :, self.free :] = self.sheet.normal
         misfit = fit.misfit.ravel()
-        curvature, pull = self.priors()
-        normal[np.diag_indices(count)] += curvature
-        right = np.concatenate([flat @ misfit, self.sheet.weighted @ misfit]) + pull
+        curvature, pull = contact_priors(fit)
+        own = np.arange(self.free)
+        normal[own, own] += curvature
+        modes = len(self.sheet.columns)
+        sensor = -prior.pull(prior.apart(u))
+        normal[self.free :, self.free :] += _sheet_block(prior, modes)
+        right = np.concatenate(
+            [flat @ misfit + pull, self.sheet.weighted @ misfit + sensor[:modes]]
+        )
         slopes = fit.slopes
         both = weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
         mixed = [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
@@ -258,38 +283,14 @@ class Linear:
             fit.misfit,
             slopes,
             rows.grounded,
-            [now - mean for now, mean in zip(_channels(u), _channels(prior))],
             prior.deviations,
+            sensor[modes:],
+            prior.precision,
         )
         self.normal = normal - self.channels.normal
         # what rounding takes off a difference of matrices
         self.normal[np.diag_indices(count)] += _ROUNDING * normal.diagonal()
         self.right = right - self.channels.right
-
-    def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the priors add to the diagonal of the normal matrix and to its right side, channels
-        aside."""
-        u, prior = self.fit.unknowns, self.fit.prior
-        curvature = np.zeros(u.contacts.shape)
-        pull = np.zeros(u.contacts.shape)
-        curvature[:, X : Y + 1] = max(self.fit.operator.layout.outline.size) ** -2.0  # somewhere
-        curvature[:, CONDUCTANCE] = 1e-2  # a tenfold change is nothing unusual
-        curvature[:, RADIUS] = prior.spread**-2
-        pull[:, RADIUS] = (np.log(prior.radius) - u.contacts[:, RADIUS]) / prior.spread**2
-        curvature[:, STRETCH:] = prior.stretch**-2
-        pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
-        sheet = prior.sheet_deviation**-2.0
-        rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
-        return (
-            np.concatenate([curvature[u.free], rates.ravel(), sheet]),
-            np.concatenate(
-                [
-                    pull[u.free],
-                    (-u.rates[u.moving] * rates).ravel(),
-                    (prior.sheet - u.sheet) * sheet,
-                ]
-            ),
-        )
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads; `promised` is then how much the cost should fall by the
@@ -351,6 +352,32 @@ class Linear:
         )
 
 
+def contact_priors(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) each: what the priors of the contacts' free parameters and rates add to the diagonal of
+    the normal matrix and to its right side."""
+    u, prior = fit.unknowns, fit.prior
+    curvature = np.zeros(u.contacts.shape)
+    pull = np.zeros(u.contacts.shape)
+    curvature[:, X : Y + 1] = max(fit.operator.layout.outline.size) ** -2.0  # somewhere
+    curvature[:, CONDUCTANCE] = 1e-2  # a tenfold change is nothing unusual
+    curvature[:, RADIUS] = prior.spread**-2
+    pull[:, RADIUS] = (np.log(prior.radius) - u.contacts[:, RADIUS]) / prior.spread**2
+    curvature[:, STRETCH:] = prior.stretch**-2
+    pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
+    rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
+    return (
+        np.concatenate([curvature[u.free], rates.ravel()]),
+        np.concatenate([pull[u.free], (-u.rates[u.moving] * rates).ravel()]),
+    )
+
+
+def _sheet_block(prior: Prior, modes: int) -> np.ndarray:
+    """(J, J) of the sheet's coefficients in the inverse covariance."""
+    if prior.precision is None:
+        return np.diag(prior.sheet_deviation**-2.0)
+    return prior.precision[:modes, :modes]
+
+
 def solve(
     operator: SheetOperator,
     start: Unknowns,
@@ -400,10 +427,6 @@ def _descend(linear: Linear, damping: float) -> tuple[Fit | None, float]:
             return tried, damping / 10
         damping = max(damping, 1e-4) * 10
     return None, damping
-
-
-def _channels(each):
-    return each.gain, each.offset, each.resistance
 
 
 def _smallest(operator) -> float:

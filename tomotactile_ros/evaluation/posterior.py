@@ -41,7 +41,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows
+from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, contact_priors
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.layout import Layout
@@ -256,7 +256,8 @@ class RowInformation:
             columns = np.concatenate([prediction.contact_columns(), linear.sheet.columns])
             columns = columns.transpose(1, 0, 2)  # (E, k, n)
             rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
-            prior = np.diag(linear.priors()[0])
+            sheet = linear.fit.prior.sheet_deviation**-2.0
+            prior = np.diag(np.concatenate([contact_priors(linear.fit)[0], sheet]))
             prior[[X, Y], [X, Y]] += expectation.on_electrode(linear)
             priors.append(prior)
             exponent = expectation.conditions.law.exponent
