@@ -65,7 +65,8 @@ class ChannelFit:
         count = weights.shape[1]
         self._count = count
         weighted = weights * gain
-        by_row = weights * resistance * deviations[2]
+        in_rows = resistance * deviations[2][rows, None]  # by resistances in units of their own
+        by_row = weights * in_rows
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
         own = np.arange(count)
@@ -75,7 +76,7 @@ class ChannelFit:
         np.add.at(
             normal,
             (2 * count + rows, 2 * count + rows),
-            (by_row * resistance * deviations[2]).sum(1),
+            (by_row * in_rows).sum(1),
         )
         to_rows = np.zeros((count, len(rows)))
         to_rows[rows, np.arange(len(rows))] = 1.0
@@ -91,7 +92,7 @@ class ChannelFit:
             ]
         )
         self._mixed = mixed
-        self._scale = np.concatenate([np.ones(2 * count), np.full(count, deviations[2])])
+        self._scale = np.concatenate([np.ones(2 * count), deviations[2]])
         right += self._scale * pull
         if precision is None:
             everything = np.arange(3 * count)

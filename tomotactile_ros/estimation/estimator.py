@@ -42,10 +42,13 @@ _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
 TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
-_CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
+_CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
+_LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
+# the same of the mean D of a contact: all that is left of the force of a bare conductor
+IMPEDANCE_FLOOR = 0.003
 
 
 @dataclass(frozen=True)
@@ -153,8 +156,10 @@ class Estimator:
         """
         voltages = np.asarray(voltages, float)
         grounded = np.asarray(grounded, int)
-        valid = np.isfinite(voltages)
         left_out = {e: "excluded" for e in self.excluded}
+        if not len(grounded):
+            return Estimate([], [], "withheld", "no row was read", left_out)
+        valid = np.isfinite(voltages)
         own = np.arange(len(grounded)), grounded
         read = valid.copy()
         read[own] = True
@@ -189,9 +194,14 @@ class Estimator:
             start = start.in_motion(False)
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
-        fit, first = self._fit(search, rows, prior, start, state, begun > 0)
+        try:
+            fit, first = self._fit(search, rows, prior, start, state, begun > 0)
+            fit = self._without_bad_channels(search, fit, left_out)
+        except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
+            state.forget()
+            reason = "the readings are none that a sheet with contacts can have"
+            return Estimate([], [], "withheld", reason, left_out, np.nan, begun)
         first += begun
-        fit = self._without_bad_channels(search, fit, left_out)
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
         state.unknowns, state.sheet, state.used = _ahead(fit.unknowns, ahead), fit.sheet, used
@@ -346,6 +356,8 @@ class Estimator:
             weights[:, worst] = 0.0
             weights[fit.rows.grounded == worst] = 0.0
             rows = replace(fit.rows, weights=weights)
+            if rows.count < _FEWEST_READINGS:
+                break
             tried = search.contacts(rows, fit.prior, budget=_SECOND_LOOK)
             if tried.chi_squared / tried.rows.count > 0.25 * fit.chi_squared / fit.rows.count:
                 break
@@ -371,7 +383,7 @@ class Estimator:
         inflation = max(1.0, fit.chi_squared / fit.rows.count)
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
-        found, first = [], 0
+        found, sure, first = [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
             own = covariance[first : first + count, first : first + count]
@@ -381,15 +393,17 @@ class Estimator:
             g = prediction.conductances[i] * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
             slope = prediction.force_slope(i, self.law.exponent)[free]
-            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2))
+            bare = IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
+            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2 + bare**2))
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
             place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
             certainty = 1 / max(own[index[CONDUCTANCE], index[CONDUCTANCE]], 1e-12)
-            if certainty < _CERTAIN**2:
+            if certainty < _LIKELY**2:
                 continue
+            sure.append(certainty > _CERTAIN**2)
             found.append(
                 Contact(
                     float(x),
@@ -406,6 +420,8 @@ class Estimator:
                     tuple(float(each) for each in u.rates[i, :2]),
                 )
             )
+        if any(sure):
+            found = [each for each, certain in zip(found, sure) if certain]
         return sorted(found, key=lambda each: -each.force)
 
 
