@@ -4,6 +4,7 @@
     [--before]
                                                 [--plot out/learning.png] [--out out/learning.json]
                                                 [--markdown]
+    scripts/setup python3 benchmark/learning.py --read out/learning.json ... [--plot ...] [--markdown]
 
 Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch
 after an untouched frame.
@@ -28,8 +29,21 @@ def main():
     parser.add_argument("--before", action="store_true", help="judge without learning, too")
     parser.add_argument("--plot", type=Path, help="picture (.png) of errors against touches")
     parser.add_argument("--out", type=Path, help="all figures as JSON")
+    parser.add_argument("--read", type=Path, nargs="+", help="show these figures, measure nothing")
     parser.add_argument("--markdown", action="store_true")
     args = parser.parse_args()
+    rows = stored(args.read) if args.read else measured(parser, args)
+    print("\n".join(learned.text(rows, args.markdown)))
+    if args.plot:
+        args.plot.parent.mkdir(parents=True, exist_ok=True)
+        learned.save_plot(args.plot, rows)
+
+
+def stored(paths):
+    return [row for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
+
+
+def measured(parser, args):
     cases = learned.CASES
     if args.cases is not None:
         if not set(args.cases) <= set(range(len(cases))):
@@ -43,10 +57,7 @@ def main():
         )
         if args.out:
             save(args.out, rows)
-    print("\n".join(learned.text(rows, args.markdown)))
-    if args.plot:
-        args.plot.parent.mkdir(parents=True, exist_ok=True)
-        learned.save_plot(args.plot, rows)
+    return rows
 
 
 def save(path, rows):

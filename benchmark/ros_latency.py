@@ -3,7 +3,9 @@
     scripts/setup python3 benchmark/ros_latency.py --rate 15.625 200 --seconds 30
 
 The simulated device hands a frame over one period after its stamp, as a real scan does. Latency is
-what comes on top: from there until the pressure image has arrived in this process.
+what comes on top: from there until the pressure image has arrived in this process. With --rows N the
+driver hands on rows, N in a message, and contacts are published after every N of them: latency is then
+from the end of a row until the contacts that hold for it have arrived.
 """
 
 import argparse
@@ -15,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from ament_index_python.packages import get_package_prefix
 
+from tomotactile_ros.layout import load_layout
 from tomotactile_ros.processes import Child, stop_all
 
 SYSTEMS = {"two processes": ("driver", "reconstruction"), "composed": ("tactile",)}
@@ -29,6 +32,7 @@ def main() -> None:
     parser.add_argument("--profile", default="fast")
     parser.add_argument("--layout", default="equal-8x8")
     parser.add_argument("--scene", default="two-points")
+    parser.add_argument("--rows", type=int, default=0, help="in a message; 0: whole frames")
     parser.add_argument("--out", help="JSON file for the figures")
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -36,13 +40,14 @@ def main() -> None:
     head = (
         "system",
         "frames/s",
-        "images/s",
+        "contacts/s" if options.rows else "images/s",
         "p50 ms",
         "p99 ms",
         "max ms",
         "CPU %",
         "MB",
         "MB grown",
+        *(("followed/s", "lost", "skipped") if options.rows else ()),
     )
     print(f"{head[0]:>14}", *(f"{word:>9}" for word in head[1:]), flush=True)
     for rate in options.rate:
@@ -60,32 +65,51 @@ def measure(system: str, rate: float, options: argparse.Namespace) -> list:
     parameters = {
         "layout": options.layout, "scene": options.scene, "rate": rate, "profile": options.profile,
     }  # fmt: skip
+    if options.rows:
+        parameters |= {"delivery": "rows", "rows_per_message": options.rows}
+        parameters |= {"publish_every": options.rows}
     words = [w for item in parameters.items() for w in ("-p", "{}:={}".format(*item))]
     folder = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
     children = [Child(name, [str(folder / name), "--ros-args", *words]) for name in SYSTEMS[system]]
     try:
-        return [system, rate, *watch(children, rate, options.seconds)]
+        return [system, rate, *watch(children, rate, options)]
     finally:
         stop_all(children)
 
 
-def watch(children: list[Child], rate: float, seconds: float) -> list[float]:
-    """images/s, latency p50, p99 and largest (ms), CPU (% of a core), MB, MB grown."""
+def watch(children: list[Child], rate: float, options: argparse.Namespace) -> list[float]:
+    """Messages/s, latency p50, p99 and largest (ms), CPU (% of a core), MB, MB grown; of rows also
+    how many are followed a second, and how many were lost and left out in all."""
     import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import Image
 
-    latencies: list[float] = []
+    from tomotactile_ros.msg import ContactArray
 
-    def on_image(message: Image) -> None:
+    latencies: list[float] = []
+    lasts = 1.0 / rate  # s until what carries the stamp has ended
+    if options.rows:
+        lasts /= load_layout(options.layout).electrodes
+    figures: dict[str, str] = {}
+
+    def on_message(message: Image | ContactArray) -> None:
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-        latencies.append(time.time() - stamp - 1.0 / rate)
+        latencies.append(time.time() - stamp - lasts)
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        for status in message.status:
+            figures.update({each.key: each.value for each in status.values})
 
     context = Context()
     rclpy.init(args=[], context=context)
     node = rclpy.create_node("latency", context=context)
-    node.create_subscription(Image, "pressure", on_image, 2)
+    if options.rows:
+        node.create_subscription(ContactArray, "contacts", on_message, 100)
+        node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    else:
+        node.create_subscription(Image, "pressure", on_message, 2)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
 
@@ -99,14 +123,16 @@ def watch(children: list[Child], rate: float, seconds: float) -> list[float]:
     spin(lambda: len(latencies) >= 2 * rate)  # warm
     latencies.clear()
     start, used, memory = time.monotonic(), cpu_seconds(children), megabytes(children)
-    spin(lambda: time.monotonic() > start + seconds)
+    spin(lambda: time.monotonic() > start + options.seconds)
     elapsed = time.monotonic() - start
     cpu = 100 * (cpu_seconds(children) - used) / elapsed
     now = megabytes(children)
     node.destroy_node()
     context.try_shutdown()
     p50, p99, most = 1e3 * np.quantile(latencies, (0.5, 0.99, 1.0))
-    return [len(latencies) / elapsed, p50, p99, most, cpu, now, now - memory]
+    counted = ("rows_per_second", "rows_lost", "rows_skipped") if options.rows else ()
+    numbers = [float(figures.get(key, "nan")) for key in counted]
+    return [len(latencies) / elapsed, p50, p99, most, cpu, now, now - memory, *numbers]
 
 
 def cpu_seconds(children: list[Child]) -> float:

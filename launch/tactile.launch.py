@@ -37,7 +37,8 @@ TEXTS = {
     "recording": "for device:=replay: a frames.npz or a rosbag2",
     "topic": "for device:=replay: which topic of a bag with several sensors",
     "rate": "frames/s; 0 leaves it to the device",
-    "profile": "fast, balanced, nonlinear, accurate or auto",
+    "delivery": "frames, or rows: contacts after every few rows, without waiting for frames",
+    "profile": "fast, balanced, accurate or auto",
     "frame_id": "frame of the sensor",
     "hardware_id": "name of the sensor in diagnostics; frame_id if empty",
     "namespace": "of both nodes, one for each sensor",
@@ -52,9 +53,10 @@ SWITCHES = {
     "viz": ("false", "start rviz2"),
 }
 ON_REFUSAL = ("stop", "ignore")
+DELIVERIES = ("frames", "rows")
 OF_NODE = {
     "driver": (
-        "layout", "scene", "device", "port", "recording", "topic", "rate", "loop", "frame_id",
+        "layout", "scene", "device", "port", "recording", "topic", "rate", "delivery", "loop", "frame_id",
         "hardware_id", "use_sim_time", "autostart",
     ),
     "reconstruction": (
@@ -110,6 +112,9 @@ def check(given: dict[str, str]) -> str:
         )
     refuse_unless(
         given["device"] in ("", *DEVICES), given, "device", f"is none of {', '.join(DEVICES)}"
+    )
+    refuse_unless(
+        given["delivery"] in ("", *DELIVERIES), given, "delivery", "is neither frames nor rows"
     )
     refuse_unless(
         given["on_refusal"] in ON_REFUSAL, given, "on_refusal", "is neither stop nor ignore"

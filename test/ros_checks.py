@@ -231,3 +231,14 @@ def check_diagnostics(probe: Probe, status: str, level: bytes, text: str) -> Non
         )
 
     probe.wait_for(DiagnosticArray, "/diagnostics", suits)
+
+
+def figures_of(probe: Probe, status: str) -> dict[str, str]:
+    """The figures of a status of this name."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    message = probe.wait_for(
+        DiagnosticArray, "/diagnostics", lambda m: any(s.name == status for s in m.status)
+    )
+    (found,) = (s for s in message.status if s.name == status)
+    return {each.key: each.value for each in found.values}

@@ -204,7 +204,7 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
     words = ["bench", "--parts", "crowd", "--methods", f"{__name__}:silent", "--out", str(out)]
     assert cli.main(words) == 0
     rows = json.loads(out.read_text())["sensor"]["crowd"]
-    assert [row["method"] for row in rows] == ["fast", "balanced", "nonlinear", "silent"]
+    assert [row["method"] for row in rows] == ["fast", "balanced", "accurate", "silent"]
     assert rows[-1]["missed"] == rows[-1]["true"] == 2
     assert "silent" in capsys.readouterr().out
     assert run.run("crowd")[0]["case"] == "two"

@@ -96,8 +96,8 @@ def test_a_perfect_result_has_no_error():
 
     positions = [np.array([[0.01, 0.02], [-0.03, 0.0]])]
     recording = trials.Recording(np.empty(0), positions, [np.array([2.0, 4.0])])
-    assert accuracy._resolved([Perfect(positions[0])], recording).tolist() == [True]
-    assert accuracy._resolved([Perfect(positions[0][:1])], recording).tolist() == [False]
+    assert accuracy.told_apart([Perfect(positions[0])], positions).tolist() == [True]
+    assert accuracy.told_apart([Perfect(positions[0][:1])], positions).tolist() == [False]
     assert accuracy._force_error([Perfect(positions[0])], recording).tolist() == [0.0, 0.5]
 
 
@@ -282,19 +282,19 @@ def test_auto_is_compared_with_the_most_accurate_in_time(row, monkeypatch):
     class Accurate:
         def __init__(self, layout, settings):
             assert settings.profile == "auto"
-            self.profile = "nonlinear"
+            self.profile = "accurate"
 
     monkeypatch.setattr(run, "Pipeline", Accurate)
     rows = [
         measured("fast", 1.0, 3.0),
         measured("balanced", 4.0, 2.0),
-        measured("nonlinear", 9.0, 1.0),
+        measured("accurate", 9.0, 1.0),
     ]
     choices = run.auto_choices([row, *rows])
     assert [choice["deadline"] for choice in choices] == pytest.approx(
         [1 / 3, 6**0.5, 54**0.5, 27.0]
     )
-    assert [choice["measured"] for choice in choices] == ["fast", "fast", "balanced", "nonlinear"]
+    assert [choice["measured"] for choice in choices] == ["fast", "fast", "balanced", "accurate"]
     assert report._agreement(choices).endswith("at 1 of 4 deadlines")
 
 

@@ -1,6 +1,7 @@
 """Contacts followed row by row."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from tomotactile_ros import cli
 from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.defects import Adc, Noise
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.estimator import Estimator
+from tomotactile_ros.estimation.estimator import Estimate, Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -18,6 +19,8 @@ from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -122,11 +125,9 @@ def test_a_slide_is_followed_with_its_velocity(operator, known):
     assert np.hypot(*(state.belief.mean[2:4] - velocity)) < 0.1
 
 
-def test_contacts_near_each_other_wait_for_a_frame():
+def test_contacts_near_each_other_wait_for_a_frame(estimator):
     state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
-    estimator = RowEstimator(
-        Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
-    )
+    estimator = RowEstimator(estimator)
     state.drive = DRIVE
     for number, x in ((1, 0.0), (2, 0.04)):
         mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])
@@ -135,6 +136,151 @@ def test_contacts_near_each_other_wait_for_a_frame():
     assert estimator._may_be_one(state)
     state.confirmed = 1.0
     assert not estimator._may_be_one(state)
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    return Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
+
+
+def followed_late(estimator, contacts, count, late):
+    """What is known after each row where a frame's estimate is told `late` rows after its last one;
+    None: that row waits for it."""
+    rows, state = RowEstimator(estimator), RowsState(waits=late is None)
+    seen, out = {}, []
+    for k, frame in enumerate(frames_of(contacts, count)):
+        for i, row in enumerate(frame):
+            now = 16 * k + i
+            if now in seen:
+                state.tell(seen[now])
+            out.append(rows.estimate(row, i, DRIVE, now * ROW_PERIOD, state))
+        if late is not None:
+            told = rows.look(frame, np.arange(16), DRIVE, ROW_PERIOD, state.frames)
+            seen[16 * k + 16 + late] = told.at(16 * k * ROW_PERIOD, ROW_PERIOD, 16)
+    return out
+
+
+def numbers_and_places(followed):
+    return {number: (contact.x, contact.y) for number, _, contact in followed.contacts}
+
+
+WIDE = Contact("disc", center=(-0.01, 0.02), radius=0.03, pressure=5e3, start=0.0015)
+
+
+def is_seen(contact, followed, place, force):
+    """The number of the contact that is `contact` to `place`, m, and to the part `force`."""
+    (number,) = (
+        number
+        for number, _, each in followed.contacts
+        if np.hypot(each.x - contact.center[0], each.y - contact.center[1]) < place
+    )
+    found = {n: each for n, _, each in followed.contacts}[number]
+    true = contact.pressure * np.pi * contact.radius**2
+    assert abs(found.force - true) < max(force * true, 3 * found.force_std)
+    assert abs(found.radius - contact.radius) < max(0.2 * contact.radius, 3 * found.radius_std)
+    return number
+
+
+@pytest.mark.parametrize("late", [None, 9])
+def test_wide_and_small_contacts_whether_rows_wait_for_frames_or_not(estimator, late):
+    tap = Contact("disc", center=(0.06, -0.06), radius=0.008, pressure=15e3, start=0.0345)
+    followed = followed_late(estimator, [WIDE, tap], 5, late)
+    assert all(each.state == "valid" for each in followed)
+    for each in followed[2:35]:
+        assert is_seen(WIDE, each, 9e-3, 0.4) == 1 and len(each.contacts) == 1
+    for each in followed[35:]:
+        assert is_seen(WIDE, each, 2e-3, 0.05) == 1
+        assert is_seen(tap, each, 5e-3, 0.2) == 2 and len(each.contacts) == 2
+
+
+def test_what_is_released_while_a_frame_is_estimated_does_not_come_back(estimator):
+    tap = Contact("disc", **NEW, start=0.0005, end=0.0175)
+    followed = followed_late(estimator, [tap], 3, 6)
+    assert list(numbers_and_places(followed[15])) == [1]
+    assert not any(each.contacts or each.reason for each in followed[21:])
+
+
+def test_rows_are_withheld_where_frames_are(estimator):
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    frame = frames_of([Contact("disc", **NEW)], 1)[0]
+    seen = rows.look(frame, np.arange(16), DRIVE, ROW_PERIOD, state.frames)
+    bad = replace(seen, estimate=Estimate([], [], "withheld", "the readings contradict"), fit=None)
+    said = []
+    rows.follow(np.zeros(16), 0, DRIVE, 15 * ROW_PERIOD, state)
+    for told in (None, bad, bad, seen.at(0.0, ROW_PERIOD, 16)):
+        if told is not None:
+            state.tell(told)
+        said.append(rows.estimate(frame[0], 0, DRIVE, ROW_PERIOD * (16 + len(said)), state))
+    assert [each.reason for each in said] == ["", "", "the readings contradict", ""]
+    assert not said[2].contacts and said[2].touched and said[3].contacts
+
+
+def test_a_pause_or_a_clock_set_back_begins_anew_with_other_numbers(estimator):
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    row = frames_of([Contact("disc", **NEW)], 1)[0][3]
+    found = []
+    for begun in (10.0, 12.0, 3.0):
+        for i, readings in enumerate((np.zeros(16), row, row)):
+            said = rows.estimate(readings, 3, DRIVE, begun + i * ROW_PERIOD, state)
+        found.append(list(numbers_and_places(said)))
+    assert found == [[1], [2], [3]]
+
+
+def test_rows_that_are_missing_for_a_while_change_nothing(estimator):
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    frames = frames_of([Contact("disc", **NEW, start=0.0015)], 2)
+    for begun, frame in zip((0.0, 0.316), frames):
+        for i, row in enumerate(frame):
+            said = rows.estimate(row, i, DRIVE, begun + i * ROW_PERIOD, state)
+            if begun or i > 1:
+                assert is_seen(Contact("disc", **NEW), said, 5e-3, 0.3) == 1
+
+
+def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
+    both = [RESTING, Contact("disc", **NEW)]
+    followed = followed_late(estimator, both, 4, 6)
+    assert "when rows began" in followed[0].reason and all(each.reason for each in followed[:11])
+    known = [each for each in followed if not each.reason]
+    assert known and all(len(each.contacts) == 2 for each in known)
+    assert not followed[-1].reason
+
+
+def test_what_is_learned_of_the_sensor_leaves_contacts_and_their_numbers(operator):
+    estimator = Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
+    rows, state = RowEstimator(estimator, frames=False), RowsState()
+    for i, row in enumerate(frames_of([RESTING], 2).reshape(-1, 16)):
+        if i == 20:
+            estimator.sensor = SensorState.unknown(operator)
+        before = state.rows.belief.mean[:2] if i else None
+        found = numbers_and_places(rows.estimate(row, i % 16, DRIVE, i * ROW_PERIOD, state))
+        assert list(found) == [1]
+        assert i < 16 or np.hypot(*(state.rows.belief.mean[:2] - before)) < 1e-3
+
+
+def test_frames_and_rows_in_turn_give_no_number_twice_and_show_the_same_image():
+    law = ContactLaw(1e-4, 1.0)
+    settings = Settings("accurate", noise=NOISE, contact_law=law, contact_radius=0.008)
+    pipeline, grounded = Pipeline(LAYOUT, settings), np.arange(16)
+    first, second = frames_of([Contact("disc", **NEW, start=0.0015)], 2)
+    shown = pipeline.process(second, grounded, DRIVE, ROW_PERIOD, 0.0)
+    state = pipeline.rows(waits=False)
+    for i, row in enumerate(first):
+        pipeline.follow_row(row, i, DRIVE, 1.0 + i * ROW_PERIOD, state)
+    assert state.asks  # of what has just begun
+    told = second, grounded, DRIVE, ROW_PERIOD, 1.016
+    pipeline.process(*told)
+    for i, row in enumerate(second):
+        pipeline.follow_row(row, i, DRIVE, 1.016 + i * ROW_PERIOD, state)
+    pipeline.correct(state, second, grounded, DRIVE, ROW_PERIOD, 1.016)
+    pipeline.follow_row(second[0], 0, DRIVE, 1.032, state)
+    assert not state.asks
+    drawn = pipeline.image_after_row(state)
+    again = pipeline.process(second, grounded, DRIVE, ROW_PERIOD, 2.0)
+    assert [r.contacts[0].id for r in (shown, drawn, again)] == [1, 2, 3]
+    for image in (shown.pressure, drawn.pressure):
+        force = np.nansum(image) * pipeline.grid.cell_area
+        assert force == pytest.approx(drawn.contacts[0].force, rel=0.1)
+    assert np.nanargmax(drawn.pressure) == np.nanargmax(shown.pressure)
 
 
 def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path):

@@ -34,7 +34,7 @@ def test_without_mujoco_the_example_says_what_to_install(tmp_path):
 def test_the_image_follows_a_finger_in_mujoco(probe, start, domain):
     pytest.importorskip("mujoco")
     driver = start("driver", {"scene": "live"})
-    reconstruction = start("reconstruction", {"profile": "nonlinear"})
+    reconstruction = start("reconstruction", {"profile": "accurate"})
     touches = probe.listen(ContactArray, "touches", 100)
     contacts = probe.listen(ContactArray, "contacts", 100)
     finger = Process([sys.executable, str(EXAMPLE)], domain)

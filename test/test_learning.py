@@ -14,6 +14,7 @@ from tomotactile_ros.defects import Adc, Defects, Noise
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.frames_file import save_frames
@@ -23,7 +24,6 @@ from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.learner import Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of
-from tomotactile_ros.learning.reciprocity import fit_gains
 from tomotactile_ros.learning.recorded import WIDE, learn
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.scene import Scene
@@ -151,6 +151,7 @@ def test_offsets_below_the_range_are_bounded_not_guessed():
 
 
 def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
+    """And with what electrodes as modelled err in this frame, which acts as resistances do."""
     own = learner()
     rows = rows_of(operator(), frames()[1], np.arange(16), DRIVE, NOISE)
     fit = own.look(rows)
@@ -174,9 +175,9 @@ def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
     offset = [slope("offset", j, 1e-4, DRIVE) for j in range(16)]
     resistance = [slope("resistance", j, 1.0) for j in range(16)]
     root = np.sqrt(rows.weights).ravel()
-    first = np.array(contacts) * root
+    first = np.array([*contacts, *resistance]) * root
     rest = np.array([*sheet, *gain, *offset, *resistance]) * root
-    prior = np.diag([0.12**-2.0, 0.12**-2.0, 1e-2, 0.6**-2.0])
+    prior = np.diag([0.12**-2.0, 0.12**-2.0, 1e-2, 0.6**-2.0, *operator().inexact ** -2.0])
     mixed = first @ rest.T
     wanted = rest @ rest.T - mixed.T @ np.linalg.solve(first @ first.T + prior, mixed)
     scale = np.sqrt(wanted.diagonal())
@@ -227,6 +228,20 @@ def test_gains_offsets_and_resistances_from_eight_touches():
         rms(error / np.maximum(state.std("resistance"), 10)) < 2
     )  # 10 ohm: two models of electrodes
     assert np.abs(findings.field(state, operator())[0]).max() < 0.05
+
+
+def test_the_grounded_electrodes_own_reading_tells_its_resistance():
+    """The drop over switch and wire, whatever the model errs in the electrode: far better known."""
+    whole = simulator()
+    sensor = Simulator(layout(), replace(whole.scene, own_reading=True), row_period=0.0)
+    times = np.arange(0.25, 4.0, 0.5)
+    found = []
+    for each in (whole, sensor):
+        read = np.array([each.frame(t, i) for i, t in enumerate(times)])
+        state = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE).state
+        found.append((rms(state["resistance"] - truth().ground_resistance), state))
+    assert found[1][0] < 10 and found[1][0] < found[0][0] / 2
+    assert found[1][1].std("resistance").mean() < found[0][1].std("resistance").mean() / 2
 
 
 def test_report_names_what_is_off_and_what_is_not_known():

@@ -1,5 +1,6 @@
 """A sensor that learns while it is used: from which frames, what, and what damage it names."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -9,6 +10,7 @@ from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
 
 from tomotactile_ros.defects import Defects
 from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.sheet_field import SheetField, Tear
@@ -143,10 +145,31 @@ def test_a_gain_that_changes_is_named():
     assert learner.state["gain"][9] == pytest.approx(gain[9], rel=1e-3)
 
 
-def test_a_tear_is_told_from_wires():
+def test_a_tear_is_named_at_its_place():
     tear = Tear(((-0.015, -0.01), (-0.015, 0.01)), 0.001)
-    found = judged(damaged(sheet=SheetField(tears=(tear,)))).health.findings
-    assert [each.name for each in found] == ["sheet"] and "torn" in found[0].text
+    (found,) = judged(damaged(sheet=SheetField(tears=(tear,)))).health.findings
+    assert found.name == "tear" and found.sure > 5
+    x, y = map(float, re.search(r"\((.*), (.*)\) mm", found.text).groups())
+    assert np.hypot(x + 15, max(abs(y) - 10, 0)) < 20  # half a spacing
+
+
+def test_a_sheet_that_dries_is_told_by_all_resistances_together():
+    """They are known in parts of the sheet's resistance; one wire alone is not taken for it."""
+    state = states()[-1]
+    where, spread = state.slice("resistance"), 0.1 * state.covariance
+    mean = state.mean.copy()
+    mean[where] = np.linspace(100, 400, 16)
+    before = replace(state.learned(mean, spread), touches=10)
+    for factor, wire, names in ((1.3, 0.0, ["whole"]), (1.0, 700.0, ["wire 5"]), (1.05, 0.0, [])):
+        health = Health(live().operator)
+        health.update(before)
+        changed = mean.copy()
+        changed[where] /= factor
+        changed[where.start + 5] += wire
+        for touches in (11, 12):
+            health.update(replace(before.learned(changed, spread), touches=touches))
+        assert [each.name for each in health.findings] == names
+        assert all("+30 %" in each.text for each in health.findings if each.name == "whole")
 
 
 def test_no_alarm_while_the_sensor_is_healthy():

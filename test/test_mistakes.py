@@ -170,7 +170,7 @@ def test_a_result_says_why_a_channel_is_left_out():
     voltages[:, 5] = np.nan
     voltages[:, 20] = 1.2
     voltages[:, 44] *= 1.5
-    for profile in ("fast", "nonlinear"):
+    for profile in ("fast", "accurate"):
         result = Pipeline(layout, Settings(profile, excluded=(60,))).process(
             voltages, np.arange(64), 3.3
         )

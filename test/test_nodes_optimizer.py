@@ -22,7 +22,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 def test_it_writes_the_layout_and_ends(start, tmp_path):
     out = tmp_path / "better.yaml"
-    parameters = {"layout": "equal-4x4", "steps": 1, "out": out, "name": "better"}
+    parameters = {"layout": "equal-4x4", "method": "equalize", "steps": 1}
+    parameters |= {"out": out, "name": "better"}
     process = start("optimizer", parameters)
     assert process.wait() == 0, process.output
     layout = load_layout(out)
@@ -68,7 +69,8 @@ def patient(monkeypatch):
 
 def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, domain, tmp_path):
     out = tmp_path / "best.yaml"
-    rclpy.init(args=ros_arguments({"layout": "equal-4x4", "out": out}), domain_id=domain)
+    parameters = {"layout": "equal-4x4", "method": "equalize", "out": out}
+    rclpy.init(args=ros_arguments(parameters), domain_id=domain)
     node = PlainNode(optimizer.Optimizer)
     probe = Probe(domain)
     maps = probe.listen(Image, "/resolution_map", LATCHED)

@@ -1,6 +1,7 @@
 """Live touches over DDS: published here, pressed in the driver, found by the reconstruction."""
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,11 +10,15 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from geometry_msgs.msg import Point
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import ends_cleanly
-from std_msgs.msg import Header
+from sensor_msgs.msg import Image
+from std_msgs.msg import Bool, Header
 
 from tomotactile_ros.msg import Contact, ContactArray
+from tomotactile_ros.nodes.conversions import stamp_of
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEAR = 0.005  # m
 FIRST, SECOND = (0.052, 0.031), (-0.047, -0.022)
 
@@ -53,7 +58,7 @@ def are_at(*places):
 
 def test_touches_are_pressed_moved_and_let_go(probe, start, press):
     driver = start("driver", {"scene": "live"})
-    reconstruction = start("reconstruction", {"profile": "nonlinear"})
+    reconstruction = start("reconstruction", {"profile": "accurate"})
     press(message((*FIRST, 2.0, 0.006), frame_id="tactile_link"))
     found = probe.wait_for(ContactArray, "contacts", are_at(FIRST))
     (contact,) = found.contacts
@@ -75,7 +80,7 @@ def test_touches_are_pressed_moved_and_let_go(probe, start, press):
 def test_a_touch_on_a_curved_sensor_is_given_and_found_in_space(probe, start, press, tmp_path):
     layout = ros_checks.write_curved_layout(tmp_path)
     start("driver", {"scene": "live", "layout": layout})
-    start("reconstruction", {"profile": "nonlinear", "layout": layout})
+    start("reconstruction", {"profile": "accurate", "layout": layout})
     angle, bend = FIRST[0] / ros_checks.BEND, ros_checks.BEND
     outwards = np.array([np.sin(angle), 0.0, np.cos(angle)])
     place = bend * outwards + [0.0, FIRST[1], -bend]
@@ -96,7 +101,7 @@ def test_a_touch_on_a_curved_sensor_is_given_and_found_in_space(probe, start, pr
 
 def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):
     driver = start("driver", {"scene": "live"})
-    start("reconstruction", {"profile": "nonlinear"})
+    start("reconstruction", {"profile": "accurate"})
     begin = time.monotonic()
     press(message((0.5, 0.0, 1.0, 0.005), (0.0, 0.0, -1.0, 0.005), (0.0, np.nan, 1.0, 0.005),
                   (*FIRST, 2.0, 0.006)))  # fmt: skip
@@ -110,6 +115,37 @@ def test_bad_touches_get_one_line_and_the_device_goes_on(probe, start, press):
     press(message((*SECOND, 2.0, 0.006)))
     probe.wait_for(ContactArray, "contacts", are_at(SECOND))
     ends_cleanly(driver)
+
+
+@pytest.mark.parametrize("composed", [False, True])
+def test_rows_tell_of_a_touch_and_its_end(probe, start, press, composed):
+    parameters = {"layout": "equal-4x4", "scene": "live", "delivery": "rows", "rows_per_message": 4}
+    parameters |= {"publish_every": 8, "contact_radius": 0.006}
+    for name in ["tactile"] if composed else ["driver", "reconstruction"]:
+        start(name, parameters)
+    touched = probe.listen(Bool, "touched", LATCHED)
+    probe.until(lambda: touched and not touched[-1].data, "word of an untouched sheet")
+    press(message((*FIRST, 2.0, 0.006)))
+    probe.until(lambda: touched[-1].data, "word of a touch")
+    arrays = probe.listen(ContactArray, "contacts", 10)
+
+    def are_of_rows():
+        """Whether one contact, there twice, was told of twice within a frame of 16 ms."""
+        for one, other in pairwise(arrays):
+            apart = stamp_of(other.header) - stamp_of(one.header)
+            if are_at(FIRST)(one) and are_at(FIRST)(other) and 0 < apart < 0.012:
+                return one.contacts[0].id == other.contacts[0].id > 0
+        return False
+
+    probe.until(are_of_rows, "contacts of rows")
+    assert probe.wait_for(Bool, "touched", qos=LATCHED).data  # also for who comes later
+    found = ros_checks.figures_of(probe, "reconstruction: reconstruction")
+    assert int(found["rows_followed"]) > 0 and float(found["rows_per_second"]) > 0
+    assert int(found["frames_processed"]) > 0
+    probe.wait_for(Image, "pressure")
+    press(message())
+    probe.until(lambda: not touched[-1].data, "word of its end")
+    probe.until(lambda: are_at()(arrays[-1]), "no contact")
 
 
 def test_only_a_live_scene_listens(probe, start):

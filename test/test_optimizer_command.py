@@ -149,7 +149,7 @@ def test_evaluate_a_profile(capsys):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["--method", "free"], "--rows and --cols, or --layout, are needed"),
+        (["--method", "free"], "--rows and --cols, or --layout, or --electrodes, are needed"),
         (["--rows", "1", "--cols", "4", "--method", "free"], "rows: 1 is not a whole number"),
         (["--rows", "4", "--cols", "4", "--method", "free", "--spacing", "0.2"], "do not fit"),
         (["--rows", "4", "--cols", "4", "--method", "free", "--workers", "0"], "--workers: 0"),

@@ -2,15 +2,21 @@
 
 import json
 from argparse import ArgumentParser
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tomotactile_ros.channels import Channels, Rms, Uniform
 from tomotactile_ros.commands import calibrate, reconstruct
 from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Defects
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.learning.file import save_sensor
+from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.calibration import (
     Fit,
     fit_contact_law,
@@ -111,7 +117,7 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
         "--layout",
         "equal-4x4",
         "--profile",
-        "nonlinear",
+        "accurate",
         "--calibration",
         out,
         "--out",
@@ -127,6 +133,32 @@ def test_calibrate_finds_the_law_and_reconstruct_uses_it(tmp_path, presses, caps
         *("x", "y", "force", "pressure", "area", "radius", "id", "age"),
         *("vx", "vy", "position_std", "force_std", "probability"),
     }
+
+
+def test_a_learned_sensor_and_a_known_foot_make_one_press_enough(tmp_path):
+    """Gains off by 5 %, 200 ohm to ground: the frames tell both, what was learned tells them better."""
+    layout, wrong = load_layout("equal-4x4"), Channels(Rms(0.05, 1), None, Uniform(200, 100, 2))
+    operator = SheetOperator(layout)
+    known = SensorState.unknown(operator)
+    numbers, mean = wrong.of(layout.electrodes), known.mean.copy()
+    mean[known.slice("gain")] = numbers.gain
+    mean[known.slice("resistance")] = numbers.ground_resistance
+    known = replace(known.learned(mean, 1e-4 * known.covariance), touches=9)
+    save_sensor(tmp_path / "sensor.yaml", layout, operator, known)
+    contact = Contact("disc", center=(0.02, -0.035), radius=0.008, pressure=2e4)
+    scene = Scene("press", 3.3, [contact], TRUE, defects=Defects(channels=wrong))
+    simulator = Simulator(layout, scene, "closed_form")
+    path, out, drawn = (tmp_path / name for name in ("press.npz", "law.yaml", "fit.png"))
+    save_frames(path, layout, scene, simulator.frame(0.0)[None], simulator.grounded, np.zeros(1))
+    words = [path, "--layout", "equal-4x4", "--out", out, "--exponent", "0.8"]
+    laws = []
+    for more in ([], ["--sensor", tmp_path / "sensor.yaml", "--foot-radius", "0.008"]):
+        run(calibrate, *words, *more, "--picture", drawn)
+        laws.append(load_calibration(out).coefficient / TRUE.coefficient - 1)
+    assert abs(laws[0]) < 0.05 and abs(laws[1]) < 0.02
+    assert drawn.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="--foot-radius"):
+        run(calibrate, *words, "--foot-radius", "-1")
 
 
 def test_frames_of_another_layout_are_refused(tmp_path, presses):

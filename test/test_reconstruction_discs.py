@@ -28,7 +28,7 @@ PLACES = [(0.001, 0.002), (0.015, -0.001), (-0.027, 0.031), (0.062, 0.024), (-0.
 @pytest.fixture(scope="module")
 def pipelines():
     first = Pipeline(load_layout("equal-8x8"), Settings("fast"))
-    return {p: first.with_settings(Settings(p)) for p in ("fast", "balanced", "nonlinear")}
+    return {p: first.with_settings(Settings(p)) for p in ("fast", "balanced", "accurate")}
 
 
 def frames_of(layout, discs, variation=None):
@@ -61,7 +61,7 @@ def test_interpolation_is_exact_for_harmonic_polynomials_up_to_the_rim(outline):
         assert values[pixels] @ weights == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("profile", ["fast", "balanced", "nonlinear"])
+@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
 @pytest.mark.parametrize("radius", [0.004, 0.005, 0.008, 0.010, 0.012])
 def test_force_of_fingertips_of_all_sizes(pipelines, profile, radius):
     discs = [(x, y, radius, 10e3) for x, y in PLACES]
@@ -86,10 +86,10 @@ def test_force_on_an_uneven_sheet(pipelines, radius):
 
 
 def test_pressure_of_a_resolved_disc_next_to_an_electrode(pipelines):
-    layout = pipelines["nonlinear"].layout
+    layout = pipelines["accurate"].layout
     beside = layout.positions[27] + [[0.004, 0.002], [-0.001, 0.005]]
     for (x, y), frame in zip(beside, frames_of(layout, [(x, y, 0.008, 20e3) for x, y in beside])):
-        (contact,) = pipelines["nonlinear"].process(frame, GROUNDED, DRIVE).contacts
+        (contact,) = pipelines["accurate"].process(frame, GROUNDED, DRIVE).contacts
         assert contact.pressure == pytest.approx(20e3, rel=0.4)
 
 
@@ -98,7 +98,11 @@ def test_a_weak_touch_is_one_contact(pipelines, radius, error):
     frames = frames_of(pipelines["fast"].layout, [(x, y, radius, 2e3) for x, y in PLACES])
     for pipeline in pipelines.values():
         for (x, y), frame in zip(PLACES, frames):
-            (contact,) = pipeline.process(frame, GROUNDED, DRIVE).contacts
+            result = pipeline.process(frame, GROUNDED, DRIVE)
+            if result.state != "valid":  # so weak that nobody knows where
+                assert "too weakly" in result.reason and radius == 0.002
+                continue
+            (contact,) = result.contacts
             assert np.hypot(contact.x - x, contact.y - y) < error
             assert contact.force == pytest.approx(2e3 * np.pi * radius**2, rel=0.1)
 
@@ -110,10 +114,12 @@ def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, 
     ]
     discs += [(0.099, 0.01, 1e-3, None), (-0.0995, -0.0995, 5e-4, None)]
     for frame in frames_of(pipelines[profile].layout, discs):
-        contacts = pipelines[profile].process(frame, GROUNDED, DRIVE).contacts
-        assert contacts
-        for contact in contacts:
-            assert 0 < contact.force <= 100 / 1e4 / 1e-4 * 1.001  # 100 / R at this contact law
+        result = pipelines[profile].process(frame, GROUNDED, DRIVE)
+        assert bool(result.contacts) == (result.state == "valid")
+        for contact in result.contacts:
+            assert contact.force > 0
+            if profile == "fast":  # where it is the image's
+                assert contact.force <= 100 / 1e4 / 1e-4 * 1.001  # 100 / R at this contact law
             assert max(abs(contact.x), abs(contact.y)) <= 0.1
 
 
@@ -127,7 +133,7 @@ def test_images_too_small_for_nine_pixels_still_give_forces():
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("profile", ["fast", "balanced", "nonlinear"])
+@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
 def test_noise_as_large_as_the_drive_gives_finite_forces(profile):
     """Its currents can cancel: then a disc conducts nothing and is not moved."""
     layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.05)

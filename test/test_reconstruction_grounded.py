@@ -7,10 +7,8 @@ from scipy.ndimage import gaussian_filter
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, symmetric_scaling
-from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.local import LocalImage
-from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.frames import frame
 
@@ -75,49 +73,6 @@ def test_limit_of_weak_contacts_errs_in_proportion_to_their_strength(setting):
         errors.append(np.abs(found - expected).max() / expected.sum())
     assert errors[0] < 0.1
     assert errors[1] == pytest.approx(errors[0] / 10, rel=0.2)
-
-
-@pytest.mark.parametrize(
-    "lost",
-    [
-        lambda rows, columns, random: rows == 7,
-        lambda rows, columns, random: rows % 2 == 0,
-        lambda rows, columns, random: rows % 6 != rows // 6,
-        lambda rows, columns, random: random.random(rows.shape) < 0.2,
-    ],
-    ids=["one row", "every second row", "all rows but a diagonal", "a fifth of the readings"],
-)
-def test_completed_frame_gives_the_same_currents(setting, lost):
-    transfer, _, meter, local = setting
-    voltages = contacts(transfer, [1e-4, 2e-4, 5e-5])
-    whole = meter.read(voltages, DRIVE)
-    rows, columns = np.indices(voltages.shape)
-    voltages[lost(rows, columns, np.random.default_rng(3))] = np.nan
-    found = read_incomplete(meter, local, voltages, DRIVE)
-    assert np.abs(found.currents - whole.currents).max() < 0.02 * whole.total
-
-
-@pytest.mark.parametrize("sharp", [True, False])
-@pytest.mark.parametrize("rows", [np.arange(1, 36), np.arange(0, 36, 2), np.arange(0, 36, 7)])
-def test_some_conditions_give_the_same_currents_and_couplings(setting, rows, sharp):
-    transfer, _, meter, local = setting
-    voltages = contacts(transfer, [1e-4, 2e-4, 5e-5])
-    whole = meter.read(voltages, DRIVE)
-    scanned = np.isin(np.arange(36), rows)
-    voltages[~scanned] = np.nan
-    assert np.array_equal(scanned_rows(voltages), scanned)
-    found = read_rows(local, voltages, scanned, DRIVE, sharp)
-    assert np.abs(found.currents - whole.currents).max() < 0.02 * whole.total
-    known = scanned[meter.first] & scanned[meter.second]
-    scale = max(whole.couplings.max(), 0.01 * abs(meter.untouched).max())
-    assert np.abs(found.couplings - whole.couplings)[known].max(initial=0.0) < 0.1 * scale
-
-
-def test_single_lost_readings_are_no_set_of_rows(setting):
-    voltages = contacts(setting[0], [1e-4, 2e-4, 5e-5])
-    assert scanned_rows(voltages).all()
-    voltages[3, 5] = np.nan
-    assert scanned_rows(voltages) is None
 
 
 def test_linear_image_is_the_tikhonov_solution(setting):

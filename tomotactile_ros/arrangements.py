@@ -1,4 +1,5 @@
-"""Arrangements of electrodes beside the equal grid (`layout.equal_grid`): hexagonal, and a ring.
+"""Arrangements of electrodes beside the equal grid (`layout.equal_grid`): hexagonal, a ring, and
+spread evenly over any outline.
 
 Positions come from sums, products and quotients alone, or are rounded to a picometre: the same
 numbers give the same file on every machine.
@@ -7,11 +8,18 @@ numbers give the same file on every machine.
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tomotactile_ros import checks
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import MAX_ELECTRODES, Layout, half_sides
 from tomotactile_ros.outline import Outline
 
+USUAL_SIZE = 0.2, 0.2  # m, of a grid's sheet where nothing is said
+MAX_SPREAD = 1024  # electrodes over an outline
+_CELLS = 20  # along the longer side for each electrode along it, while electrodes are spread
+_SWEEPS = 100
 _DECIMALS = 12  # of positions on a circle, m
 
 
@@ -79,6 +87,49 @@ def electrode_ring(
     positions = np.round(reach * np.column_stack([np.cos(angle), np.sin(angle)]), _DECIMALS)
     positions += 0.0  # no -0.0 in the file
     return Layout(name or f"ring-{count}", outline, sheet_resistance, radius, positions)
+
+
+def spread_electrodes(
+    count: int,
+    outline: Outline,
+    radius: float | None,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Electrodes spread evenly over any outline: each in the middle of what is nearest to it.
+
+    Parameters
+    ----------
+    count : number of electrodes, at least 2.
+    radius : m; None: `usual_radius`. sheet_resistance : as in :class:`Layout`.
+    margin : least distance of a centre from the rim, m.
+
+    Centroidal Voronoi cells by Lloyd's method (1982) from points each as far as can be from those
+    before it: the outermost lie half a spacing inside the rim.
+    """
+    count = checks.integer(count, "electrodes", 2, MAX_SPREAD)
+    checks.not_negative(margin, "margin", "length in m")
+    cells = Grid.for_outline(outline, min(int(_CELLS * np.sqrt(count)) + _CELLS, 400)).pixels
+    cells = cells[outline.rim_distance(cells) >= margin]
+    if len(cells) < 4 * count:
+        raise InputError(f"margin: {margin:g} m leaves no room for {count} electrodes")
+    chosen = [0]
+    away = np.linalg.norm(cells - cells[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(cells - cells[chosen[-1]], axis=1))
+    places = cells[chosen]
+    for _ in range(_SWEEPS):
+        owner = cKDTree(places).query(cells)[1]
+        size = np.maximum(np.bincount(owner, minlength=count), 1)[:, None]
+        middle = np.column_stack([np.bincount(owner, c, count) for c in cells.T]) / size
+        on = outline.contains(middle) & (outline.rim_distance(middle) >= margin)
+        places = np.where(on[:, None], middle, places)  # of a bent cell it may lie in a hole
+    places = np.round(places, _DECIMALS) + 0.0
+    if radius is None:
+        radius = usual_radius(float(cKDTree(places).query(places, k=2)[0][:, 1].min()), False)
+    return Layout(name or f"spread-{count}", outline, sheet_resistance, radius, places)
 
 
 def usual_radius(pitch: float, few: bool) -> float:

@@ -170,14 +170,15 @@ def is_usual_size(size: tuple[float, float]) -> bool:
     return SMALLEST <= max(size) <= LARGEST
 
 
-def check_usual_size(size: tuple[float, float], key: str, remedy: str) -> None:
-    """Refuse a size, m, that was probably given in another unit; `remedy` says how to insist."""
-    if is_usual_size(size):
+def check_usual_size(size: tuple[float, float], key: str, remedy: str, meant: bool = False) -> None:
+    """Refuse a size, m, that was probably given in another unit, unless it is `meant`; `remedy`
+    says how to insist."""
+    if meant or is_usual_size(size):
         return
     a, b = size
-    meant = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
+    instead = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
     raise InputError(
-        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {meant} meant? If not, {remedy}"
+        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {instead} meant? If not, {remedy}"
     )
 
 

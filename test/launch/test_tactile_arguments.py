@@ -73,7 +73,7 @@ RIGHT = [
         {"recording": "b", "topic": "/l", "loop": True},
     ),
     ({"rate": "20"}, "driver", {"rate": 20.0}),
-    ({"profile": "nonlinear"}, "reconstruction", {"profile": "nonlinear"}),
+    ({"profile": "accurate"}, "reconstruction", {"profile": "accurate"}),
     ({"frame_id": "left"}, "driver", {"frame_id": "left"}),
     ({"frame_id": "left"}, "reconstruction", {"frame_id": "left"}),
     ({"hardware_id": "no7"}, "reconstruction", {"hardware_id": "no7"}),

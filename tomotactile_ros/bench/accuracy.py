@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
@@ -34,14 +36,14 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     defective = process(pipeline, trials.defective, conditions)
     pairs = process(pipeline, trials.pairs, conditions)
     repeats = process(pipeline, trials.repeats, conditions)
-    resolved = _resolved(pairs, trials.pairs)
+    resolved = told_apart(pairs, trials.pairs.positions)
     noise = np.std([result.potential for result in repeats], axis=0, ddof=1)
     disturbed = merit(images(pipeline, defective), trials.defective, pipeline.grid)
     return merit(images(pipeline, singles), trials.singles, pipeline.grid) | {
-        "contact_error": spread(_contact_error(singles, trials.singles)),
+        "contact_error": spread(distances(singles, trials.singles.positions)),
         "defective": {
             "position_error": disturbed["position_error"],
-            "contact_error": spread(_contact_error(defective, trials.defective)),
+            "contact_error": spread(distances(defective, trials.defective.positions)),
         },
         "two_contacts": _distance(resolved, trials.separations),
         "force_error": {
@@ -94,10 +96,11 @@ def _score(results, recording):
     return score(results, truths)
 
 
-def _contact_error(results, recording):
-    """(N,) m; as far as the middle of the sheet where nothing was reported."""
+def distances(results: Sequence, positions: Sequence[np.ndarray]) -> np.ndarray:
+    """(N,) m, from the strongest reported contact to the true one at `positions` (N of (1, 2));
+    as far as the middle of the sheet where nothing was reported."""
     out = []
-    for result, true in zip(results, recording.positions, strict=True):
+    for result, true in zip(results, positions, strict=True):
         found = [(c.x, c.y) for c in result.contacts[:1]] or [(0.0, 0.0)]
         out.append(np.linalg.norm(np.subtract(found[0], true[0])))
     return np.array(out)
@@ -119,10 +122,11 @@ def _force_error(results, recording):
     return np.array(out)
 
 
-def _resolved(results, recording):
-    """(N,) bool: exactly two contacts, each nearer to its true place than to the middle."""
+def told_apart(results: Sequence, positions: Sequence[np.ndarray]) -> np.ndarray:
+    """(N,) bool: exactly two contacts, each nearer to its true place of `positions` (N of (2, 2))
+    than to the middle."""
     out = []
-    for result, true in zip(results, recording.positions, strict=True):
+    for result, true in zip(results, positions, strict=True):
         limit = np.linalg.norm(true[0] - true[1]) / 2
         near = [
             contact is not None and np.hypot(contact.x - x, contact.y - y) < limit

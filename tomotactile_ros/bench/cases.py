@@ -16,7 +16,7 @@ from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import drop_order
 from tomotactile_ros.reconstruction import Settings
 
-PROFILES = ("fast", "balanced", "nonlinear")
+PROFILES = ("fast", "balanced", "accurate")
 RESOLUTIONS = (20, 40, 80)
 CONDITIONS = (None, 32, 16, 8)
 FAMILIES = ("equal", "optimized", "free")
@@ -45,7 +45,7 @@ class Case:
     @property
     def is_slow(self) -> bool:
         """Whether a frame takes so long that fewer contacts have to do."""
-        return self.profile == "nonlinear" and self.resolution > 40
+        return self.profile == "accurate" and self.resolution > 40
 
 
 def quick_cases() -> list[Case]:

@@ -26,7 +26,7 @@ from tomotactile_ros.simulation import Simulator
 
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
-PROFILES = ("fast", "balanced", "nonlinear", "accurate")
+PROFILES = ("fast", "balanced", "accurate")
 _RADIUS = 0.005  # of a contact, m
 _CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
 

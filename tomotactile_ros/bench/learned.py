@@ -4,7 +4,8 @@ worth.
 Each case is one sensor. Some of its touches are learned from, others judge: places, forces and
 ghosts with what was learned, and gains, resistances and sheet against the truth and against the
 learned covariance. Frames come from the reference model (`reference_data`) or from the simulator;
-the estimator is neither.
+the estimator is neither. Forces are those after three presses of known force: touches of unknown
+force leave one common factor open.
 """
 
 from __future__ import annotations
@@ -22,18 +23,20 @@ from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, 
 from tomotactile_ros.bench.sensor.trial import Trial, judge
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.channels import Channels, Rms, Uniform
-from tomotactile_ros.contact import Contact
+from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.defects import Defects
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.recorded import Learned, learn
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.calibration import fit_contact_law
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.sheet_field import resistance_of
 from tomotactile_ros.simulation import Simulator
 
 JUDGED = 16  # touches
+_PRESSES = 3  # of known force
 _SEED = 1
 GAINS = Channels(gain=Rms(0.05, _SEED), offset=Rms(0.005, _SEED))
 OHMS = Channels(ground_resistance=Uniform(250, 200, _SEED))
@@ -154,12 +157,34 @@ def _judged(touches: Touches, wiring: Wiring, case: Case, sensor: SensorState | 
             readings(each, wiring, (i, 1)),
         ]
         truths += [None, true]
-    pipeline = Pipeline(
-        touches.layout, Settings(PROFILE, noise=NOISE, contact_law=LAW), sensor=sensor
-    )
+    law = LAW if sensor is None else _calibrated(touches, wiring, case, sensor)
+    pipeline = _pipeline(touches.layout, law, sensor)
     start = time.process_time()
     found = judge(pipeline, Trial(case.name, touches.layout, np.array(frames), truths))
-    return {**found, "seconds": (time.process_time() - start) / len(frames)}
+    seconds = (time.process_time() - start) / len(frames)
+    return {**found, "seconds": seconds, "law": law.coefficient / LAW.coefficient}
+
+
+def _pipeline(layout, law, sensor):
+    return Pipeline(layout, Settings(PROFILE, noise=NOISE, contact_law=law), sensor=sensor)
+
+
+def _calibrated(touches, wiring, case, sensor) -> ContactLaw:
+    """The contact law from `_PRESSES` of the touches learned from, as if their forces were known:
+    those farthest from electrodes. Touches of unknown force leave one factor open."""
+    pipeline, grounded = (
+        _pipeline(touches.layout, LAW, sensor),
+        np.arange(touches.layout.electrodes),
+    )
+    places = np.array([[truth[0]["x"], truth[0]["y"]] for truth in touches.truths])
+    distance = touches.layout.nearest(places[: case.touches])[0]
+    pressed = []
+    for i in np.argsort(-distance)[:_PRESSES]:
+        frame = readings(touches.potentials[i], wiring, (int(i), 1))
+        found = pipeline.strengths(frame, grounded, DRIVE)
+        if found:
+            pressed.append((touches.truths[i][0]["force"], found[0].conductance, found[0].area))
+    return fit_contact_law(*zip(*pressed), exponent=LAW.exponent).law if pressed else LAW
 
 
 def compared(state: SensorState, learned: Learned, case: Case, layout: Layout) -> dict:
@@ -204,8 +229,8 @@ def _compared(error, deviation):
 
 
 _HEADER = (
-    "sensor", "touches", "place mm: median", "p95", "force %: median", "p95", "ghosts", "missed", "withheld",
-    "gains %", "bound", "to ground ohm", "bound", "sheet %", "bound", "ratio", "s a frame",
+    "sensor", "frames of", "touches", "place mm: median", "p95", "force %: median", "p95", "factor",
+    "ghosts", "missed", "withheld", "gains %", "bound", "to ground ohm", "bound", "sheet %", "bound", "ratio", "s a frame",
 )  # fmt: skip
 
 
@@ -215,9 +240,11 @@ def _cells(row: dict, which: str = "after") -> tuple[str, ...]:
     known = which == "after"
     return (
         row["case"],
+        row["source"],
         str(row["touches"]) if known else "none",
         *(_scaled(place[key], 1e3, 2) for key in ("median", "p95")),
         *(_scaled(force[key], 100, 1) for key in ("median", "p95")),
+        f"{judged['law']:.3f}",
         str(judged["ghosts"]),
         f"{judged['missed']} of {judged['true']}",
         str(judged["withheld"]),
@@ -249,6 +276,7 @@ def text(rows: list[dict], markdown: bool = False) -> Iterator[str]:
 
 def save_plot(path, rows: list[dict]) -> None:
     """A PNG: errors against the number of touches, and what the covariance says of them."""
+    from matplotlib import colormaps
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -259,19 +287,21 @@ def save_plot(path, rows: list[dict]) -> None:
         ("resistance", 1, "to ground / Ω"),
         ("sheet", 100, "sheet / %"),
     )
-    figure = Figure(figsize=(13, 4.6), layout="constrained")
+    colours = colormaps["tab20"]
+    figure = Figure(figsize=(13, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, (part, unit, label) in zip(figure.subplots(1, 3), parts):
         for number, row in enumerate(rows):
             course = row["course"]
             count = np.arange(1, len(course) + 1)
-            colour = f"C{number}"
+            colour = colours(number % 20)
             for key, style in (("error", "-"), ("bound", ":")):
                 values = [unit * each[part][key] for each in course]
                 axes.plot(count, values, style, color=colour, linewidth=1.2)
-            axes.plot([], [], color=colour, label=f"{row['case']}, {row['source']}")
+            name = f"{row['case']} ({row['source']})" if axes is figure.axes[0] else None
+            axes.plot([], [], color=colour, label=name)
         axes.set(xscale="log", yscale="log", xlabel="touches", title=label)
         axes.grid(alpha=0.3, which="both")
-    figure.axes[0].legend(fontsize=7)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.suptitle("rms error after each touch (solid) and what the covariance says (dotted)")
     save_figure(figure, path)

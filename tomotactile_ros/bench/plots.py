@@ -10,7 +10,7 @@ from tomotactile_ros.bench import trade
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.files import save_figure
 
-_COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "nonlinear": "tab:green"}
+_COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}
 _LABEL = 7  # points
 _QUANTITIES = (

@@ -16,7 +16,7 @@ from tomotactile_ros.bench.trials import DRIVE, Size, Trials, make_trials
 from tomotactile_ros.reconstruction import Pipeline
 
 REFERENCE = Case(DEFAULT_LAYOUT)
-_FRAME = {"fast": 2e-3, "balanced": 6e-3, "nonlinear": 2.5e-2}  # s with 40 x 40 pixels, roughly
+_FRAME = {"fast": 2e-3, "balanced": 6e-3, "accurate": 2.5e-2}  # s with 40 x 40 pixels, roughly
 _WORTH = 0.02  # least gain in accuracy for which a slower choice is on the front
 _SIMULATION = 4.0  # s for the frames of a layout, roughly
 _OTHER = 0.5  # s for the rest of a case, roughly

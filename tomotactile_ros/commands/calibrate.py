@@ -7,8 +7,9 @@ from argparse import ArgumentParser, Namespace
 from tomotactile_ros import checks
 from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import YAML, check_out
+from tomotactile_ros.files import YAML, check_out, check_picture
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction.calibration import (
     fit_contact_law,
     measure_conductance,
@@ -16,6 +17,7 @@ from tomotactile_ros.reconstruction.calibration import (
 )
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.view.calibration import save_fit
 
 HELP = "fit the contact law to presses of known force"
 
@@ -33,17 +35,25 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
+    parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
+    parser.add_argument("--foot-radius", type=float, help="of the round foot that pressed, m")
+    parser.add_argument("--picture", help="picture (.png) of the fit")
 
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     check_out(args.out, *YAML)
+    if args.picture:
+        check_picture(args.picture)
+    if args.foot_radius is not None:
+        checks.length(args.foot_radius, "--foot-radius")
+    sensor = load_sensor(args.sensor, layout) if args.sensor else None
     forces, conductances, areas = [], [], []
     for press in args.presses:
         path, force = _split(press)
         recorded = load_recording(path, layout, topic=args.topic)
         force = _true_force(path, recorded.truth) if force is None else force
-        conductance, area = _measure(path, layout, recorded)
+        conductance, area = _measure(path, layout, recorded, sensor, args.foot_radius)
         print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")
         forces.append(force)
         conductances.append(conductance)
@@ -54,13 +64,16 @@ def run(args: Namespace) -> None:
         f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, "
         f"forces within {fit.error:.1%} rms of {fit.presses} presses"
     )
+    if args.picture:
+        save_fit(args.picture, fit.law, forces, conductances, areas)
+        print(f"{args.picture} written")
 
 
-def _measure(path, layout, recorded):
+def _measure(path, layout, recorded, sensor, foot_radius):
     frames = recorded.voltages, recorded.grounded, recorded.drive_voltage
     with complaints_at(f"{path}: "):
         refuse_mistakes(layout, *frames, Settings().noise)
-        return measure_conductance(layout, *frames)
+        return measure_conductance(layout, *frames, sensor, foot_radius)
 
 
 def _split(press):

@@ -9,14 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from tomotactile_ros import checks
-from tomotactile_ros.arrangements import electrode_ring, hexagonal_grid, usual_radius
+from tomotactile_ros.arrangements import USUAL_SIZE, electrode_ring, hexagonal_grid, usual_radius
 from tomotactile_ros.commands.inspect import describe_layout
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import YAML, check_out
 from tomotactile_ros.layout import Layout, check_usual_size, equal_grid
 
 HELP = "write a layout file: an equal grid, a hexagonal one, or a ring"
-DEFAULT_SIZE = 0.2, 0.2  # m
 _FEW = 4  # rows and columns of the grid up to which electrodes are large
 _OPTIONS = (
     "rows",
@@ -62,7 +61,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     name = args.name or Path(args.out).stem
     layout = _ring(args, name) if args.ring is not None else _grid(args, name)
-    insist_on_usual_size(args, layout)
+    option = "--size" if args.ring is None else "--circle"
+    check_usual_size(layout.outline.size, option, "add --unusual-size", args.unusual_size)
     check_out(args.out, *YAML)
     provenance = {
         "algorithm": _algorithm(args),
@@ -90,19 +90,12 @@ def add_grid(parser: ArgumentParser) -> None:
     )
 
 
-def insist_on_usual_size(args: Namespace, layout: Layout) -> None:
-    """Refuse millimetres unless the option says that the size is meant."""
-    if not args.unusual_size:
-        option = "--circle" if layout.outline.kind == "circle" else "--size"
-        check_usual_size(layout.outline.size, option, "add --unusual-size")
-
-
 def _grid(args: Namespace, name: str) -> Layout:
     if args.circle is not None:
         raise InputError("--circle: only a ring has one, --ring N is missing")
     if args.rows is None or args.cols is None:
         raise InputError("--rows and --cols, or --ring and --circle, are needed")
-    size = args.size or DEFAULT_SIZE
+    size = args.size or USUAL_SIZE
     radius = _grid_radius(args, size) if args.radius is None else args.radius
     make = hexagonal_grid if args.hex else equal_grid
     return make(args.rows, args.cols, size, radius, args.sheet_resistance, args.margin, name)

@@ -14,9 +14,12 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
+from tomotactile_ros.evaluation.posterior import NOISE, Conditions
 from tomotactile_ros.files import YAML, check_out, check_picture
+from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, Option, command_of, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS
+from tomotactile_ros.optimizer.scan import spread
 from tomotactile_ros.optimizer.step import best_of, ratio
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.progress import Progress, track
@@ -24,6 +27,7 @@ from tomotactile_ros.simulation import ROW_PERIOD
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 
+_PLACE = 0.002  # m
 _SCANS = ("scan", "grounding")  # the second is the name of old
 
 
@@ -31,9 +35,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--method",
         choices=(*METHODS, *ALIASES, *_SCANS),
-        required=True,
-        help="equalize (or paper): the paper's; free: least blur; scan (or grounding): which "
-        "electrodes to ground, and in which order",
+        default=METHODS[0],
+        help="touch (default): contacts known best; equalize (or paper): the paper's; free: least "
+        "blur; scan (or grounding): which electrodes to ground, and in which order",
     )
     parser.add_argument("--out", required=True, help="layout file (.yaml) to write")
     parser.add_argument("--report", help="picture (.png) to write (default: beside the layout)")
@@ -41,7 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     for option in OPTIONS:
         _add_option(parser, option)
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes of the free search"
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes of the search"
     )
     parser.add_argument(
         "--conditions",
@@ -53,10 +57,24 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--frame-time",
         type=float,
-        help="of scan: time for a frame, s, in the place of --conditions",
+        help="of scan: time for a frame, s, in the place of --conditions; of --explore: the longest",
     )
     parser.add_argument(
-        "--row-period", type=float, default=ROW_PERIOD, help="of scan: time of a row, s"
+        "--row-period",
+        type=float,
+        default=ROW_PERIOD,
+        help="of scan and --explore: time of a row, s",
+    )
+    parser.add_argument(
+        "--explore",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="compare numbers of electrodes and of rows on this sheet instead: a table, a picture, and "
+        "a layout of the fewest that do for --place and --frame-time",
+    )
+    parser.add_argument(
+        "--place", type=float, default=_PLACE, help="of --explore: error wanted, m (default: 0.002)"
     )
 
 
@@ -77,11 +95,15 @@ def _add_option(parser: ArgumentParser, option: Option) -> None:
 
 
 def run(args: Namespace) -> None:
+    if args.explore and not args.layout and not args.rows:
+        args.electrodes = args.explore[0]  # any number: of the start the sheet alone counts
     start = start_of(vars(args), "--")
     report = args.report or Path(args.out).with_suffix(".png")
     check_out(args.out, *YAML)
     check_picture(report)
-    if args.method in _SCANS:
+    if args.explore:
+        _explore(args, start, report)
+    elif args.method in _SCANS:
         _choose_scan(args, start, report)
     else:
         _move_electrodes(args, start, report)
@@ -89,6 +111,7 @@ def run(args: Namespace) -> None:
 
 def _move_electrodes(args, start, report):
     from tomotactile_ros.optimizer.report import save_report
+    from tomotactile_ros.optimizer.touch_report import save_touch_report
 
     request = _request(args, start)
     if not args.layout and args.size is None:
@@ -99,13 +122,19 @@ def _move_electrodes(args, start, report):
     except KeyboardInterrupt:
         print("no step was finished: nothing is written", file=sys.stderr)
         raise
+    stopped = len(history) - 1 < request.total
     name = args.name or Path(args.out).stem
     command = command_of(request.method, vars(args))
     request.result(name, history, best, command=command).save(args.out)
     title = f"{start.name} -> {name}, method {request.method}"
-    save_report(report, history, best, title, request.keep_out)
-    if len(history) - 1 < request.total:
+    save = save_report if best.posterior is None else save_touch_report
+    save(report, history, best, title, request.keep_out)
+    if stopped:
         print(f"ended after {len(history) - 1} of {request.total} steps; the best so far is kept")
+        if request.method == "touch":
+            print("--resume, with the same options, goes on")
+    elif request.state_file is not None:
+        request.state_file.unlink(missing_ok=True)
     print("\n".join(_summary(history[0], best)))
     print(f"{args.out}, {report}: step {best.iteration} of {history[-1].iteration}")
 
@@ -113,12 +142,12 @@ def _move_electrodes(args, start, report):
 def _request(args, start):
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not a positive number")
-    return request_of(start, args.method, vars(args))
+    return request_of(start, args.method, vars(args), state_file_of(args.out))
 
 
 def _search(args, request):
     """All steps, and the best; with progress."""
-    several = request.method == "free" and args.workers > 1
+    several = request.method != "equalize" and args.workers > 1
     pool = Workers(args.workers) if several else nullcontext()
     with pool as executor, Progress(request.method, request.total) as progress:
         return best_of(
@@ -127,6 +156,12 @@ def _search(args, request):
 
 
 def _note(step):
+    if step.posterior is not None:
+        place = step.posterior.metrics["place"]
+        return (
+            f"place {1e6 * place['mean']:.0f} um, worst tenth {1e6 * place['worst_tenth']:.0f} um, "
+            f"score {step.score:.3f}"
+        )
     hwhm = step.metrics["hwhm"]
     return (
         f"HWHM {1e3 * hwhm['mean']:.1f} mm, worst tenth {1e3 * hwhm['worst_tenth']:.1f} mm, "
@@ -135,6 +170,9 @@ def _note(step):
 
 
 def _summary(start, best):
+    if best.posterior is not None:
+        yield from _expected(start.posterior, best.posterior)
+        yield "images of eq. 1, which this method does not look at:"
     for label, group, key in (
         ("mean HWHM", "hwhm", "mean"),
         ("HWHM of the worst tenth", "hwhm", "worst_tenth"),
@@ -143,6 +181,21 @@ def _summary(start, best):
     ):
         before, after = start.metrics[group][key], best.metrics[group][key]
         yield f"{label:26} {1e3 * before:7.2f} -> {1e3 * after:7.2f} mm  x {ratio(before, after):.3f}"
+
+
+def _expected(before, after):
+    """What is expected of contacts, at places that the search did not see."""
+    yield f"expected of contacts, pairs {1e3 * after.conditions.apart:.3g} mm apart:"
+    for label, group, key, scale, unit in (
+        ("mean place error", "place", "mean", 1e6, "um"),
+        ("place, worst tenth", "place", "worst_tenth", 1e6, "um"),
+        ("mean force error", "force", "mean", 100, "%"),
+        ("mean d' of pairs", "separation", "mean", 1, ""),
+    ):
+        if not before.metrics[group]:
+            continue
+        old, new = (scale * each.metrics[group][key] for each in (before, after))
+        yield f"{label:26} {old:7.2f} -> {new:7.2f} {unit:2}  x {ratio(old, new):.3f}"
 
 
 def _choose_scan(args, layout, report):
@@ -188,6 +241,42 @@ def _choose_scan(args, layout, report):
     ).save(args.out)
     save_grounding(report, found)
     print(f"{args.out}: scan of {len(taken)} rows; provenance.grounding has the others; {report}")
+
+
+def _explore(args, start, report):
+    """Numbers of electrodes and rows compared, and the fewest that do written."""
+    from tomotactile_ros.optimizer.explore import answer, explore
+    from tomotactile_ros.optimizer.touch_report import save_exploration
+
+    checks.length(args.place, "--place")
+    if args.frame_time is not None:
+        checks.positive(args.frame_time, "--frame-time", "time in s")
+    conditions = Conditions(noise=NOISE if args.noise is None else args.noise)
+    sheet = start.outline, args.explore, start.radius, start.sheet_resistance
+    steps = explore(*sheet, args.row_period, conditions)
+    found = list(track(steps, "numbers of electrodes", total=len(args.explore)))
+    print("electrodes  rows  frame/ms  place/um  worst tenth/um  force/%")
+    for choice in (each for choices in found for each in choices):
+        print(
+            f"{choice.layout.electrodes:10d} {len(choice.rows):5d} {1e3 * choice.frame_time:9.3g} "
+            f"{1e6 * choice.place:9.1f} {1e6 * choice.worst_tenth:15.1f} {100 * choice.force:8.2f}"
+        )
+    save_exploration(report, found)
+    limit = "" if args.frame_time is None else f" within {1e3 * args.frame_time:g} ms"
+    wanted = f"{1e3 * args.place:g} mm in the worst tenth{limit}"
+    best = answer([each for choices in found for each in choices], args.place, args.frame_time)
+    if best is None:
+        raise InputError(
+            f"--explore: none of these numbers of electrodes is expected to come to {wanted}; {report} "
+            "shows what they come to"
+        )
+    scan = best.rows if len(best.rows) < best.layout.electrodes else ()
+    order = tuple(spread(best.layout.positions, scan)) if scan else ()
+    replace(best.layout, name=args.name or Path(args.out).stem, scan=order).save(args.out)
+    print(
+        f"{args.out}, {report}: {best.layout.electrodes} electrodes, {len(best.rows)} rows are the "
+        f"fewest that are expected to come to {wanted}"
+    )
 
 
 def _counts(args, layout):

@@ -27,37 +27,57 @@ class ChannelPrior:
     resistance: float = 200.0
 
 
+def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
+    """(P, 3 n) block of the normal equations between parameters and gains, offsets, resistances.
+
+    columns (P, L, n) derivatives of the readings by the parameters, times the weights; the rest as
+    for `ChannelFit`
+    """
+    gain, resistance = slopes
+    count = columns.shape[2]
+    to_rows = np.zeros((len(rows), count))
+    to_rows[np.arange(len(rows)), rows] = resistance_deviation[rows]
+    return np.concatenate(
+        [
+            np.einsum("pln,ln->pn", columns, gain),
+            columns.sum(axis=1),
+            np.einsum("pln,ln->pl", columns, resistance) @ to_rows,
+        ],
+        axis=1,
+    )
+
+
 class ChannelFit:
     """The channels' part of the normal equations of one linearisation, eliminated.
 
     Parameters
     ----------
-    columns (P, L, n) derivatives of the readings by all other parameters, times the weights;
-        weights (L, n); misfit (L, n)
+    mixed (P, 3 n) what `couplings` says of all other parameters; weights (L, n); misfit (L, n)
     slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
         by the resistance of its row; offsets have 1
     rows (L,) grounded electrode of each row
-    now : gain - 1, offset, resistance (n,) each; deviations of their priors, in the same units
+    deviations : of the priors of gains, offsets, resistances, (n,) each; pull (3 n,) of the priors
+    precision : `Prior.precision`; None: the channels are independent
     """
 
-    def __init__(self, columns, weights, misfit, slopes, rows, now, deviations):
+    def __init__(self, mixed, weights, misfit, slopes, rows, deviations, pull, precision=None):
         gain, resistance = slopes
         count = weights.shape[1]
         self._count = count
         weighted = weights * gain
-        by_row = weights * resistance * deviations[2]
+        in_rows = resistance * deviations[2][rows, None]  # by resistances in units of their own
+        by_row = weights * in_rows
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
         own = np.arange(count)
-        normal[own, own] = (weighted * gain).sum(axis=0) + deviations[0] ** -2.0
+        normal[own, own] = (weighted * gain).sum(axis=0)
         normal[own, count + own] = normal[count + own, own] = weighted.sum(axis=0)
-        normal[count + own, count + own] = weights.sum(axis=0) + deviations[1] ** -2.0
+        normal[count + own, count + own] = weights.sum(axis=0)
         np.add.at(
             normal,
             (2 * count + rows, 2 * count + rows),
-            (by_row * resistance * deviations[2]).sum(1),
+            (by_row * in_rows).sum(1),
         )
-        normal[2 * count + own, 2 * count + own] += 1.0
         to_rows = np.zeros((count, len(rows)))
         to_rows[rows, np.arange(len(rows))] = 1.0
         normal[third, first] = to_rows @ (by_row * gain)
@@ -66,20 +86,22 @@ class ChannelFit:
         normal[second, third] = normal[third, second].T
         right = np.concatenate(
             [
-                (weighted * misfit).sum(axis=0) - now[0] / deviations[0] ** 2,
-                (weights * misfit).sum(axis=0) - now[1] / deviations[1] ** 2,
-                to_rows @ (by_row * misfit).sum(axis=1) - now[2] / deviations[2],
+                (weighted * misfit).sum(axis=0),
+                (weights * misfit).sum(axis=0),
+                to_rows @ (by_row * misfit).sum(axis=1),
             ]
         )
-        self._mixed = np.concatenate(
-            [
-                (columns * gain).sum(axis=1),
-                columns.sum(axis=1),
-                (columns * (resistance * deviations[2])).sum(axis=2) @ to_rows.T,
-            ],
-            axis=1,
-        )
-        self._scale = np.concatenate([np.ones(2 * count), np.full(count, deviations[2])])
+        self._mixed = mixed
+        self._scale = np.concatenate([np.ones(2 * count), deviations[2]])
+        right += self._scale * pull
+        if precision is None:
+            everything = np.arange(3 * count)
+            normal[everything, everything] += (self._scale / np.concatenate(deviations)) ** 2
+        else:
+            modes = len(precision) - 3 * count
+            others = precision[:modes, modes:] * self._scale  # sheet against channels
+            self._mixed[len(self._mixed) - modes :] += others
+            normal += precision[modes:, modes:] * self._scale * self._scale[:, None]
         factor = cho_factor(normal)
         self._right = cho_solve(factor, right)
         self._back = cho_solve(factor, self._mixed.T)

@@ -115,7 +115,7 @@ class Detector:
     def _currents(self, rows: Rows):
         """(L, n) what contacts must feed into each electrode, S, 0 into the grounded one; and
         (L, n) rho as measured."""
-        admittance = self.operator.admittance
+        admittance = self.operator.expected
         ratio = np.where(rows.weights > 0, 1 - rows.readings, np.nan)
         ground = np.arange(len(ratio)), rows.grounded
         ratio[ground] = 1.0
@@ -133,7 +133,7 @@ class Detector:
     def _metric(self, currents, rows):
         """(n, n) inverse covariance of the currents: noise of the readings, and a part of
         themselves."""
-        admittance = self.operator.admittance
+        admittance = self.operator.expected
         noise = 1 / np.median(rows.weights[rows.weights > 0])
         unknown = _INEXACT**2 * (currents**2).mean()
         covariance = noise * admittance @ admittance + unknown * np.eye(len(admittance))

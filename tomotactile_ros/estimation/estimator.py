@@ -22,9 +22,9 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
 )
-from tomotactile_ros.estimation.search import BUDGET, Search
+from tomotactile_ros.estimation.search import BUDGET, FULL, Effort, Search
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, X, Y
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layout import Layout
 
 _KEPT = 4  # operators for sets of electrodes in use
@@ -36,16 +36,19 @@ _FEWEST_READINGS = 8  # a contact has four unknowns
 _LATEST = (24, 12, 6, 3, 2)  # last rows of a frame that are looked at alone where it changes
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 _FIRST_ORDER = 0.2  # spacings that a contact moves while rows are read that are estimated together
-_RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
+RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
-_TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
-_CERTAIN = 3.0  # standard deviations of ln c: below, it is not even known that a contact conducts
+TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
+_CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
+_LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
-_PLACE_FLOOR = 1.5e-3
-_FORCE_FLOOR = 0.02  # the same of forces, relative
+PLACE_FLOOR = 1.5e-3
+FORCE_FLOOR = 0.02  # the same of forces, relative
+# the same of the mean D of a contact: all that is left of the force of a bare conductor
+IMPEDANCE_FLOOR = 0.003
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,8 @@ class Estimator:
     noise : of a reading, V rms; law : `ContactLaw`; radius : typical of a contact, m
     model : of the sheet; excluded : electrodes never used; channels : what is expected of them
     sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
+    effort : how far the search for contacts goes
+    spread : standard deviation of the logarithm of contacts' radii; None: what fingers have
     """
 
     def __init__(
@@ -130,10 +135,13 @@ class Estimator:
         excluded=(),
         channels: ChannelPrior | None = None,
         sensor=None,
+        effort: Effort = FULL,
+        spread: float | None = None,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
-        self.model, self.excluded = model, frozenset(excluded)
+        self.model, self.excluded, self.effort = model, frozenset(excluded), effort
         self.channels, self.sensor = channels or ChannelPrior(), sensor
+        self.spread = spread
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
@@ -148,8 +156,10 @@ class Estimator:
         """
         voltages = np.asarray(voltages, float)
         grounded = np.asarray(grounded, int)
-        valid = np.isfinite(voltages)
         left_out = {e: "excluded" for e in self.excluded}
+        if not len(grounded):
+            return Estimate([], [], "withheld", "no row was read", left_out)
+        valid = np.isfinite(voltages)
         own = np.arange(len(grounded)), grounded
         read = valid.copy()
         read[own] = True
@@ -184,9 +194,14 @@ class Estimator:
             start = start.in_motion(False)
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
-        fit, first = self._fit(search, rows, prior, start, state, begun > 0)
+        try:
+            fit, first = self._fit(search, rows, prior, start, state, begun > 0)
+            fit = self._without_bad_channels(search, fit, left_out)
+        except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
+            state.forget()
+            reason = "the readings are none that a sheet with contacts can have"
+            return Estimate([], [], "withheld", reason, left_out, np.nan, begun)
         first += begun
-        fit = self._without_bad_channels(search, fit, left_out)
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
         state.unknowns, state.sheet, state.used = _ahead(fit.unknowns, ahead), fit.sheet, used
@@ -212,9 +227,11 @@ class Estimator:
 
     def _prior(self, operator: SheetOperator, drive_voltage: float) -> Prior:
         prior = Prior.unknown(operator, self.channels, self.radius, drive_voltage)
+        if self.spread is not None:
+            prior = replace(prior, spread=self.spread)
         if self.sensor is None:
             return prior
-        return self.sensor.prior(operator.used, drive_voltage, prior)
+        return self.sensor.prior(operator, drive_voltage, prior)
 
     def sensor_of(self, used: tuple[int, ...], drive_voltage: float) -> tuple[SheetOperator, Prior]:
         """The operator of the electrodes `used`, and what is expected of the sensor before any
@@ -226,8 +243,13 @@ class Estimator:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
-            self._searches[used] = Search(SheetOperator(self.layout, self.model, used))
-        return self._searches[used]
+            self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.effort)
+        search = self._searches[used]
+        if self.sensor is not None:
+            operator = search.operator.near(self.sensor["sheet"])
+            if operator is not search.operator:
+                search = self._searches[used] = Search(operator, self.effort)
+        return search
 
     def _rows(self, search, voltages, valid, grounded, drive_voltage, times):
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
@@ -263,7 +285,7 @@ class Estimator:
             windows = [each for each in _LATEST if each < min(since, count)]
         budget = BUDGET if start is None or not timed else _FIRST_LOOK
         refused = 0.0 if start is None else state.refused
-        fit = search.contacts(rows, prior, start, budget, state.sheet, refused)
+        fit = search.contacts(rows, prior, start, budget, state.sheet, refused, state.misfit)
         fit = self._moved(search, fit, unlike)
         if not _is_suspect(fit):
             return fit, 0
@@ -328,10 +350,14 @@ class Estimator:
             by_column = (fit.rows.weights * fit.misfit**2).sum(axis=0)
             np.add.at(by_column, fit.rows.grounded, (fit.rows.weights * fit.misfit**2).sum(axis=1))
             worst = int(by_column.argmax())
+            if _lies_on(fit, used[worst]):
+                break  # there the model errs most
             weights = fit.rows.weights.copy()
             weights[:, worst] = 0.0
             weights[fit.rows.grounded == worst] = 0.0
             rows = replace(fit.rows, weights=weights)
+            if rows.count < _FEWEST_READINGS:
+                break
             tried = search.contacts(rows, fit.prior, budget=_SECOND_LOOK)
             if tried.chi_squared / tried.rows.count > 0.25 * fit.chi_squared / fit.rows.count:
                 break
@@ -357,7 +383,7 @@ class Estimator:
         inflation = max(1.0, fit.chi_squared / fit.rows.count)
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
-        found, first = [], 0
+        found, sure, first = [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
             own = covariance[first : first + count, first : first + count]
@@ -367,15 +393,17 @@ class Estimator:
             g = prediction.conductances[i] * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
             slope = prediction.force_slope(i, self.law.exponent)[free]
-            relative = float(np.sqrt(slope @ own @ slope + _FORCE_FLOOR**2))
+            bare = IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
+            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2 + bare**2))
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
-            place = place + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
+            place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
             certainty = 1 / max(own[index[CONDUCTANCE], index[CONDUCTANCE]], 1e-12)
-            if certainty < _CERTAIN**2:
+            if certainty < _LIKELY**2:
                 continue
+            sure.append(certainty > _CERTAIN**2)
             found.append(
                 Contact(
                     float(x),
@@ -392,6 +420,8 @@ class Estimator:
                     tuple(float(each) for each in u.rates[i, :2]),
                 )
             )
+        if any(sure):
+            found = [each for each, certain in zip(found, sure) if certain]
         return sorted(found, key=lambda each: -each.force)
 
 
@@ -406,7 +436,7 @@ def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
 
 def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
     """What is expected `lasts` s later: contacts that move go on, slow ones rest."""
-    if not (np.abs(unknowns.rates[:, :2]) > _RESTING).any():
+    if not (np.abs(unknowns.rates[:, :2]) > RESTING).any():
         return unknowns.in_motion(False)
     later = unknowns.after(lasts)
     strengths = unknowns.contacts[:, CONDUCTANCE]  # a press does not go on growing
@@ -417,13 +447,11 @@ def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
 def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
     """What is expected of the sensor once a frame has been explained: what was found there."""
     return replace(
-        prior,
+        prior.narrowed(_LEARNT),
         sheet=seen.sheet,
-        sheet_deviation=_LEARNT * prior.sheet_deviation,
         gain=seen.gain,
         offset=seen.offset,
         resistance=seen.resistance,
-        deviations=tuple(_LEARNT * each for each in prior.deviations),
     )
 
 
@@ -435,7 +463,7 @@ def joined(parts: list[Contact]) -> list[Contact]:
     places = np.array([[each.x, each.y] for each in parts])
     radii = np.array([each.radius for each in parts])
     apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-    touching = apart < _TOUCHING * np.add.outer(radii, radii)
+    touching = apart < TOUCHING * np.add.outer(radii, radii)
     count, group = connected_components(touching, directed=False)
     found = [_joined([parts[i] for i in np.flatnonzero(group == each)]) for each in range(count)]
     return sorted(found, key=lambda each: -each.force)
@@ -469,6 +497,14 @@ def _share_left(fit: Fit) -> float:
     signal = float((fit.rows.weights * fit.rows.readings**2).sum())
     excess = max(fit.chi_squared - 1.5 * fit.rows.count, 0.0)
     return excess / max(signal, 1e-300)
+
+
+def _lies_on(fit: Fit, electrode: int) -> bool:
+    """Whether a contact reaches an electrode."""
+    layout, contacts = fit.operator.layout, fit.unknowns.contacts
+    apart = np.hypot(*(contacts[:, :2] - layout.positions[electrode]).T)
+    reach = np.exp(contacts[:, RADIUS] + np.hypot(*contacts[:, STRETCH:].T))
+    return bool((apart < layout.radius + reach).any())
 
 
 def _is_suspect(fit: Fit) -> bool:

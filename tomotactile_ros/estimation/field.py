@@ -63,15 +63,19 @@ class SheetField:
         self.modes = vectors[:, kept] / root[:, None] * scale
         self.deviation = np.full(len(kept) + 2, UNEVEN)
         self.deviation[-2:] = ANISOTROPIC
+        self._nodes = np.linalg.solve(self._weights(self.centres), self.modes)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """(Q, J) the field at `places` (Q, 2), interpolated between cells."""
+        """(Q, J) the field at `places` (Q, 2): smooth, and in the centres of cells as they have it."""
+        out = np.zeros((len(places), len(self.deviation)))
+        out[:, :-2] = self._weights(places) @ self._nodes
+        return out
+
+    def _weights(self, places):
+        """(Q, C) of a smooth mean over cells nearby."""
         squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
         weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * self._reach**2))
-        weights /= weights.sum(axis=1, keepdims=True)
-        out = np.zeros((len(places), len(self.deviation)))
-        out[:, :-2] = weights @ self.modes
-        return out
+        return weights / weights.sum(axis=1, keepdims=True)
 
     def cell_values(self, places: np.ndarray) -> np.ndarray:
         """(Q, J - 2) the field of the cell that each of `places` (Q, 2) lies in."""

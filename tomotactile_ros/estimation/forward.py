@@ -203,6 +203,10 @@ class Prediction:
         out[RADIUS] += 2 * (1 - 1 / exponent)
         return out
 
+    def force_by_impedance(self, i: int, exponent: float) -> float:
+        """Derivative of the logarithm of the force of contact i by that of its mean D, c held."""
+        return float(self._by_mean[i] * self.touches.mean[i] / exponent)
+
     def sheet_columns(self) -> np.ndarray:
         """(J, L, n) derivatives of the readings by the coefficients of the sheet."""
         operator, touches = self.operator, self.touches

@@ -6,88 +6,196 @@ they keep it, unless a resting contact is significantly elsewhere; then the fram
 fits all rows at once. It tells sizes, contacts that rows missed, and which of theirs are none. Wide
 contacts and shapes of several discs are not followed: rows take them for a part of the sheet until
 the next frame.
+
+The estimate of a frame may take longer than a row: it is compared with what rows said when the
+frame's last row was read, and what it changes is changed in what they say by now.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from tomotactile_ros.estimation.estimator import Estimate
+from tomotactile_ros.estimation.estimator import RESTING, TOUCHING, Estimate, State
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.row_model import RowModel
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.search import chosen
-from tomotactile_ros.estimation.solver import Fit
+from tomotactile_ros.estimation.solver import RATES, Fit
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
+from tomotactile_ros.estimation.tracks import REACH
 
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
-# of the sum of two radii: discs nearer to each other are one shape, as in `estimator`
-_TOUCHING = 1.15
-_MOVING = 0.005  # m/s: slower contacts rest, as in `estimator`
-# spacings between a contact of rows and one of a frame at the same time, as in `tracks`
-_SAME = 0.6
-_NEW_SPEED = 0.3  # m/s, standard deviation for a contact that rows had missed, as `solver.RATES`
+_SLIDING = 0.02  # m/s, known for sure: the way within a frame is a part of a contact's width
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
 
-def corrected(follower: Follower, state: RowState, fit: Fit, estimate: Estimate, begun: float):
-    """Takes a valid frame, whose first row was read at `begun` s and whose last is that of `state`,
-    into `state`."""
-    operator, unknowns = follower.operator, fit.unknowns
+@dataclass(frozen=True)
+class FrameSeen:
+    """What a frame said.
+
+    estimate, fit : of it; the fit is None where the estimate is not valid
+    begun, ended : s, times of its first and last row
+    """
+
+    estimate: Estimate
+    fit: Fit | None
+    begun: float = 0.0
+    ended: float = 0.0
+
+    @classmethod
+    def of(cls, estimate: Estimate, state: State) -> FrameSeen:
+        """What was just estimated with `state`, at times that are not known yet."""
+        return cls(estimate, state.fit if estimate.state == "valid" else None)
+
+    def at(self, begun: float, period: float, rows: int) -> FrameSeen:
+        """The same of a frame of so many rows, `period` s from one to the next."""
+        return replace(self, begun=begun, ended=begun + period * (rows - 1))
+
+
+def corrected(
+    follower: Follower,
+    state: RowState,
+    seen: FrameSeen,
+    then: Mapping[int, np.ndarray],
+    ended: bool = False,
+) -> None:
+    """Takes a valid frame into `state`.
+
+    then : {number: place (2,), m} of contacts as rows had it when the frame ended
+    ended : whether rows saw something end within the frame or the one before: it may show it still
+    """
+    operator, fit, belief = follower.operator, seen.fit, state.belief
     lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
-    seen = unknowns.after(lasts)
-    is_wide = _wide(seen, operator.pitch)
-    state.wide = _numbered(state, estimate, seen, is_wide, operator.pitch)
-    belief, misfit = state.belief, max(1.0, fit.chi_squared / max(fit.rows.count, 1))
-    free = set(range(belief.count))
-    for i in np.flatnonzero(~is_wide):
-        contact, (size, own) = seen.contacts[i], _covariance(fit, i, misfit)
-        mean = np.array([contact[X], contact[Y], 0.0, 0.0, contact[CONDUCTANCE]])
+    found = fit.unknowns.after(lasts)
+    since = max(state.time - seen.ended, 0.0)
+    reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
+    sliding = {} if confused else _sliding(belief)
+    blurred = _blurred(found, then, sliding, reach, seen.ended - seen.begun)
+    if ended and not confused:  # what was there before may be seen still, as something wide
+        there = [*then.values(), *(np.array([each.x, each.y]) for *_, each in state.wide)]
+        blurred |= _wide(found, operator.pitch) & _apart(found, there, reach)
+    is_wide = _wide(found, operator.pitch) & ~blurred
+    state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
+    misfit, left = max(1.0, fit.chi_squared / max(fit.rows.count, 1)), dict(then)
+    if confused:
+        belief = unlearned(belief, state.model.known)
+    for i in np.flatnonzero(~is_wide & ~blurred):
+        contact, (size, own) = found.contacts[i], _covariance(fit, i, misfit)
+        mean = np.array([contact[X], contact[Y], *found.rates[i, :2], contact[CONDUCTANCE]])
         sizes = np.array([contact[RADIUS], size])
-        own[[2, 3], [2, 3]] = np.square(_NEW_SPEED)
-        apart = {j: np.hypot(*(belief.mean[STATE * j :][:2] - contact[:2])) for j in free}
-        best = min(apart, key=apart.__getitem__, default=None)
-        if best is None or apart[best] > _SAME * operator.pitch:
-            state.last += 1
-            belief = belief.with_contact(mean, own, sizes, state.last, state.time)
+        own[[2, 3], [2, 3]] = np.square(RATES[0])
+        number = _nearest(left, mean[:2], reach)
+        if number is None:
+            mean[:2] += since * found.rates[i, :2]
+            later = dict(zip(belief.numbers, belief.contacts()[:, :2]))
+            fresh = {n: place for n, place in later.items() if n not in then}
+            known_by_now = _nearest(fresh, mean[:2], reach) is not None
+            if confused or not (known_by_now or ended):
+                state.last += 1
+                belief = belief.with_contact(mean, own, sizes, state.last, state.time)
             continue
-        free.remove(best)
-        belief = _agreed(belief, best, mean, own, sizes)
-    for j in sorted(free, reverse=True):  # what began within the frame may not be known to it
-        if belief.begun[j] <= begun:
+        mean[:2] -= left.pop(number)
+        if number in belief.numbers:  # otherwise it has gone since
+            which = belief.numbers.index(number)
+            belief = _agreed(belief, which, mean, own, sizes, confused)
+    taken_over = {number for number, *_ in state.wide}
+    for j in reversed(range(belief.count)):
+        number = belief.numbers[j]
+        missed = number in left and (confused or belief.begun[j] <= seen.begun)
+        in_wide = number in taken_over or _lies_in(belief.contacts()[j], found.contacts[is_wide])
+        if in_wide or (missed and number not in sliding):
             belief = belief.without(j)
-    _look_again(follower, state, belief, chosen(seen, is_wide) if is_wide.any() else None)
+    known = state.model.known.moved(belief.shift, None)
+    if is_wide.any() or confused:  # rows took it for something else, and the sensor for the rest
+        wide = chosen(found, is_wide) if is_wide.any() else None
+        known = replace(known, sheet=found.sheet, gain=found.gain, wide=wide)
+        belief = unlearned(belief, known)
+    linearised(follower, state, known, belief)
 
 
-def _agreed(belief: Belief, which: int, mean, covariance, sizes) -> Belief:
+def _sliding(belief: Belief) -> dict[int, float]:
+    """{number: speed, m/s} of contacts that are known to move."""
+    out = {}
+    for j, number in enumerate(belief.numbers):
+        at = slice(STATE * j + 2, STATE * j + 4)
+        speed = float(np.hypot(*belief.mean[at]))
+        if speed > _SLIDING + 3 * np.sqrt(np.trace(belief.covariance[at, at])):
+            out[number] = speed
+    return out
+
+
+def _blurred(found: Unknowns, then, sliding, reach: float, lasts: float) -> np.ndarray:
+    """(k,) bool, contacts of a frame of `lasts` s that are the way of one that slides."""
+    out = np.zeros(len(found.contacts), bool)
+    for number, speed in sliding.items():
+        if number in then:
+            apart = np.hypot(*(found.contacts[:, :2] - then[number]).T)
+            out |= apart < reach + speed * lasts / 2
+    return out
+
+
+def _nearest(places: Mapping[int, np.ndarray], place, reach: float) -> int | None:
+    """Number of the nearest of `places` within `reach`, m."""
+    apart = {number: float(np.hypot(*(each - place))) for number, each in places.items()}
+    best = min(apart, key=apart.__getitem__, default=None)
+    return None if best is None or apart[best] > reach else best
+
+
+def _apart(found: Unknowns, places, reach: float) -> np.ndarray:
+    """(k,) bool, contacts of a frame that are at none of `places`."""
+    out = np.ones(len(found.contacts), bool)
+    for place in places:
+        away = np.hypot(*(found.contacts[:, :2] - place).T)
+        out &= away > reach + np.exp(found.contacts[:, RADIUS])
+    return out
+
+
+def _lies_in(contact: np.ndarray, wide: np.ndarray) -> bool:
+    """Whether the centre of a contact of rows is within one of the contacts `wide` (k, 6): rows
+    take a part of those for small ones."""
+    apart = np.hypot(*(wide[:, :2] - contact[:2]).T)
+    return bool((apart < np.exp(wide[:, RADIUS])).any())
+
+
+def _agreed(belief: Belief, which: int, mean, covariance, sizes, confused: bool) -> Belief:
     """The contact `which` of rows with the size that the frame found, and with its place where they
-    contradict."""
+    contradict; `mean` (5,) has the change of the place in the place of the place."""
     at = slice(STATE * which, STATE * which + STATE)
-    change = (mean - belief.mean[at])[:2]
+    change = mean[:2]
     own = belief.covariance[at, at]
-    resting = np.hypot(*belief.mean[at][2:4]) < _MOVING + 3 * np.sqrt(own[2, 2] + own[3, 3])
+    resting = np.hypot(*belief.mean[at][2:4]) < RESTING + 3 * np.sqrt(own[2, 2] + own[3, 3])
     unlike = change @ np.linalg.solve(own[:2, :2] + covariance[:2, :2] + _FLOOR * np.eye(2), change)
     sized = belief.sizes.copy()
     sized[which] = sizes
     belief = replace(belief, sizes=sized)
-    if not resting or unlike < chi2.isf(_CONTRADICTS, 2):
+    if not confused and (not resting or unlike < chi2.isf(_CONTRADICTS, 2)):
         return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
-    moved[at], spread[at], spread[:, at] = mean, 0.0, 0.0
+    moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0
     spread[at, at] = covariance
     return replace(belief, mean=moved, covariance=spread)
 
 
-def _look_again(follower: Follower, state: RowState, belief: Belief, wide: Unknowns | None) -> None:
-    """Goes on with `belief`, linear about what is known of the sensor by now."""
-    operator = follower.operator
-    known = state.model.known.moved(belief.shift, wide)
+def unlearned(belief: Belief, known: Known) -> Belief:
+    """The contacts of `belief` alone, of a sensor of which no row has told anything yet."""
+    alone = Belief.untouched(known.shift_deviation)
+    for i, (number, begun) in enumerate(zip(belief.numbers, belief.begun)):
+        own = slice(STATE * i, STATE * (i + 1))
+        mean, covariance = belief.mean[own], belief.covariance[own, own]
+        alone = alone.with_contact(mean, covariance, belief.sizes[i], number, begun)
+    return replace(alone, rows=belief.rows)
+
+
+def linearised(follower: Follower, state: RowState, known: Known, belief: Belief) -> None:
+    """Goes on with the contacts of `belief`, linear about what is `known` of the sensor by now."""
+    operator, wide = follower.operator, known.wide
     background = None
     if wide is not None:
         touched = Prediction(operator, wide, np.arange(operator.count))
@@ -96,7 +204,7 @@ def _look_again(follower: Follower, state: RowState, belief: Belief, wide: Unkno
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0
-    state.sums = follower.births.nothing()
+    state.sums, state.confused = follower.births.nothing(), 0.0
 
 
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
@@ -105,7 +213,7 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     radii = np.exp(contacts[:, RADIUS])
     out = (radii > _WIDE * pitch) | (np.hypot(*contacts[:, STRETCH:].T) > _STRETCHED)
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
-    touching = (apart < _TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
+    touching = (apart < TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
     return out | touching.any(axis=1)
 
 
@@ -124,23 +232,29 @@ def _covariance(fit: Fit, which: int, misfit: float):
 
 
 def _numbered(state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitch: float) -> list:
-    """Contacts of the frame that have wide parts, with their numbers; see `RowState.wide`."""
+    """Contacts of the frame that have wide parts, with their numbers; see `RowState.wide`.
+
+    Rows may have followed one as a small contact: it keeps the number.
+    """
     if not is_wide.any():
         return []
-    before, found = list(state.wide), []
+    small = zip(state.belief.numbers, state.belief.begun, state.belief.contacts())
+    before = [(number, began, c.x, c.y) for number, began, c in state.wide]
+    before += [(number, began, c[X], c[Y]) for number, began, c in small]
+    found = []
     centres = seen.contacts[is_wide, :2]
     radii = np.exp(seen.contacts[is_wide, RADIUS])
     for contact in estimate.contacts:
         here = np.array([contact.x, contact.y])
         if not (np.hypot(*(centres - here).T) < np.maximum(radii, contact.radius)).any():
             continue
-        reach = _SAME * pitch + contact.radius
-        same = [w for w in before if np.hypot(w[2].x - contact.x, w[2].y - contact.y) < reach]
+        reach = REACH * pitch + contact.radius
+        same = [w for w in before if np.hypot(w[2] - contact.x, w[3] - contact.y) < reach]
         if same:
             before.remove(same[0])
             number, began = same[0][:2]
         else:
             state.last += 1
             number, began = state.last, state.time
-        found.append((number, began, replace(contact)))
+        found.append((number, began, contact))
     return found

@@ -18,9 +18,11 @@ tomography).
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.tables import (
@@ -30,7 +32,9 @@ from tomotactile_ros.estimation.tables import (
     MutualTable,
     PotentialTable,
     mirrored,
+    off_electrodes,
 )
+from tomotactile_ros.estimation.uneven import Rest, Solution, solved
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
@@ -38,8 +42,12 @@ from tomotactile_ros.sheet.fem import FemSheet
 # couplings above this part of the largest admittance change by a factor, others by a sum
 _SEEN = 2e-3
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
+# of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
+# from frame to frame between this model and finite elements
+_INEXACT = 2e-3
+_NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
-_SCREENED = 2.0
+SCREENED = 2.0
 
 
 class SheetOperator:
@@ -72,15 +80,64 @@ class SheetOperator:
             self.sheet, self.lattice, self.potentials, self._inverse, self.used
         )
         self._uneven()
+        self._rest: Rest | None = None
+        self._mean = np.zeros(self.modes)
+        self._even: Solution | None = None
+
+    def about(self, sheet: np.ndarray) -> SheetOperator:
+        """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
+        there."""
+        size = np.array(self.layout.outline.size)
+        places = off_electrodes(mirrored(self.lattice.points, size / 2), self.layout)
+        if self._even is None:
+            self._even = solved(self.layout, self.used, places, self.pitch)
+        even, other = self._even, copy(self)
+        for known in ("expected", "untouched"):
+            other.__dict__.pop(known, None)
+        found = solved(
+            self.layout,
+            self.used,
+            places,
+            self.pitch,
+            lambda points: self.field.at(points) @ sheet,
+            sheet[-2:],
+        )
+        seen = (self._factor != 0).any(axis=0) & (found.admittance * even.admittance > 0)
+        ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
+        first = np.where(seen, np.tensordot(sheet, self._factor, 1), 0.0)
+        term = found.admittance - even.admittance - np.tensordot(sheet, self._change, 1)
+        other._rest = Rest(
+            np.log(ratio) - first,
+            np.where(seen, 0.0, term),
+            found.share - even.share - np.tensordot(sheet, self._share_change, 1),
+            found.own * np.exp(self.field_at(places) @ sheet) - even.own,
+        )
+        np.fill_diagonal(other._rest.term, 0.0)
+        other._mean = sheet.copy()
+        return other
+
+    def near(self, sheet: np.ndarray) -> SheetOperator:
+        """This one if it is right for the coefficients `sheet` (J,), else that `about` them."""
+        return self if np.abs(sheet - self._mean).max() < _NEAR else self.about(sheet)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(J,) coefficients of the sheet that it is right about."""
+        return self._mean
 
     def points(self, places: np.ndarray, radii: np.ndarray):
         """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places`
-        (Q, 2)."""
+        (Q, 2), on the sheet that it is right about."""
         transfer = self.sheet.transfer(places, radii)
         fed = np.vstack([transfer.electrode_point[self.used], np.ones(len(places))])
-        solved = self._inverse @ fed
-        own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, solved), 0.0)
-        return solved[:-1], own
+        shares = self._inverse @ fed
+        own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, shares), 0.0)
+        if self._rest is None:
+            return shares[:-1], own
+        around = Around(self.lattice, places)
+        shares = shares[:-1] + self.share_added(self._mean, around)[0]
+        own = np.maximum(own + self.own_added(around), 0.0)
+        return shares, own * np.exp(-(self.field_at(places) @ self._mean))
 
     def placed(self, places: np.ndarray):
         """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest`
@@ -97,17 +154,23 @@ class SheetOperator:
 
     def admittance_of(self, sheet: np.ndarray) -> np.ndarray:
         """(n, n) Y0, S, of the sheet with coefficients `sheet` (J,)."""
-        if not sheet.any():
+        if self._rest is None and not sheet.any():
             return self.admittance
-        out = self.admittance * np.exp(np.clip(np.tensordot(sheet, self._factor, 1), -2, 2))
-        return _balanced(out + np.tensordot(sheet, self._term, 1))
+        out = self._scaled(sheet) + np.tensordot(sheet, self._term, 1)
+        return _balanced(out if self._rest is None else out + self._rest.term)
+
+    def _scaled(self, sheet):
+        """Y0 with the factor that `sheet` has, off the diagonal."""
+        logarithm = np.tensordot(sheet, self._factor, 1)
+        if self._rest is not None:
+            logarithm = logarithm + self._rest.factor
+        return self.admittance * np.exp(np.clip(logarithm, -2, 2))
 
     def admittance_change(self, sheet: np.ndarray) -> np.ndarray:
         """(J, n, n) derivative of `admittance_of`, S."""
-        if not sheet.any():
+        if self._rest is None and not sheet.any():
             return self._change
-        now = self.admittance * np.exp(np.clip(np.tensordot(sheet, self._factor, 1), -2, 2))
-        return _balanced(self._factor * now + self._term)
+        return _balanced(self._factor * self._scaled(sheet) + self._term)
 
     def share_change(self, around: Around, fed: np.ndarray) -> np.ndarray:
         """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's
@@ -119,16 +182,24 @@ class SheetOperator:
         1/m."""
         near = self._share_change[:, around.nodes]
         added = (sheet @ near.reshape(len(sheet), -1)).reshape(near.shape[1:]).T
+        if self._rest is not None:
+            added = added + self._rest.share[around.nodes].T
         return added @ around.weights.T, np.matmul(added, around.slopes.transpose(0, 2, 1))
+
+    def own_added(self, around: Around) -> np.ndarray | float:
+        """(Q,) what the sheet adds to D of a place with itself, ohm of an even one; beside the local
+        conductance."""
+        return 0.0 if self._rest is None else around.weights @ self._rest.own[around.nodes]
 
     def field_at(self, places: np.ndarray) -> np.ndarray:
         """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
         return self.field.at(places)
 
-    @property
+    @cached_property
     def share_table(self) -> np.ndarray:
-        """(J, M, n) derivative of H by the sheet's coefficients at the points of `lattice`."""
-        return self._share_change
+        """(M, J, n) derivative of H by the sheet's coefficients at the points of `lattice`; single
+        precision, point by point in memory, for who looks few points up and often."""
+        return np.ascontiguousarray(self._share_change.transpose(1, 0, 2), np.float32)
 
     @property
     def bordered(self) -> np.ndarray:
@@ -140,10 +211,23 @@ class SheetOperator:
         return len(self.deviation)
 
     @cached_property
+    def expected(self) -> np.ndarray:
+        """(n, n) Y0, S, of the sheet that it is right about."""
+        return self.admittance_of(self._mean)
+
+    @cached_property
+    def inexact(self) -> np.ndarray:
+        """(n,) standard deviation of what the model errs in the impedance of each electrode, ohm: in
+        every frame another one, like a resistance to ground of its own."""
+        tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
+        own = np.linalg.inv(self.admittance + tied).diagonal()
+        return _INEXACT * (own - 1 / (tied * self.count**2))
+
+    @cached_property
     def untouched(self) -> np.ndarray:
         """(n, n) Z of a sheet that is as good as untouched, ohm."""
-        least = 1e-7 * np.trace(self.admittance) / self.count**2
-        inverse = np.linalg.inv(self.admittance + least)
+        least = 1e-7 * np.trace(self.expected) / self.count**2
+        inverse = np.linalg.inv(self.expected + least)
         return (inverse + inverse.T) / 2
 
     def _uneven(self):
@@ -196,8 +280,12 @@ class SheetOperator:
         at_places = np.vstack([at_places, np.ones(len(places))])
         potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
         field = self.field.cell_values(places)
-        flat = root * np.einsum("tcd,tcp->tdp", slope, potential[fem.unknown][mesh.triangles])
-        flat = flat[order]
+        entries = (root * slope.transpose(0, 2, 1))[order].ravel()  # gradients as one sparse matrix
+        unknowns = np.repeat(fem.unknown[mesh.triangles][order], 2, axis=0).ravel()
+        ends_of_rows = np.arange(0, len(entries) + 1, 3)
+        shape = 2 * len(order), len(potential)
+        flat = csr_matrix((entries, unknowns, ends_of_rows), shape) @ potential
+        flat = flat.reshape(len(order), 2, -1)
         cells = len(ends) - 1
         by_cell = np.empty((cells, len(places), self.count))
         for cell in range(cells):
@@ -243,13 +331,14 @@ class Patches:
             np.matmul(steep, inverse[:-1, :-1]).transpose(0, 2, 1),
         )
         self._factor = np.ones(len(places))
-        if sheet.any():
+        if sheet.any() or operator.mean.any():
             added, slopes = operator.share_added(sheet, self.around)
             self.share, self.slopes = self.share + added, self.slopes + slopes
+            alone = alone + operator.own_added(self.around)
             for part, field in zip(parts, operator.field_at(forms[:, :2]) @ sheet):
                 self._factor[part] = np.exp(-0.5 * field)
         owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
-        group = _groups(forms, _SCREENED * operator.pitch)
+        group = _groups(forms, SCREENED * operator.pitch)
         members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
         self.near = [members[each] for each in group]
         self.impedance = np.zeros((len(places), len(places)))

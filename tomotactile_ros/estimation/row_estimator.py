@@ -2,43 +2,54 @@
 frame.
 
 Nothing about a scan needs to be complete or in order: rows are followed as they come, and whenever
-as many have come as there are electrodes, they are a frame.
+as many have come as there are electrodes, they are a frame. Where rows cannot wait for the estimate
+of a frame (`RowsState.waits`), somebody else makes it meanwhile and leaves it with `RowsState.tell`;
+it is taken in before the next row.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tomotactile_ros.estimation.estimator import (
-    _FORCE_FLOOR,
-    _PLACE_FLOOR,
+    FORCE_FLOOR,
+    PLACE_FLOOR,
     Contact,
     Estimator,
     State,
 )
-from tomotactile_ros.estimation.follow import Follower
-from tomotactile_ros.estimation.frames_in_rows import corrected
+from tomotactile_ros.estimation.follow import YOUNG, Follower
+from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
+from tomotactile_ros.estimation.search import CLOSE, FILLED
+from tomotactile_ros.estimation.solver import SIMILAR
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
-_CLOSE = 1.5  # spacings: nearer contacts may be one wide one, as `search._CLOSE`
-# spacings, and of ln a in tenths: within, the mean D of a contact stays, as `solver._SIMILAR`
-_SIMILAR = 0.04
+_PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there before is not known
+_REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
+_LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
+_OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
+_DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
 
 @dataclass
 class RowsState:
     """All that lasts from row to row of one sensor.
 
+    waits : whether the row that completes a frame waits for the frame's estimate
     rows : of the follower, None before the first row; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
-    confirmed : s, time of the last frame that was valid
+    confirmed : s, time of the last frame that was valid; looked : of the last one that was told
+    doubted : frames since that nothing explained
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
+    past : (time, {number: place (2,)}) after each of the last rows
     """
 
+    waits: bool = True
     rows: RowState | None = None
     frames: State = field(default_factory=State)
     read: list = field(default_factory=list)
@@ -46,19 +57,64 @@ class RowsState:
     times: list = field(default_factory=list)
     used: tuple[int, ...] = ()
     drive: float = 0.0
+    last: int = 0  # highest number of a contact that is not to be given again
+    sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
+    looked: float = -np.inf
+    doubted: int = 0
+    doubt: str = ""
     means: dict = field(default_factory=dict)
     left_out: dict = field(default_factory=dict)
+    past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _told: deque = field(default_factory=lambda: deque(maxlen=1))
+
+    @property
+    def highest(self) -> int:
+        """The highest number that a contact was given."""
+        return self.last if self.rows is None else max(self.last, self.rows.last)
+
+    @property
+    def confused(self) -> bool:
+        """Whether rows have contradicted what was said of the sheet again and again."""
+        return self.rows is not None and np.isinf(self.rows.confused)
+
+    @property
+    def asks(self) -> bool:
+        """Whether a frame can tell what rows cannot: of what has just begun, of wide contacts,
+        where rows are not believed; and now and then in any case."""
+        rows = self.rows
+        if rows is None or self.touching is None or rows.wide:
+            return True
+        new = any(begun > self.confirmed for begun in rows.belief.begun)
+        return new or rows.time - self.looked > _LOOKED_AT
+
+    @property
+    def touching(self) -> tuple[int, ...] | None:
+        """Numbers of what touches; None where that is not known."""
+        rows = self.rows
+        if rows is None or rows.unexplained or self.doubted >= _DOUBTFUL or self.confused:
+            return None
+        return (*(number for number, *_ in rows.wide), *rows.belief.numbers)
+
+    def tell(self, seen: FrameSeen) -> None:
+        """Leave what a frame said to the next row; from any thread. Of several the last one
+        counts."""
+        self._told.append(seen)
+
+    def told(self) -> FrameSeen | None:
+        """What was left since the row before, if anything."""
+        return self._told.pop() if self._told else None
 
 
 @dataclass(frozen=True)
 class Followed:
     """What is known after a row: contacts, strongest first, each with its number and the time since
-    it began, s."""
+    it began, s; `touched` : whether something touches, or that is not known."""
 
     contacts: list[tuple[int, float, Contact]]
     state: str = "valid"
     reason: str = ""
+    touched: bool = True
 
 
 class RowEstimator:
@@ -78,25 +134,45 @@ class RowEstimator:
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
     ) -> Followed:
         """Contacts at the time of a row, s, with its readings `voltages` (E,), V, NaN: not read."""
+        self.follow(voltages, grounded, drive_voltage, time, state)
+        return self.report(state)
+
+    def follow(
+        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+    ) -> None:
+        """Takes a row into `state`; arguments as for `estimate`."""
         voltages = np.array(voltages, float)
         voltages[grounded] = np.nan
-        if state.rows is None or drive_voltage != state.drive:
+        if state.rows is None or drive_voltage != state.drive or _is_broken(state, time):
             self._begin(state, drive_voltage)
+        elif state.sensor is not self.estimator.sensor:
+            self._learned(state)
+        seen = state.told()
+        if seen is not None:
+            self._take(seen, state)
         follower = self._follower(state.used, drive_voltage)
-        operator = follower.operator
-        at = int(operator.position[grounded])
-        valid = np.isfinite(voltages)[operator.used]
+        at = int(follower.operator.position[grounded])
+        valid = np.isfinite(voltages)[follower.operator.used]
         if at >= 0 and valid.any():
-            readings = voltages[operator.used] / drive_voltage
+            readings = voltages[follower.operator.used] / drive_voltage
             follower.follow(state.rows, readings, valid, at, time)
+        state.past.append((time, _places(state.rows)))
+        if not (state.waits and self._frames):
+            return
         state.read.append(voltages)
         state.grounded.append(grounded)
         state.times.append(time)
         if len(state.read) >= self.estimator.layout.electrodes:
-            if self._frames:
-                self._frame(state)
+            self._frame(state)
             state.read, state.grounded, state.times = [], [], []
-        return self._report(state)
+
+    def look(
+        self, voltages, grounded, drive_voltage: float, period: float, frames: State
+    ) -> FrameSeen:
+        """What a frame (L, E), V, with `period` s from row to row says; `frames` lasts from frame
+        to frame."""
+        estimate = self.estimator.estimate(voltages, grounded, drive_voltage, frames, period)
+        return FrameSeen.of(estimate, frames)
 
     def _begin(self, state: RowsState, drive_voltage: float) -> None:
         excluded = self.estimator.excluded
@@ -104,10 +180,21 @@ class RowEstimator:
         used = tuple(e for e in electrodes if e not in excluded and e not in state.left_out)
         _, prior = self.estimator.sensor_of(used, drive_voltage)
         variance = (self.estimator.noise / drive_voltage) ** 2
-        last = state.rows.last if state.rows is not None else 0
+        last = state.highest
         state.used, state.drive = used, drive_voltage
         state.rows = self._follower(used, drive_voltage).begin(Known.before(prior, variance))
         state.rows.last = last
+        state.sensor = self.estimator.sensor
+        state.past.clear()
+
+    def _learned(self, state: RowsState) -> None:
+        """Goes on with the same contacts and what is known of the sensor by now."""
+        follower, rows = self._follower(state.used, state.drive), state.rows
+        _, prior = self.estimator.sensor_of(state.used, state.drive)
+        variance = (self.estimator.noise / state.drive) ** 2
+        known = replace(Known.before(prior, variance), wide=rows.model.known.wide)
+        state.sensor = self.estimator.sensor
+        linearised(follower, rows, known, unlearned(rows.belief, known))
 
     def _follower(self, used, drive_voltage) -> Follower:
         if used not in self._followers:
@@ -117,30 +204,50 @@ class RowEstimator:
 
     def _frame(self, state: RowsState) -> None:
         """A complete frame corrects what rows have told."""
-        period = (state.times[-1] - state.times[0]) / max(len(state.times) - 1, 1)
-        estimate = self.estimator.estimate(
-            np.array(state.read),
-            np.array(state.grounded),
-            state.drive,
-            state.frames,
-            max(period, 0.0),
-        )
+        begun, ended = state.times[0], state.times[-1]
+        period = max((ended - begun) / max(len(state.times) - 1, 1), 0.0)
+        rows = np.array(state.read), np.array(state.grounded)
+        seen = self.look(*rows, state.drive, period, state.frames)
+        self._take(replace(seen, begun=begun, ended=ended), state)
+
+    def _take(self, seen: FrameSeen, state: RowsState) -> None:
+        """What a frame said corrects what rows have told."""
+        estimate, fit = seen.estimate, seen.fit
+        state.looked = seen.ended
         left_out = {e: why for e, why in estimate.left_out.items() if why != "excluded"}
-        fit = state.frames.fit
         if set(left_out) != set(state.left_out):  # other electrodes: what rows told was of others
             state.left_out = left_out
+            now = state.rows.time
             self._begin(state, state.drive)
-            state.rows.time = state.times[-1]
-        if estimate.state != "valid" or fit is None or not _same(fit, state.used):
+            state.rows.time = now
+        if estimate.state != "valid":
+            state.doubted, state.doubt = state.doubted + 1, estimate.reason
             return
-        follower = self._follower(state.used, state.drive)
-        corrected(follower, state.rows, fit, estimate, state.times[0])
-        state.confirmed = state.times[-1]
+        state.doubted = 0
+        if fit is None or not _same(fit, state.used):
+            return
+        then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
+        if then is None:  # rows have begun since, or it took too long
+            return
+        since = 2 * seen.begun - seen.ended  # the frame before, with which its estimate began
+        within = [places for at, places in state.past if since <= at <= seen.ended]
+        ended = any(places.keys() - then.keys() for places in within)
+        corrected(self._follower(state.used, state.drive), state.rows, seen, then, ended)
+        state.confirmed = seen.ended
 
-    def _report(self, state: RowsState) -> Followed:
+    def report(self, state: RowsState) -> Followed:
+        """Contacts at the time of the last row."""
         rows = state.rows
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
+        if self._frames and rows.touched_at_once and rows.read < YOUNG:
+            return Followed(
+                [], "withheld", "it was touched when rows began: more of them tell by what"
+            )
+        if self._frames and state.confused:
+            return Followed([], "withheld", "rows contradict each other: the next frame tells")
+        if state.doubted >= _DOUBTFUL:
+            return Followed([], "withheld", state.doubt)
         if self._frames and self._may_be_one(state):
             reason = "a wide contact or several near each other have begun: the next frame tells"
             return Followed([], "withheld", reason)
@@ -150,10 +257,16 @@ class RowEstimator:
         for i, number in enumerate(belief.numbers):
             own = slice(STATE * i, STATE * (i + 1))
             mean, covariance = belief.mean[own], belief.covariance[own, own]
-            touches = self._touches(state, number, contacts[i])
-            reported = self._contact(touches, contacts[i], belief.sizes[i, 1], mean, covariance)
+            touches, grown = self._touches(state, number, contacts[i])
+            contacts[i, 3] += grown
+            if grown:  # of a wide one the middle is not known either
+                off = _OFF_CENTRE * float(np.exp(contacts[i, 3]))
+                covariance = covariance + np.diag([off**2, off**2, 0.0, 0.0, 0.0])
+            size = belief.sizes[i, 1] + grown**2
+            reported = self._contact(touches, contacts[i], size, mean, covariance)
             found.append((number, rows.time - belief.begun[i], reported))
-        return Followed(sorted(found, key=lambda each: -each[2].force))
+        found.sort(key=lambda each: -each[2].force)
+        return Followed(found, touched=bool(found))
 
     def _may_be_one(self, state: RowsState) -> bool:
         """Whether a contact that no frame has confirmed yet is near another one."""
@@ -162,24 +275,27 @@ class RowEstimator:
             return False
         places = belief.contacts()[:, :2]
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-        near = apart < _CLOSE * self._follower(state.used, state.drive).operator.pitch
+        near = apart < CLOSE * self._follower(state.used, state.drive).operator.pitch
         np.fill_diagonal(near, False)
         return bool(near[np.array(belief.begun) > state.confirmed].any())
 
-    def _touches(self, state: RowsState, number: int, contact: np.ndarray) -> Touches:
-        """The contact (4,) x, y, ln c, ln a on the sheet, taken anew only where it has moved."""
+    def _touches(self, state: RowsState, number: int, contact: np.ndarray) -> tuple[Touches, float]:
+        """The contact (4,) x, y, ln c, ln a on the sheet, taken anew only where it has moved; and
+        how much larger ln a is, as one that conducts more than a bare one of its size is wider."""
         follower = self._follower(state.used, state.drive)
         pitch = follower.operator.pitch
-        here = contact[[0, 1, 3]] / [pitch, pitch, 10.0]
+        here = contact / [pitch, pitch, 10.0, 10.0]
         kept = state.means.get(number)
-        if kept is None or np.abs(kept[0] - here).max() > _SIMILAR:
-            full = np.zeros((1, PARAMETERS))
-            full[0, :4] = contact
-            across = (patches_for(float(np.exp(contact[3])), pitch),)
-            sheet = state.rows.model.known.sheet
-            kept = here, Touches(follower.operator, full, across, sheet)
+        if kept is None or np.abs(kept[0] - here).max() > SIMILAR:
+            sheet, grown = state.rows.model.known.sheet, 0.0
+            touches = _on_sheet(follower.operator, contact, sheet)
+            lacks = touches.mean[0] - FILLED * float(np.exp(-contact[2]))
+            if lacks > 0:  # D falls with ln a by R / 2 pi
+                grown = float(2 * np.pi * lacks / follower.operator.resistance)
+                touches = _on_sheet(follower.operator, contact + [0, 0, 0, grown], sheet)
+            kept = here, touches, grown
             state.means[number] = kept
-        return kept[1]
+        return kept[1], kept[2]
 
     def _contact(self, touches: Touches, contact, size_variance, mean, covariance) -> Contact:
         touches.contacts[0, 2] = contact[2]
@@ -193,7 +309,7 @@ class RowEstimator:
         relative = (
             by_strength**2 * covariance[STRENGTH, STRENGTH] / m**2 + by_size**2 * size_variance
         )
-        place = covariance[:2, :2] + np.eye(2) * (_PLACE_FLOOR * operator.pitch) ** 2
+        place = covariance[:2, :2] + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
         certainty = 1 / max(float(covariance[STRENGTH, STRENGTH]), 1e-12)
         radius = float(np.sqrt(area / np.pi))
         return Contact(
@@ -205,12 +321,29 @@ class RowEstimator:
             radius,
             g,
             tuple(float(each) for each in place.ravel()),
-            force * min(float(np.sqrt(relative + _FORCE_FLOOR**2)), 10.0),
+            force * min(float(np.sqrt(relative + FORCE_FLOOR**2)), 10.0),
             radius * float(np.sqrt(size_variance)),
             float(1 - np.exp(-certainty / 2)),
             (float(mean[2]), float(mean[3])),
         )
 
 
+def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
+    full = np.zeros((1, PARAMETERS))
+    full[0, :4] = contact
+    across = (patches_for(float(np.exp(contact[3])), operator.pitch),)
+    return Touches(operator, full, across, sheet)
+
+
 def _same(fit, used) -> bool:
     return tuple(int(each) for each in fit.operator.used) == tuple(used)
+
+
+def _places(rows: RowState) -> dict[int, np.ndarray]:
+    return dict(zip(rows.belief.numbers, rows.belief.contacts()[:, :2]))
+
+
+def _is_broken(state: RowsState, time: float) -> bool:
+    """Whether a row at `time` does not follow those before: after a pause, or a clock set back."""
+    before = state.rows.time
+    return np.isfinite(before) and not -_PAUSE <= time - before <= _PAUSE

@@ -23,12 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
 from tomotactile_ros.estimation.solver import Prior
 
 # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 INEXACT = 0.01
-SCREENED = 2.0  # spacings between contacts beyond which D between them is nothing, as in `operator`
 
 
 @dataclass(frozen=True)
@@ -116,11 +115,12 @@ class RowModel:
         added = np.trace(admittance) / operator.count**2 if background is None else background
         impedance = np.linalg.inv(admittance + added)
         self.impedance = (impedance + impedance.T) / 2
-        self._change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
+        change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
+        self._change = change.astype(np.float32)  # memory is what it costs, once a row
         self._moved = operator.share_table
         self._added = None
         if known.sheet.any():
-            self._added = np.tensordot(known.sheet, self._moved, 1)
+            self._added = np.matmul(known.sheet.astype(np.float32), self._moved)
         self._inverse = operator.bordered[:-1]
 
     def shares(self, places: np.ndarray, radii: np.ndarray):
@@ -165,12 +165,13 @@ class RowModel:
         modes = len(known.sheet)
         changes = np.empty((len(z), 3 * count + modes))
         by_sheet = changes[:, 3 * count :]
-        by_sheet[:] = (self._change @ ratio).reshape(modes, -1).T
+        by_sheet[:] = (self._change @ ratio.astype(np.float32)).reshape(modes, -1).T
         for i in range(count):
             slope = slopes[:, :, i].T
             changes[:, 3 * i : 3 * i + 2] = slope * current[i] + np.outer(fed[:, i], ratio @ slope)
             changes[:, 3 * i + 2] = fed[:, i] * (way[i, i] * current[i])
-            moved = weights[i] @ self._moved[:, points[i]]
+            around = self._moved[points[i]].reshape(len(points[i]), -1)
+            moved = (weights[i].astype(np.float32) @ around).reshape(modes, -1)
             by_sheet += moved.T * current[i] + np.outer(fed[:, i], moved @ ratio)
         fell = solved @ (inner @ (solved.T @ changes)) + np.outer(ratio, z @ changes)
         changes = zb @ changes - fell + np.outer(lifted, lifted @ changes)

@@ -81,9 +81,6 @@ class Belief:
             covariance[strength, strength] += _PRESSING**2 * lasts / 1e-3
         return replace(self, mean=mean, covariance=covariance)
 
-    def renamed(self, numbers, begun, rows) -> Belief:
-        return replace(self, numbers=tuple(numbers), begun=tuple(begun), rows=tuple(rows))
-
     def loosened(self, variances) -> Belief:
         """The same with `variances` (5,) added to those of each contact."""
         covariance = self.covariance.copy()
@@ -129,6 +126,8 @@ class Belief:
 class RowState:
     """All that lasts from row to row; a new one begins anew.
 
+    confused : surprising rows of late, infinite when there were too many, see `follow`
+    read : rows so far; touched_at_once : whether something touched already in the first of them
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
     model : `RowModel` of the sensor as known; sums : of the matched filter
@@ -140,6 +139,9 @@ class RowState:
     time: float = -np.inf
     last: int = 0
     unexplained: int = 0
+    confused: float = 0.0
+    read: int = 0
+    touched_at_once: bool = False
     sums: np.ndarray | None = None
     model: Any = None
     wide: list = field(default_factory=list)

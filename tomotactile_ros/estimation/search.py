@@ -10,7 +10,7 @@ grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -19,9 +19,11 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import STEPS, Fit, Prior, Rows, SheetColumns, solve
+from tomotactile_ros.estimation.reciprocity import fit_gains
+from tomotactile_ros.estimation.solver import STEPS, Fit, Linear, Prior, Rows, SheetColumns, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
+    MOST_ACROSS,
     RADIUS,
     SHEAR,
     STRETCH,
@@ -33,19 +35,21 @@ FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
-_FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
+FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
-_CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
+_CONTINUED = 0.2  # spacings that a contact may be from where it was expected
+CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
-_GOOD = 1.05  # chi-squared per reading of a fit that is not tried with more contacts at first
+_CERTAIN = (
+    4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
+)
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
-_FEW = 3  # contacts at a first look that are tried one by one in any case
-_POOR = 1.5  # chi-squared per reading of a fit that more contacts are sure to be better than
+_POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
@@ -53,11 +57,27 @@ MOST = 12  # discs
 BUDGET = 12000
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How far a search goes.
+
+    patches : to the width of a contact, at most
+    alternatives : whether other numbers, forms and sizes of contacts are tried where a fit that
+        explains the readings may not be the only one
+    """
+
+    patches: int = MOST_ACROSS
+    alternatives: bool = True
+
+
+FULL, BOUNDED = Effort(), Effort(patches=5, alternatives=False)
+
+
 class Search:
     """Finds contacts in rows of a sensor."""
 
-    def __init__(self, operator: SheetOperator):
-        self.operator = operator
+    def __init__(self, operator: SheetOperator, effort: Effort = FULL):
+        self.operator, self.effort = operator, effort
         self.detector = Detector(operator)
         self._sheet, self._refused = None, 0.0
         self._left = 0  # of the budget for the frame at hand
@@ -71,12 +91,14 @@ class Search:
         budget: int = BUDGET,
         sheet: SheetColumns | None = None,
         refused: float = 0.0,
+        usual: float = 1.0,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start` on.
 
         sheet : derivatives by the sheet that an earlier fit ended with, or None
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
+        usual : chi-squared per reading that the fit left of which `start` is
         """
         operator, self._left, self._sheet = self.operator, budget, sheet
         self._refused = refused
@@ -88,7 +110,11 @@ class Search:
         if not len(unknowns.contacts):
             fit = self._first(fit)
         else:
-            fit = self._without_idle(self._from(unknowns, fit))
+            found = self._without_idle(self._from(unknowns, fit))
+            if self._left > 0 and self._is_another(unknowns, found, usual):
+                rest = Fit(operator, resting(operator, prior), rows, prior)
+                found = self._likelier(found, self._first(rest))
+            fit = found
         before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
@@ -109,6 +135,16 @@ class Search:
         more = self._solve(added, fit, goal=found.cost)
         return more if more.cost < found.cost - self._threshold * more.doubt else found
 
+    def _is_another(self, start: Unknowns, found: Fit, usual: float) -> bool:
+        """Whether a fit is too far from where it started to be of the same contacts: then it may
+        have stopped anywhere between them and what is there now."""
+        contacts = found.unknowns.contacts[: len(start.contacts)]
+        if len(contacts) != len(start.contacts):
+            return True
+        apart = np.hypot(*(contacts - start.contacts)[:, :2].T)
+        moved = (apart > _CONTINUED * self.operator.pitch).any()
+        return bool(moved or found.chi_squared > _POOR * usual * found.rows.count)
+
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for
         it."""
@@ -122,7 +158,8 @@ class Search:
         seems out of reach."""
         if like.prior.learned and len(start.contacts):
             start = self._settled(start, like)
-        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal)
+        at = like if like.unknowns is start else None
+        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal, at)
         self._sheet = fit.sheet
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
@@ -133,7 +170,7 @@ class Search:
 
     def _across(self, contact: np.ndarray, before: int) -> int:
         """Patches across a contact (6,) that had `before`: as its radius asks for."""
-        wanted = patches_of(contact, self.operator.pitch)
+        wanted = min(patches_of(contact, self.operator.pitch), self.effort.patches)
         return wanted if wanted > before or wanted < before - 2 else before
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
@@ -175,33 +212,62 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return fit
-        seen = self.detector.first_look(fit.rows.corrected(fit.prior))[:MOST]
+        seen = self.detector.first_look(fit.rows.corrected(self._by_reciprocity(fit)))[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
-        found = None
-        few_seen = len(unknowns.contacts) <= _FEW
+        found: Fit | None = None
         few = self._clustered(unknowns)
         if len(few.contacts) < len(unknowns.contacts):
-            wide = self._solve(few, fit)
-            found = self._split(wide)
-            few_seen = few_seen or found is not wide
-        if found is None or few_seen or found.chi_squared > _GOOD * found.rows.count:
-            poor = found is None or found.chi_squared > _POOR * found.rows.count
-            goal = np.inf if poor or few_seen else found.cost
-            many = self._solve(unknowns, fit, goal=goal)
+            found = self._solve(few, fit)
+        poor = found is None or found.chi_squared > _POOR * found.rows.count
+        if found is None or poor or (self.effort.alternatives and self._asks_for_more(found)):
+            many = self._solve(unknowns, fit, goal=np.inf if poor else found.cost)
             found = self._likelier(found, self._simplified(many))
+        explained = found.chi_squared <= _POOR * found.rows.count
+        if explained and not self.effort.alternatives:
+            return found
+        found = self._split(found)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found
 
-    def _likelier(self, fewer: Fit | None, more: Fit) -> Fit:
+    def _by_reciprocity(self, fit: Fit) -> Unknowns:
+        """What is expected, with gains and offsets as the rows tell them by themselves, for a first
+        look."""
+        rows, prior = fit.rows, fit.prior
+        frame = np.full((fit.operator.count,) * 2, np.nan)
+        frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+        noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
+        gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
+        found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
+        return replace(fit.unknowns, gain=found.gain, offset=found.offset)
+
+    def _asks_for_more(self, fit: Fit) -> bool:
+        """Whether another contact, or one of another form, would explain more than noise does, to
+        first order.
+
+        A disc in the place of two contacts has the wrong second moments: what its stretch would take
+        off the cost tells (score test, Rao 1948).
+        """
+        significant = self._threshold * fit.doubt
+        self._next(fit)
+        if fit.promised > significant:
+            return True
+        free = np.ones_like(fit.unknowns.free)
+        if (fit.unknowns.free == free).all():
+            return False
+        stretched = Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
+        return Linear(stretched, fit.sheet).promise > significant
+
+    def _likelier(self, first: Fit | None, second: Fit) -> Fit:
         """Of two fits the one with more contacts only if it is so much better as each of them must
         be."""
-        if fewer is None:
-            return more
+        if first is None:
+            return second
+        fewer, more = sorted((first, second), key=lambda fit: len(fit.unknowns.contacts))
         extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
@@ -219,7 +285,7 @@ class Search:
                 for place in (contact[:2] - way, contact[:2] + way):
                     strength = float(np.exp(contact[CONDUCTANCE])) / 2
                     start = self._added(start, place, strength, fit.prior.radius)
-                fit = self._likelier(fit, self._solve(start, fit, goal=fit.cost))
+                fit = self._likelier(fit, self._simplified(self._solve(start, fit, goal=fit.cost)))
         return fit
 
     def _clustered(self, unknowns: Unknowns) -> Unknowns:
@@ -238,7 +304,7 @@ class Search:
         """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6),
         two at least, is in."""
         tree = linkage(contacts[:, :2], "single")
-        return fcluster(tree, _CLOSE * self.operator.pitch, "distance")
+        return fcluster(tree, CLOSE * self.operator.pitch, "distance")
 
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
@@ -298,7 +364,7 @@ class Search:
         across = patches_for(radius, self.operator.pitch)
         contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
         touch = Touches(self.operator, contact[None], [across], np.zeros(self.operator.modes))
-        contact[2] = np.log(min(strength, _FILLED / max(touch.mean[0], 1e-9)))
+        contact[2] = np.log(min(strength, FILLED / max(touch.mean[0], 1e-9)))
         free = np.array([True] * _FORM + [False] * 2)
         return unknowns.with_contacts(
             np.vstack([unknowns.contacts, contact]),
@@ -319,7 +385,7 @@ class Search:
                 contacts = fit.unknowns.contacts
                 tested.add(contacts[weakest, :2].tobytes())
                 one = overlaps(contacts, weakest)
-                if not one and not self._may_go(contacts, weakest):
+                if not one and not self._may_go(fit, weakest):
                     continue
                 limit = fit.cost + self._threshold * fit.doubt
                 tried = self._solve(
@@ -349,13 +415,18 @@ class Search:
                 return self._gathered(tried)
         return fit
 
-    def _may_go(self, contacts, which) -> bool:
-        """Whether a contact is so weak, or so near a stronger one, that it may be none of its
-        own."""
+    def _may_go(self, fit: Fit, which: int) -> bool:
+        """Whether a contact may be none of its own: weak, or near a stronger one, and not certain to
+        conduct whatever the others do (Wald 1943)."""
+        contacts, free = fit.unknowns.contacts, fit.unknowns.free
+        at = np.count_nonzero(free[:which]) + np.count_nonzero(free[which, :CONDUCTANCE])
+        certain = 1 / fit.covariance[at, at]  # conductance over its deviation, squared
+        if certain > _CERTAIN * self._threshold * fit.doubt:
+            return False
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
-        return weak or apart < _CLOSE * self.operator.pitch
+        return weak or apart < CLOSE * self.operator.pitch
 
     def _without_idle(self, fit: Fit) -> Fit:
         """Contacts below the dynamic range are taken out again, weakest first."""

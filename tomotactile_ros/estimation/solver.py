@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior
+from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior, couplings
 from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
 # of the cost, which is in units of the noise: a twentieth of one standard deviation squared
 _CONVERGED = 0.05
+REACH, REACH_STRENGTH = 0.3, 1.5  # spacings and of ln c: one linearisation holds for it
 STEPS = 12  # at most, from one start
 _TRIES = 6  # of damping in one step
 _FEW_TRIES, _LITTLE = (
@@ -29,6 +30,7 @@ _FEW_TRIES, _LITTLE = (
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
 _HELD = 1e-2  # of the deviations of a sensor that is held
+_ROUNDING = 1e-11  # of the diagonal of the normal matrix
 _HOPE = 3.0  # times what a step gained, all that follow may gain
 RATES = (
     0.3,
@@ -36,7 +38,7 @@ RATES = (
     10.0,
 )  # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
-_SIMILAR = 0.04
+SIMILAR = 0.04
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ class Prior:
     sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
     gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation
         of each of them
+    precision : (J + 3 n, J + 3 n) inverse covariance of sheet, gains, offsets and resistances, of
+        which the deviations are the marginal ones; None: all are independent
     learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is
         only trimmed
     """
@@ -99,14 +103,32 @@ class Prior:
     deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
     rates: tuple[float, float, float] = RATES
     learned: bool = False
+    precision: np.ndarray | None = None
 
     def held(self) -> Prior:
         """The same sensor, as good as certain."""
+        return self.narrowed(_HELD)
+
+    def narrowed(self, part: float) -> Prior:
+        """The same sensor, all its deviations times `part`."""
         return replace(
             self,
-            sheet_deviation=_HELD * self.sheet_deviation,
-            deviations=tuple(_HELD * each for each in self.deviations),
+            sheet_deviation=part * self.sheet_deviation,
+            deviations=tuple(part * each for each in self.deviations),
+            precision=None if self.precision is None else self.precision / part**2,
         )
+
+    def apart(self, unknowns: Unknowns) -> np.ndarray:
+        """(J + 3 n,) what sheet, gains, offsets and resistances are more than expected."""
+        expected = self.sheet, self.gain, self.offset, self.resistance
+        found = unknowns.sheet, unknowns.gain, unknowns.offset, unknowns.resistance
+        return np.concatenate([now - mean for now, mean in zip(found, expected)])
+
+    def pull(self, apart: np.ndarray) -> np.ndarray:
+        """(J + 3 n,) inverse covariance times `apart`."""
+        if self.precision is not None:
+            return self.precision @ apart
+        return apart / np.concatenate([self.sheet_deviation, *self.deviations]) ** 2
 
     @classmethod
     def unknown(
@@ -156,9 +178,8 @@ class Fit:
 
     def _of_priors(self) -> float:
         u, prior = self.unknowns, self.prior
-        cost = (((u.sheet - prior.sheet) / prior.sheet_deviation) ** 2).sum()
-        for now, mean, deviation in zip(_channels(u), _channels(prior), prior.deviations):
-            cost += (((now - mean) / deviation) ** 2).sum()
+        apart = prior.apart(u)
+        cost = apart @ prior.pull(apart)
         contacts = u.contacts
         cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
         cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
@@ -176,21 +197,34 @@ class Fit:
         excess = self.chi_squared - self.rows.count
         return 1.0 + max(excess, 0.0) / self.operator.count
 
+    @property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(L, n) derivatives of each reading by the gain of its column, and by the resistance of its
+        row, 1/ohm."""
+        ratio = self.prediction.ratio
+        return 1 - ratio, self.unknowns.gain * ratio / self.prediction.own[:, None]
+
     def linearised(self) -> Linear:
         return Linear(self)
 
 
 class SheetColumns:
-    """Derivatives of the readings by the sheet's coefficients, (J, L n), and their normal matrix
-    (J, J), at a fit.
+    """Derivatives of the readings by the sheet's coefficients, at a fit.
 
     They change slowly with the contacts, and only how fast the solver converges depends on them.
+
+    Attributes
+    ----------
+    columns (J, L, n); flat, weighted (J, L n) the same, and times the weights
+    normal (J, J) their normal matrix
     """
 
     def __init__(self, fit: Fit):
         self.columns = fit.prediction.sheet_columns()
-        flat = self.columns.reshape(len(self.columns), -1)
-        self.normal = (flat * fit.rows.weights.ravel()) @ flat.T
+        weighted = self.columns * fit.rows.weights
+        shape = len(weighted), fit.misfit.size
+        self.flat, self.weighted = self.columns.reshape(shape), weighted.reshape(shape)
+        self.normal = self.weighted @ self.flat.T
         self._rows, self._contacts = fit.rows, fit.unknowns.contacts
 
     def serves(self, fit: Fit) -> bool:
@@ -199,7 +233,7 @@ class SheetColumns:
         if len(contacts) != len(self._contacts) or not _same_rows(self._rows, fit.rows):
             return False
         apart = np.abs(contacts - self._contacts)
-        limits = _SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
+        limits = SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
         return bool((apart <= limits).all())
 
 
@@ -223,59 +257,44 @@ class Linear:
         contacts = fit.prediction.contact_columns()
         self.free = len(contacts)
         count = self.free + len(self.sheet.columns)
-        columns = np.concatenate([contacts, self.sheet.columns]).reshape(count, -1)
-        weighted = columns * rows.weights.ravel()
+        weighted = contacts * rows.weights
+        flat = weighted.reshape(self.free, fit.misfit.size)
         normal = np.empty((count, count))
-        normal[: self.free] = weighted[: self.free] @ columns.T
+        normal[: self.free, : self.free] = flat @ contacts.reshape(flat.shape).T
+        normal[: self.free, self.free :] = flat @ self.sheet.flat.T
         normal[self.free :, : self.free] = normal[: self.free, self.free :].T
         normal[self.free :, self.free :] = self.sheet.normal
-        right = weighted @ fit.misfit.ravel()
-        curvature, pull = self.priors()
-        normal[np.diag_indices(count)] += curvature
-        right = right + pull
-        ratio = fit.prediction.ratio
-        slopes = 1 - ratio, u.gain * ratio / fit.prediction.own[:, None]
-        now = [a - b for a, b in zip(_channels(u), _channels(prior))]
+        misfit = fit.misfit.ravel()
+        curvature, pull = contact_priors(fit)
+        own = np.arange(self.free)
+        normal[own, own] += curvature
+        modes = len(self.sheet.columns)
+        sensor = -prior.pull(prior.apart(u))
+        normal[self.free :, self.free :] += _sheet_block(prior, modes)
+        right = np.concatenate(
+            [flat @ misfit + pull, self.sheet.weighted @ misfit + sensor[:modes]]
+        )
+        slopes = fit.slopes
+        both = weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
+        mixed = [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
         self.channels = ChannelFit(
-            weighted.reshape(count, *ratio.shape),
+            np.concatenate(mixed),
             rows.weights,
             fit.misfit,
             slopes,
             rows.grounded,
-            now,
             prior.deviations,
+            sensor[modes:],
+            prior.precision,
         )
         self.normal = normal - self.channels.normal
+        # what rounding takes off a difference of matrices
+        self.normal[np.diag_indices(count)] += _ROUNDING * normal.diagonal()
         self.right = right - self.channels.right
-
-    def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the priors add to the diagonal of the normal matrix and to its right side, channels
-        aside."""
-        u, prior = self.fit.unknowns, self.fit.prior
-        curvature = np.zeros(u.contacts.shape)
-        pull = np.zeros(u.contacts.shape)
-        curvature[:, X : Y + 1] = max(self.fit.operator.layout.outline.size) ** -2.0  # somewhere
-        curvature[:, CONDUCTANCE] = 1e-2  # a tenfold change is nothing unusual
-        curvature[:, RADIUS] = prior.spread**-2
-        pull[:, RADIUS] = (np.log(prior.radius) - u.contacts[:, RADIUS]) / prior.spread**2
-        curvature[:, STRETCH:] = prior.stretch**-2
-        pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
-        sheet = prior.sheet_deviation**-2.0
-        rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
-        return (
-            np.concatenate([curvature[u.free], rates.ravel(), sheet]),
-            np.concatenate(
-                [
-                    pull[u.free],
-                    (-u.rates[u.moving] * rates).ravel(),
-                    (prior.sheet - u.sheet) * sheet,
-                ]
-            ),
-        )
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads; `promised` is then how much the cost should fall by the
-        linear model."""
+        linear model, `whole` whether the step is hardly damped and not limited."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaled = self.normal * scale[:, None] * scale
         damped = scaled.copy()
@@ -284,9 +303,18 @@ class Linear:
         self.promised = float(step @ (2 * self.right - self.normal @ step))
         self.promised += self.channels.promised
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
+        self.whole = damping <= _FIRST_DAMPING and longest <= 1
         if longest > 1:
             step = step / longest
         return self._moved(step)
+
+    @property
+    def promise(self) -> float:
+        """What an undamped step takes off the cost, to first order."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        right = scale * self.right
+        step = np.linalg.lstsq(self.normal * scale[:, None] * scale, right, rcond=1e-12)[0]
+        return float(right @ step) + self.channels.promised
 
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
@@ -324,6 +352,32 @@ class Linear:
         )
 
 
+def contact_priors(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) each: what the priors of the contacts' free parameters and rates add to the diagonal of
+    the normal matrix and to its right side."""
+    u, prior = fit.unknowns, fit.prior
+    curvature = np.zeros(u.contacts.shape)
+    pull = np.zeros(u.contacts.shape)
+    curvature[:, X : Y + 1] = max(fit.operator.layout.outline.size) ** -2.0  # somewhere
+    curvature[:, CONDUCTANCE] = 1e-2  # a tenfold change is nothing unusual
+    curvature[:, RADIUS] = prior.spread**-2
+    pull[:, RADIUS] = (np.log(prior.radius) - u.contacts[:, RADIUS]) / prior.spread**2
+    curvature[:, STRETCH:] = prior.stretch**-2
+    pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
+    rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
+    return (
+        np.concatenate([curvature[u.free], rates.ravel()]),
+        np.concatenate([pull[u.free], (-u.rates[u.moving] * rates).ravel()]),
+    )
+
+
+def _sheet_block(prior: Prior, modes: int) -> np.ndarray:
+    """(J, J) of the sheet's coefficients in the inverse covariance."""
+    if prior.precision is None:
+        return np.diag(prior.sheet_deviation**-2.0)
+    return prior.precision[:modes, :modes]
+
+
 def solve(
     operator: SheetOperator,
     start: Unknowns,
@@ -332,20 +386,27 @@ def solve(
     steps: int = STEPS,
     sheet: SheetColumns | None = None,
     goal: float = np.inf,
+    at: Fit | None = None,
 ) -> Fit:
     """The best fit that at most `steps` steps from `start` lead to, with its covariance.
 
-    It ends where nothing tells that a cost as low as `goal` will be reached.
+    It ends where nothing tells that a cost as low as `goal` will be reached. `at` : the fit of
+    `start`, where it is known.
     """
-    fit, damping = Fit(operator, start, rows, prior), _FIRST_DAMPING
+    fit, damping = at or Fit(operator, start, rows, prior), _FIRST_DAMPING
     for step in range(steps):
         linear = Linear(fit, sheet)
         sheet = linear.sheet
         better, damping = _descend(linear, damping)
         gained = 0.0 if better is None else fit.cost - better.cost
+        settled = _CONVERGED * fit.doubt
         if better is not None:
             fit = better
-        if gained < _CONVERGED * fit.doubt or (step and fit.cost - _HOPE * gained > goal):
+        # after a whole step the next takes off less than what the linear model was wrong by
+        exact = linear.whole and abs(gained - linear.promised) < settled
+        if gained < settled or exact:
+            break
+        if step and fit.cost - _HOPE * gained > goal:
             break
     fit.steps = step + 1
     fit.covariance, fit.sheet = linear.covariance(), sheet
@@ -368,10 +429,6 @@ def _descend(linear: Linear, damping: float) -> tuple[Fit | None, float]:
     return None, damping
 
 
-def _channels(each):
-    return each.gain, each.offset, each.resistance
-
-
 def _smallest(operator) -> float:
     """Radius of the smallest contact, m: a fiftieth of the spacing, where nothing tells it from a
     point."""
@@ -380,5 +437,5 @@ def _smallest(operator) -> float:
 
 def _limits(fit) -> np.ndarray:
     """How far contacts may move in one step, in the units of their parameters."""
-    reach = 0.3 * fit.operator.pitch
-    return np.array([reach, reach, 1.5, 0.5, 0.3, 0.3])
+    reach = REACH * fit.operator.pitch
+    return np.array([reach, reach, REACH_STRENGTH, 0.5, 0.3, 0.3])

@@ -175,14 +175,14 @@ class MutualTable:
         self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
         size = np.array(layout.outline.size, float)
         self._coarse = lattice
-        nodes = _off_electrodes(mirrored(self._coarse.points, size / 2), layout)
+        nodes = off_electrodes(mirrored(self._coarse.points, size / 2), layout)
         self._centres, self._radius = layout.positions, layout.radius
         self._pitch = float(np.median(layout.pitches))
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
         self._smooth = between - self._logarithm(nodes, tiny) - self._induced(nodes)
         self._fine = potentials.lattice
-        places = _off_electrodes(mirrored(self._fine.points, size / 2), layout)
+        places = off_electrodes(mirrored(self._fine.points, size / 2), layout)
         own = np.empty(len(places))
         for start in range(0, len(places), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -306,7 +306,7 @@ class MutualTable:
         return out
 
 
-def _off_electrodes(places, layout):
+def off_electrodes(places, layout):
     """`places` (K, 2), those on an electrode moved beyond its rim."""
     distance, nearest = layout.nearest(places)
     centres = layout.positions[nearest]

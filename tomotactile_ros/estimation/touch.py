@@ -31,12 +31,12 @@ MOVING = (X, Y, RADIUS, STRETCH, SHEAR)  # those that move patches
 _BOUND = 0.05  # 1/g is bounded smoothly at this part of 1/c
 _BARE = 0.005  # 1/g of a bare conductor in parts of 1/c
 _PER_PITCH = 4.5  # patches along one spacing of the electrodes
-_ACROSS = 3, 14  # patches to a contact's width
+_FEWEST_ACROSS, MOST_ACROSS = 3, 14  # patches to a contact's width
 
 
 def patches_for(radius: float, pitch: float) -> int:
     """How many patches a contact of `radius` (m) is wide on electrodes `pitch` (m) apart."""
-    return int(np.clip(np.ceil(2 * radius * _PER_PITCH / pitch), *_ACROSS))
+    return int(np.clip(np.ceil(2 * radius * _PER_PITCH / pitch), _FEWEST_ACROSS, MOST_ACROSS))
 
 
 def stretch(contact: np.ndarray) -> np.ndarray:

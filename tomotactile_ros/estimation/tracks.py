@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-_REACH = 0.6  # spacings between where a contact is and where it was expected
+REACH = 0.6  # spacings between where a contact is and where it was expected
 _FASTEST = 1.0  # m/s: how much farther it may be the longer it was not seen
 _LOST = 0.3  # s without a valid frame after which a contact is a new one
 
@@ -47,7 +47,7 @@ class Tracks:
     def __init__(self, pitch: float):
         self._pitch = pitch
         self._tracks: list[_Track] = []
-        self._last = 0
+        self.last = 0  # the highest number that was given
 
     def follow(self, contacts: Sequence[Placed], time: float) -> list[tuple[int, float]]:
         """Number and age, s, of each of `contacts` of a valid frame that holds for `time`, s.
@@ -60,8 +60,8 @@ class Tracks:
         for contact, track in zip(contacts, chosen):
             place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
             if track is None:
-                self._last += 1
-                track = _Track(self._last, time, time, place, velocity)
+                self.last += 1
+                track = _Track(self.last, time, time, place, velocity)
             track.place, track.velocity, track.seen = place, velocity, time
             tracks.append(track)
             found.append((track.number, time - track.begun))
@@ -77,7 +77,7 @@ class Tracks:
         expected = np.array([track.place for track in self._tracks])
         expected += lasts[:, None] * np.array([track.velocity for track in self._tracks])
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
-        reach = _REACH * self._pitch + _FASTEST * lasts
+        reach = REACH * self._pitch + _FASTEST * lasts
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):
             if cost[row, column] < 1:

@@ -11,17 +11,17 @@ frame is simulated. The figures at a contact, the sheet even and the channels pe
 to be:
 
 * place: root of the trace of the covariance of x and y, m. A contact on an electrode can be
-anywhere
-  on it without a trace; by the share of it that lies there, its place has the variance of an even
-  distribution over the electrode as a prior, r^2 / 4 in x and in y.
+  anywhere on it without a trace; by the share of it that lies there, its place has the variance of
+  an even distribution over the electrode as a prior, r^2 / 4 in x and in y.
 * force: standard deviation of ln(force), by the contact law, relative
 * d': two contacts at a distance, told from one. With the difference of the frames of both and of
-the
-  one contact that resembles them most, its place, conductance and radius free as well as the sheet
+  the one contact that resembles them most, its place, conductance and radius free as well as the sheet
   and the channels, d' is the root of the rise of the misfit in units of the noise: to second order
   in the distance the frames of a pair and of one wide contact are the same, so that this is what is
   left of the squared difference after all other unknowns have taken what they can (Green and Swets
   1966).
+
+`Posterior.score` makes one length of them, by which layouts are ranked and searched for.
 
 What the bound leaves out: ghosts and misses, what the model errs, shapes that are no discs. It
 ranks layouts; it is no promise (docs/layouts.md compares it with what was measured).
@@ -41,7 +41,7 @@ from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows
+from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, contact_priors
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.layout import Layout
@@ -52,6 +52,8 @@ CONTACT_RADIUS = 0.005  # m, a fingertip
 PRESSURE = 2e4  # Pa: 1.6 N on such a disc
 LAW = ContactLaw(1e-4, 1.0)  # that of the shipped scenes: 2 S/m^2 at this pressure
 PAIRS_APART = 0.04  # m, two fingers
+PAIR_PITCHES = 0.6  # two contacts where pitches differ: 40 mm with 4 x 4 electrodes on 200 mm
+NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
 PLACES = 10  # contacts along the longer side
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
@@ -84,16 +86,45 @@ class Conditions:
 class Posterior:
     """What is expected at contacts all over the sheet.
 
-    places (P, 2), m; place (P,) standard deviation, m; force (P,) relative
+    places (P, 2), m; covariance (P, 2, 2) of x and y, m²; force (P,) relative
     pairs (Q, 2) middles, m; separation (Q,) d' of two contacts, `conditions.apart` from each other
     """
 
     conditions: Conditions
     places: np.ndarray
-    place: np.ndarray
+    covariance: np.ndarray
     force: np.ndarray
     pairs: np.ndarray
     separation: np.ndarray
+
+    @cached_property
+    def place(self) -> np.ndarray:
+        """(P,) standard deviation of the place, m."""
+        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def closest(self) -> float:
+        """Distance, m, from which on pairs should be told apart; NaN where no pair fits.
+
+        To second order in the distance the frames of a pair and of one wide contact are the same:
+        d' goes with the square of the distance. The geometric mean of the pairs.
+        """
+        if not len(self.separation):
+            return float("nan")
+        seen = np.exp(np.log(np.maximum(self.separation, 1e-9)).mean())
+        return self.conditions.apart * float(np.sqrt(NOTICED / seen))
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """(3,) m: mean place error, that of the worst tenth, distance of pairs told apart; (2,)
+        where no pair fits."""
+        found = np.array([self.place.mean(), worst(self.place), self.closest])
+        return found[np.isfinite(found)]
+
+    @property
+    def score(self) -> float:
+        """Geometric mean of `lengths`, m: a per cent of one is worth a per cent of any other."""
+        return float(np.exp(np.log(self.lengths).mean()))
 
     @cached_property
     def metrics(self) -> dict:
@@ -142,12 +173,16 @@ class Expectation:
     def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
         """Standard deviations of the place, m, and of the force, relative, of a disc at
         `centre`."""
+        covariance, force = self.covariance(centre, grounded)
+        return float(np.sqrt(np.trace(covariance))), force
+
+    def covariance(self, centre: np.ndarray, grounded=None) -> tuple[np.ndarray, float]:
+        """(2, 2) of the place, m², and the standard deviation of the force, relative."""
         linear = self.linear(centre, grounded=grounded)
         linear.normal[[X, Y], [X, Y]] += self.on_electrode(linear)
         covariance = linear.covariance()
         slope = linear.fit.prediction.force_slope(0, self.conditions.law.exponent)[_DISC]
-        place = np.sqrt(covariance[X, X] + covariance[Y, Y])
-        return float(place), float(np.sqrt(slope @ covariance @ slope))
+        return covariance[X : Y + 1, X : Y + 1], float(np.sqrt(slope @ covariance @ slope))
 
     def separation(self, middle: np.ndarray, way: np.ndarray, grounded=None) -> float:
         """d' of two discs at `middle` +- `way` / 2 (m), each of half the pressure of one."""
@@ -221,7 +256,8 @@ class RowInformation:
             columns = np.concatenate([prediction.contact_columns(), linear.sheet.columns])
             columns = columns.transpose(1, 0, 2)  # (E, k, n)
             rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
-            prior = np.diag(linear.priors()[0])
+            sheet = linear.fit.prior.sheet_deviation**-2.0
+            prior = np.diag(np.concatenate([contact_priors(linear.fit)[0], sheet]))
             prior[[X, Y], [X, Y]] += expectation.on_electrode(linear)
             priors.append(prior)
             exponent = expectation.conditions.law.exponent
@@ -247,11 +283,13 @@ def expected(
     places: int = PLACES,
     grounded: Sequence[int] | None = None,
     operator: SheetOperator | None = None,
+    pairs: int | None = None,
 ) -> Posterior:
     """Figures of contacts on a lattice of `places` along the longer side, off the electrodes'
     lattice.
 
     grounded : (L,) rows of a frame; those of the layout's scan without it
+    pairs : about so many pairs at most; None: one for every second place
 
     Raises InputError for conditions that cannot be.
     """
@@ -259,12 +297,21 @@ def expected(
     expectation = Expectation(layout, conditions, operator)
     how = expectation.conditions
     centres = lattice(layout, places, how.radius)
-    place, force = np.array([expectation.contact(centre, grounded) for centre in centres]).T
-    middles, ways = _pairs(layout, centres, how.apart, how.radius)
+    covariance, force = zip(*(expectation.covariance(centre, grounded) for centre in centres))
+    step = 2 if pairs is None else max(2, len(centres) // pairs)
+    middles, ways = _pairs(layout, centres[::step], how.apart, how.radius)
     separation = [
         expectation.separation(middle, way, grounded) for middle, way in zip(middles, ways)
     ]
-    return Posterior(how, centres, place, force, middles, np.array(separation))
+    return Posterior(
+        how, centres, np.array(covariance), np.array(force), middles, np.array(separation)
+    )
+
+
+def usual_apart(layout: Layout) -> float:
+    """Distance of two contacts, m, that tells layouts of so many electrodes apart: 0.6 spacings of
+    as many spread evenly, rim to rim where they are a square grid."""
+    return PAIR_PITCHES * float(np.sqrt(layout.outline.area) / (np.sqrt(layout.electrodes) - 1))
 
 
 def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:
@@ -296,9 +343,9 @@ def _on_sheet(layout, points, radius):
 
 
 def _pairs(layout, centres, apart, radius):
-    """Middles (Q, 2) and ways (Q, 2) of pairs that lie on the sheet: every second place, turned."""
-    angle = 2.399963 * np.arange(len(centres))[::2]  # the golden angle
-    middles, ways = centres[::2], apart * np.column_stack([np.cos(angle), np.sin(angle)])
+    """Middles (Q, 2) and ways (Q, 2) of the pairs about `centres` that lie on the sheet, turned."""
+    angle = 2 * 2.399963 * np.arange(len(centres))  # twice the golden angle
+    middles, ways = centres, apart * np.column_stack([np.cos(angle), np.sin(angle)])
     there = np.ones(len(middles), bool)
     for sign in (1, -1):
         there &= _on_sheet(layout, middles + sign * ways / 2, radius)

@@ -49,7 +49,7 @@ def evaluate_profile(
 
     Parameters
     ----------
-    profile : `fast`, `balanced`, `nonlinear`, `accurate` or `auto`
+    profile : `fast`, `balanced`, `accurate` or `auto`
     radius : of all contacts, m; without it 0.6, 0.8, 1.2 and 1.6 times the one that is assumed
     resolution : cells, one contact in each, and pixels, along the longer side
     seed : of places, sizes and noise

@@ -5,8 +5,9 @@ than use makes of it. Resistances are compared with those of the other electrode
 sheet with how they were when the sensor was first known (`_FIRST` touches, or its file): a sensor
 that was uneven from the beginning is not damaged. It is told once it was so after `_TIMES` things
 learned, and gone after as many without it. Touches are free in every fit: however hard, they are
-in none of these numbers. The common factor of gains and the mean conductance of the sheet, which
-heat and moisture change, do not show in touches of unknown force.
+in none of these numbers. The common factor of gains does not show in touches of unknown force. Nor
+does the mean conductance of the sheet, which heat and moisture change, by itself; but resistances to
+ground are known in parts of the sheet's, and all of them change by one factor then.
 """
 
 from __future__ import annotations
@@ -28,9 +29,11 @@ _OHM = 400.0  # more than the other electrodes: a switch has some tens to hundre
 _OHM_FLOOR = 30.0  # ohm, deviation: what the models of electrodes differ by
 _GAIN = 0.01  # relative change
 _SHEET = 0.25  # loss of conductance, logarithm
+_WHOLE = 0.1  # change of all resistances by one factor, logarithm
+_TORN = 0.1  # the same where channels and an even change of the sheet leave misfits
 _EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
 _LAST = 5  # touches
-_SHEET_FLOOR = 0.03  # the same, deviation: what the modes of the field cannot show
+_SHEET_FLOOR = 0.02  # the same, deviation: what the modes of the field cannot show
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,14 @@ class Health:
         """Name, text and deviations of all that looks broken."""
         compared = self._reference is not None and self._reference is not state
         channels = [*self._wires(state), *(self._gains(state) if compared else ())]
-        if self._misfits and np.median(self._misfits) > _EXPLAINED and channels:
+        odd = bool(self._misfits) and np.median(self._misfits) > _EXPLAINED
+        torn = list(self._tear(state, _TORN if odd else _SHEET)) if compared else []
+        yield from torn
+        if compared:
+            yield from self._whole(state)
+        if odd and torn:
+            return  # what channels seem to have is the tear's
+        if odd and channels:
             names = ", ".join(sorted({name.split()[1] for name, _, _ in channels}, key=int))
             yield (
                 "sheet",
@@ -100,8 +110,6 @@ class Health:
             )
         else:
             yield from channels
-        if compared:
-            yield from self._tear(state)
 
     def _wires(self, state):
         more = state["resistance"] - np.median(state["resistance"])
@@ -127,13 +135,13 @@ class Health:
                 float(sure[n]),
             )
 
-    def _tear(self, state):
+    def _tear(self, state, least):
         now, deviation = findings.field(state, self._operator)
         before, uncertain = findings.field(self._reference, self._operator)
         loss = before - now
         sure = loss / np.sqrt(deviation**2 + uncertain**2 + _SHEET_FLOOR**2)
-        worst = int(np.where(loss > _SHEET, sure, -np.inf).argmax())
-        if loss[worst] > _SHEET and sure[worst] > _SURE:
+        worst = int(np.where(loss > least, loss, -np.inf).argmax())
+        if loss[worst] > least and sure[worst] > _SURE:
             x, y = 1e3 * self._operator.field.centres[worst]
             yield (
                 "tear",
@@ -142,4 +150,30 @@ class Health:
                     f"about ({x:+.0f}, {y:+.0f}) mm, a tear"
                 ),
                 float(sure[worst]),
+            )
+
+    def _whole(self, state):
+        """One factor of all resistances, by least squares; those that it does not fit are left out."""
+        before, now = self._reference["resistance"], state["resistance"]
+        spread = np.sqrt(
+            state.std("resistance") ** 2 + self._reference.std("resistance") ** 2 + _OHM_FLOOR**2
+        )
+        fits = before > spread
+        if not fits.any():
+            return
+        fits &= np.abs(now - np.median(now[fits] / before[fits]) * before) < _SURE * spread
+        weight = np.where(fits, before / spread**2, 0.0)
+        ratio = (weight @ now) / max(weight @ before, 1e-300)
+        if np.count_nonzero(fits) < len(fits) / 2 or ratio <= 0:
+            return
+        sure = np.abs(np.log(ratio)) * ratio * np.sqrt(weight @ before)
+        if abs(np.log(ratio)) > _WHOLE and sure > _SURE:
+            yield (
+                "whole",
+                (
+                    f"all resistances to ground are {ratio:.2f} times what they were in parts of the "
+                    f"sheet's: it resists {100 * (1 / ratio - 1):+.0f} % as a whole (dry, warm, worn), "
+                    "or the switches have changed"
+                ),
+                float(sure),
             )

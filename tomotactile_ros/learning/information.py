@@ -9,7 +9,8 @@ complement) they leave the information
 and the same of the gradient. A resting load is in c: it says nothing but what all else agrees with.
 Frames add up (batch Gauss-Newton with contacts eliminated, as bundle adjustment does with cameras;
 Triggs et al. 2000) or follow each other (information filter). Channels touch one column or one row
-of the readings each: no dense derivative is formed.
+of the readings each: no dense derivative is formed. What electrodes as modelled err in this frame
+(`SheetOperator.inexact`) is eliminated likewise.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, contact_priors
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,9 @@ def information(
     not."""
     fit = Fit(operator, unknowns, rows, prior)
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
-    contacts, sheet, by_gain, by_resistance = _derivatives(prediction, unknowns)
+    contacts, sheet, by_gain, by_resistance, by_electrode = _derivatives(
+        prediction, unknowns, rows.grounded
+    )
     free, modes, count = len(contacts), operator.modes, operator.count
     columns = np.concatenate([contacts, sheet])
     flat = columns.reshape(len(columns), -1)
@@ -79,19 +82,40 @@ def information(
     right[gain] = (weights * by_gain * misfit).sum(axis=0)
     right[offset] = (weights * misfit).sum(axis=0)
     right[resistance] = to_rows @ (by_row * misfit).sum(axis=1)
+    by_row = weights * by_electrode
+    mixed = np.concatenate(
+        [
+            np.einsum("pln,ln->pl", weighted, by_electrode) @ to_rows.T,
+            (to_rows @ (by_row * by_gain)).T,
+            (to_rows @ by_row).T,
+            np.diag(to_rows @ (by_row * by_resistance).sum(axis=1)),
+        ]
+    )
+    own = to_rows @ (by_row * by_electrode).sum(axis=1) + operator.inexact**-2.0
+    right -= mixed @ (to_rows @ (by_row * misfit).sum(axis=1) / own)
+    normal -= (mixed / own) @ mixed.T
     _in_units(normal, right, slice(first + count, first + 2 * count), drive)
     return _without_contacts(fit, normal, right, free)
 
 
-def _derivatives(prediction: Prediction, unknowns: Unknowns):
+def _derivatives(prediction: Prediction, unknowns: Unknowns, grounded: np.ndarray):
     """Of the readings (.., L, n): by contacts (F, ..), sheet (J, ..), gain of their column,
-    resistance of their row."""
+    resistance of their row, and impedance of their row's electrode.
+
+    Where the grounded electrode itself is read, it tells its resistance from its impedance.
+    """
     ratio = prediction.ratio
+    by_resistance = unknowns.gain * ratio / prediction.own[:, None]
+    by_electrode = by_resistance.copy()
+    by_electrode[np.arange(len(grounded)), grounded] = (
+        -unknowns.gain[grounded] * unknowns.resistance[grounded] / prediction.own**2
+    )
     return (
         prediction.contact_columns(),
         prediction.sheet_columns(),
         1 - ratio,
-        unknowns.gain * ratio / prediction.own[:, None],
+        by_resistance,
+        by_electrode,
     )
 
 
@@ -107,7 +131,7 @@ def _without_contacts(fit, normal, right, free) -> Information:
     if not free:
         nothing = np.zeros((0, len(normal))), np.zeros(0)
         return Information(normal, right, *nothing, fit.chi_squared, readings)
-    curvature, pull = (each[:free] for each in Linear.priors(_Of(fit)))
+    curvature, pull = contact_priors(fit)
     own = normal[:free, :free] + np.diag(curvature)
     scale = 1 / np.sqrt(own.diagonal())
     factor = cho_factor(own * scale[:, None] * scale)
@@ -122,10 +146,3 @@ def _without_contacts(fit, normal, right, free) -> Information:
         fit.chi_squared,
         readings,
     )
-
-
-@dataclass(frozen=True)
-class _Of:
-    """What the estimator's priors are asked of."""
-
-    fit: Fit

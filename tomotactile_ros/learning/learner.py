@@ -26,6 +26,7 @@ EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is 
 DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
 _HELD = 1e-4  # of what was expected: as good as fixed
 _STEPS = 20
+_AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of chi-squared, each
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
 
 
@@ -44,6 +45,13 @@ class Learner:
         self.ledger = Ledger(self.operator.pitch)
         self._where = state.indices(self.operator.used)
         self.set(state)
+        self.about()
+
+    def about(self) -> None:
+        """Take up the model of the sheet as it is known now, where it is known to be uneven."""
+        operator = self.operator.near(self.state["sheet"])
+        if operator is not self.operator:
+            self.operator, self.search = operator, Search(operator)
 
     def set(self, state: SensorState) -> None:
         """Go on from `state`."""
@@ -63,13 +71,13 @@ class Learner:
 
     def prior(self) -> Prior:
         """What the estimator is to expect."""
-        return self.state.prior(self.operator.used, self.drive, self.like)
+        return self.state.prior(self.operator, self.drive, self.like)
 
     def look(self, rows: Rows, enough: float = DOUBTFUL) -> Fit:
         """Contacts of a frame: one if it leaves chi-squared a reading below `enough`, else what the
         search finds."""
         prior = self.prior()
-        one = self._single(rows, prior)
+        one = self._relinearised(self._single(rows, prior))
         if one is not None and one.chi_squared < enough * rows.count:
             return one
         found = self.search.contacts(rows, prior)
@@ -87,7 +95,7 @@ class Learner:
             self.operator,
             as_known(unknowns, own),
             rows,
-            replace(own, sheet_deviation=sheet, deviations=held),
+            replace(own, sheet_deviation=sheet, deviations=held, precision=None),
         )
 
     def learn(self, fit: Fit, time: float = 0.0) -> bool:
@@ -100,12 +108,13 @@ class Learner:
         weight = self.ledger.weight(contacts, by_reading, time)
         found = self.information(fit)
         self._add([(found, weight)], self._theta(fit.unknowns))
+        self.about()
         self._count(frames=1, touches=int(self.ledger.add(contacts, time)))
         return True
 
     def information(self, fit: Fit) -> Information:
         """What a frame says of the sensor where its fit is."""
-        return information(self.operator, fit.unknowns, fit.rows, self.like, self.drive)
+        return information(fit.operator, fit.unknowns, fit.rows, self.like, self.drive)
 
     def untouched(self, found: Offsets, frames: int = 1) -> None:
         """Take what untouched `frames` say."""
@@ -166,6 +175,18 @@ class Learner:
             if best.chi_squared < EXPLAINED * rows.count:
                 break
         return best
+
+    def _relinearised(self, fit: Fit | None) -> Fit | None:
+        """The same or a fit with the model of the sheet that it found, if it explains too little."""
+        for _ in range(_AGAIN):
+            if fit is None or fit.chi_squared < EXPLAINED * fit.rows.count:
+                break
+            operator = fit.operator.near(fit.unknowns.sheet)
+            tried = solve(operator, fit.unknowns, fit.rows, fit.prior, _STEPS)
+            if tried.chi_squared > _WORTH * fit.chi_squared:
+                break
+            fit = tried
+        return fit
 
     def _one(self, prior, place, strength, radius):
         """One disc, `strength` S or less: half of what a bare conductor of that size has."""

@@ -271,6 +271,7 @@ class LiveLearner:
         else:
             learner.drive = frame.drive
             learner.set(state)
+            learner.about()
         return learner
 
     def _adopt(self, state: SensorState, since: float | None = None, misfits=()) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
@@ -23,7 +24,6 @@ from tomotactile_ros.layout import Layout
 from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
-from tomotactile_ros.learning.reciprocity import fit_gains
 from tomotactile_ros.learning.state import SensorState
 
 WIDE = ChannelPrior(
@@ -31,7 +31,7 @@ WIDE = ChannelPrior(
 )  # of a sensor of which nothing is known
 MOST = 60  # touches
 _NEW = 1.5  # times what noise makes of the difference of two frames: another touch
-_ROUNDS = 3  # of all frames together
+_ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on
@@ -207,28 +207,39 @@ def _one_by_one(learner, rows, watch, course):
 
 def _together(learner, start, fits, watch):
     """All frames about the sensor that they have shown together, until it stays."""
+    single = learner.state, fits, learner.ledger
     for _ in watch(range(_ROUNDS), "all of them together"):
+        learner.about()
         before, deviation = learner.state.mean, learner.state.deviation
-        ledger = Ledger(learner.operator.pitch)
-        settled = [learner.settle(fit.unknowns, fit.rows) for fit in fits]
-        enough = max(EXPLAINED, _ODD * float(np.median([_by_reading(fit) for fit in settled])))
-        parts, after = [], []
-        for now in settled:
-            if _by_reading(now) > enough:
-                again = learner.settle(learner.look(now.rows, enough).unknowns, now.rows)
-                now = again if again.chi_squared < now.chi_squared else now
-            after.append(now)
-            if _is_good(now):
-                contacts = now.unknowns.contacts
-                weight = ledger.weight(contacts, _by_reading(now))
+        fits, enough = _settled(learner, fits)
+        ledger, parts = Ledger(learner.operator.pitch), []
+        for fit in fits:
+            contacts, misfit = fit.unknowns.contacts, _by_reading(fit)
+            if len(contacts) and misfit < max(DOUBTFUL, enough):
+                parts.append((learner.information(fit), ledger.weight(contacts, misfit)))
                 ledger.add(contacts)
-                parts.append((learner.information(now), weight))
-        fits = after
         learner.again(start, parts)
         learner.ledger = ledger
         if (np.abs(learner.state.mean - before) < _SETTLED * deviation).all():
             break
+    if sum(map(_is_good, fits)) < sum(map(_is_good, single[1])) / 2:  # they do not fit together
+        state, fits, learner.ledger = single
+        learner.set(state)
     return fits
+
+
+def _settled(learner, fits):
+    """Fits with the sensor held, looked for anew where others explain far more; and chi-squared a
+    reading that tells these."""
+    settled = [learner.settle(fit.unknowns, fit.rows) for fit in fits]
+    enough = max(EXPLAINED, _ODD * float(np.median([_by_reading(fit) for fit in settled])))
+    after = []
+    for now in settled:
+        if _by_reading(now) > enough:
+            again = learner.settle(learner.look(now.rows, enough).unknowns, now.rows)
+            now = again if again.chi_squared < now.chi_squared else now
+        after.append(now)
+    return after, enough
 
 
 def _by_reading(fit: Fit) -> float:

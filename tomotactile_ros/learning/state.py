@@ -10,8 +10,10 @@ is known.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -102,8 +104,9 @@ class SensorState:
             [np.arange(self.modes), *(self.modes + i * count + used for i in range(3))]
         )
 
-    def prior(self, used: np.ndarray, drive: float, like: Prior) -> Prior:
-        """What the estimator is to expect of the electrodes `used` (n,); `like`: of contacts."""
+    def prior(self, operator: SheetOperator, drive: float, like: Prior) -> Prior:
+        """What the estimator is to expect of the electrodes in use; `like`: of contacts."""
+        used = operator.used
         return replace(
             like,
             learned=self.touches > 0,
@@ -115,9 +118,32 @@ class SensorState:
             deviations=(
                 self.std("gain")[used],
                 self.std("offset")[used] / drive,
-                self.std("resistance")[used],
+                np.hypot(self.std("resistance")[used], operator.inexact),
             ),
+            precision=self._precision(operator, drive),
         )
+
+    def _precision(self, operator, drive):
+        """Inverse covariance of the sheet and of the channels in use, offsets in parts of
+        `drive`; what electrodes as modelled err in one frame is in that of resistances."""
+        used = operator.used
+        key = (used.tobytes(), drive)
+        if key not in self._precisions:
+            where = self.indices(used)
+            covariance = self.covariance[np.ix_(where, where)]
+            own = np.arange(len(where) - len(used), len(where))
+            covariance[own, own] += operator.inexact**2
+            scale = np.sqrt(covariance.diagonal())
+            correlation = covariance / scale[:, None] / scale
+            inverse = cho_solve(cho_factor(correlation), np.eye(len(where)))
+            scale[self.modes + len(used) : self.modes + 2 * len(used)] /= drive
+            self._precisions.clear()  # one set of electrodes is in use at a time
+            self._precisions[key] = (inverse + inverse.T) / 2 / scale[:, None] / scale
+        return self._precisions[key]
+
+    @cached_property
+    def _precisions(self) -> dict:
+        return {}
 
     def corrected(self, voltages: np.ndarray, tared: bool = False) -> np.ndarray:
         """(L, E) V without what gains and offsets do to them; `tared`: offsets are off them

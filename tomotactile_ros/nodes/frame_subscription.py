@@ -1,5 +1,5 @@
-"""The subscription to voltage frames: messages in, frames out, and word of a publisher that does
-not suit."""
+"""The subscriptions to voltage frames and rows of them: messages in, frames out, and word of a
+publisher that does not suit."""
 
 from collections.abc import Callable
 
@@ -19,6 +19,8 @@ try:
 except ImportError:  # Humble
     from rclpy.qos_event import SubscriptionEventCallbacks
 
+ROWS_DEPTH = 16  # messages of rows that may wait
+
 
 def subscribe_to_frames(
     node: Node,
@@ -26,7 +28,19 @@ def subscribe_to_frames(
     refuse: Callable[[str], None],
     incompatible: Callable[[str], None],
 ) -> None:
-    """Listen to `voltage_frame`: a late frame is dropped, not queued.
+    """Listen to `voltage_frame`: a late frame is dropped, not queued; and see `_subscribe`."""
+    _subscribe(node, "voltage_frame", 1, accept, refuse, incompatible)
+
+
+def subscribe_to_rows(
+    node: Node, accept: Callable[[Frame, str, Header], None], refuse: Callable[[str], None]
+) -> None:
+    """Listen to `voltage_rows`: some wait, as none should be missed; and see `_subscribe`."""
+    _subscribe(node, "voltage_rows", ROWS_DEPTH, accept, refuse, lambda policy: None)
+
+
+def _subscribe(node, topic, depth, accept, refuse, incompatible) -> None:
+    """Listen to a topic of `VoltageFrame`.
 
     Frames go on while parameters or services take long: they have a callback group of their own.
 
@@ -48,10 +62,10 @@ def subscribe_to_frames(
 
     node.create_subscription(
         VoltageFrame,
-        "voltage_frame",
+        topic,
         on_message,
         QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
+            history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
         ),
         callback_group=MutuallyExclusiveCallbackGroup(),
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),

@@ -22,6 +22,7 @@ from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, START, Option, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request
 from tomotactile_ros.optimizer.step import Step
@@ -49,7 +50,7 @@ def spec_of(option: Option) -> Spec:
 SPECS = (
     Spec(
         "method",
-        "equalize",
+        METHODS[0],
         "How electrodes are moved",
         choices=(*METHODS, *ALIASES),
         read_only=True,
@@ -94,11 +95,15 @@ class Optimizer:
         values = self.parameters
         check_out(values["out"], *YAML)
         given = {option.name: option.given(values[option.name]) for option in OPTIONS}
+        kept = {"layout"} if given["electrodes"] is None else {"layout", "electrodes", "inset"}
         if given["layout"] is not None:
-            given |= {option.name: option.default for option in START[1:]}
+            given |= {option.name: option.default for option in START if option.name not in kept}
+        elif given["electrodes"] is not None:  # they are on no grid, which always has a default
+            given |= {"rows": None, "cols": None}
         layout = start_of(given)
         replace(layout, name=values["name"])  # refuses a name that the best layout cannot have
-        self._request = request_of(layout, values["method"], given)
+        state_file = state_file_of(values["out"])
+        self._request = request_of(layout, values["method"], given, state_file)
 
     def activate(self) -> None:
         """Begin."""
@@ -168,6 +173,8 @@ class Optimizer:
         best = [step for step in self._history if step.best][-1]
         values = self.parameters
         self._request.result(values["name"], self._history, best).save(values["out"])
+        if self._history[-1].iteration == self._request.total and self._request.state_file:
+            self._request.state_file.unlink(missing_ok=True)  # there is nothing to go on with
         self._log.info(f"step {best.iteration} was the best, {values['out']} written")
 
 

@@ -1,4 +1,5 @@
-"""What the reconstruction publishes: image, picture, contacts, wrench, markers, curved surface.
+"""What the reconstruction publishes: image, picture, contacts, whether something touches, wrench,
+markers, curved surface.
 
 Whatever takes time and nobody listens to is not made.
 """
@@ -12,7 +13,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import Header
+from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.grid import Grid
@@ -41,6 +42,8 @@ class Outputs:
         self._pressure = self._publisher(Image, "pressure")
         self._view = self._publisher(Image, "pressure_view")
         self._contacts = self._publisher(ContactArray, "contacts")
+        self._touched = self._publisher(Bool, "touched", latched=True)
+        self._touched_before: bool | None = None
         self._wrench = self._publisher(WrenchStamped, "wrench")
         self._layout_message = self._publisher(SensorLayout, "layout", latched=True)
         self._markers = self._publisher(MarkerArray, "contact_markers")
@@ -66,10 +69,23 @@ class Outputs:
                 self._surface = self._publisher(PointCloud2, "surface")
             self._points = layout.surface.to_3d(grid.pixels)
 
-    def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
-        """Publish an (H, W) image, Pa, and its contacts."""
+    def publish(
+        self, pressure: np.ndarray, contacts: list, header: Header, contacts_too: bool = True
+    ) -> None:
+        """Publish an (H, W) image, Pa, and its contacts, these also as topics of their own."""
         self._pressure.publish(image_to_message(pressure, header))
-        contacts = sorted(contacts, key=lambda contact: contact.force, reverse=True)
+        contacts = _strongest_first(contacts)
+        if contacts_too:
+            self.publish_contacts(contacts, header)
+        if self._view.get_subscription_count() > 0:
+            self._view.publish(image_to_message(self._picture(pressure, contacts), header))
+        if self._points is not None and self._surface.get_subscription_count() > 0:
+            values = self._grid.gather(pressure)
+            self._surface.publish(cloud_to_message(self._points, values, header))
+
+    def publish_contacts(self, contacts: list, header: Header) -> None:
+        """Publish contacts that are known."""
+        contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
         self._contacts.publish(contacts_to_message(contacts, placed, header))
         self._wrench.publish(wrench_to_message(*placed.wrench(), header))
@@ -77,11 +93,12 @@ class Outputs:
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
             self._markers.publish(self._contact_markers.of(contacts, placed, header))
-        if self._view.get_subscription_count() > 0:
-            self._view.publish(image_to_message(self._picture(pressure, contacts), header))
-        if self._points is not None and self._surface.get_subscription_count() > 0:
-            values = self._grid.gather(pressure)
-            self._surface.publish(cloud_to_message(self._points, values, header))
+
+    def say_touched(self, touched: bool) -> None:
+        """Publish whether something touches, or that is not known, where that has changed."""
+        if touched != self._touched_before:
+            self._touched_before = touched
+            self._touched.publish(Bool(data=touched))
 
     def withhold(self, reason: str, header: Header) -> None:
         """Say that the contacts of a frame are not known; no image is published."""
@@ -110,3 +127,7 @@ class Outputs:
             ),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+
+
+def _strongest_first(contacts: list) -> list:
+    return sorted(contacts, key=lambda contact: contact.force, reverse=True)

@@ -1,5 +1,7 @@
-"""Node `reconstruction`: makes a pressure image and contacts of every voltage frame."""
+"""Node `reconstruction`: makes a pressure image and contacts of every voltage frame, and follows
+contacts from row to row where rows come."""
 
+import sys
 import threading
 import time
 from typing import Any
@@ -17,17 +19,19 @@ from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import check_frame
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames
+from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, SPECS, settings_of
+from tomotactile_ros.nodes.rows import Rows
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 
+PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
 _EVERY = 5.0  # s between two warnings of a kind
 
 
@@ -37,7 +41,8 @@ class Reconstruction:
     Parameters
     ----------
     node : the node.
-    subscribe : whether frames come by the topic; otherwise they are handed to `accept`.
+    subscribe : whether frames and rows come by their topics; otherwise they are handed to `accept`
+        and `accept_rows`.
     """
 
     name = "reconstruction"
@@ -47,6 +52,7 @@ class Reconstruction:
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, self._change)
         self._lock = threading.Lock()  # guards the pipeline against frames from another thread
+        self._rows_lock = threading.Lock()  # the same of rows, which do not wait for frames
         self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None
         self._active = False
@@ -55,10 +61,12 @@ class Reconstruction:
         self._withheld = ""
         self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
+        self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
         if subscribe:
             subscribe_to_frames(node, self.accept, self.refuse, self._watch.incompatible_qos)
+            subscribe_to_rows(node, self.accept_rows, self.refuse)
         self._taring = Taring(
             node,
             lambda: self.parameters.values,
@@ -90,13 +98,13 @@ class Reconstruction:
 
     def deactivate(self) -> None:
         """Stop processing frames."""
-        with self._lock:
+        with self._lock, self._rows_lock:
             self._active = False
         self._learning.stop()
 
     def cleanup(self) -> None:
         """Forget layout, pipeline and frames."""
-        with self._lock:
+        with self._lock, self._rows_lock:
             self._layout = self._pipeline = None
             self._taring.forget()
 
@@ -113,6 +121,18 @@ class Reconstruction:
                 if self._node.context.ok():  # otherwise a stop came in between
                     raise
 
+    def accept_rows(self, rows: Frame, layout_id: str, header: Header) -> None:
+        """Follow rows of a frame and publish what comes out, or refuse them with a warning."""
+        with self._rows_lock, unless_stopped(self._node):
+            pipeline = self._pipeline
+            if not self._active or pipeline is None or not self._rows.wanted:
+                return
+            try:
+                self._check(rows, layout_id)
+                self._rows.take(pipeline, rows, self.parameters["frame_id"] or header.frame_id)
+            except InputError as error:
+                self.refuse(str(error))
+
     def refuse(self, reason: str) -> None:
         """Count a frame that is not used, and say why."""
         self._watch.refuse(reason)
@@ -126,6 +146,7 @@ class Reconstruction:
         figures = {
             "profile": pipeline.profile,
             **self._watch.figures(),
+            **self._rows.figures(),
             **self._taring.figures(),
             **self._learning.figures(),
         }
@@ -137,6 +158,7 @@ class Reconstruction:
             return Report(diagnostics.ERROR, complaint, figures)
         troubles = [
             *self._watch.troubles(),
+            *self._rows.troubles(),
             *self._taring.troubles(),
             *self._learning.troubles(),
         ]
@@ -160,27 +182,44 @@ class Reconstruction:
 
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
-        if not matches(layout_id, self._layout.id):
-            raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
-        check_frame(frame, self._layout)
-        result = self._pipeline.process(
-            frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
-        )
+        self._check(frame, layout_id)
+        followed, result = self._rows.followed, None
+        self._rows.watch.frame_has(len(frame.grounded))
+        if followed and self._pipeline.fits:
+            with self._rows_lock:
+                result = self._rows.image(self._pipeline)
+        if result is None:
+            result = self._pipeline.process(
+                frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
+            )
+            if followed:
+                self._rows.correct(self._pipeline, frame)
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
         self._learning.offer(frame)
-        self._withheld = result.reason
+        self._withheld = self._rows.withheld if followed else result.reason
+        if not followed:
+            self._outputs.say_touched(not result.idle)
         if result.reason:
-            self._outputs.withhold(result.reason, header)
+            if not followed:
+                self._outputs.withhold(result.reason, header)
         elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
         else:
-            self._outputs.publish(result.pressure, result.contacts, header)
+            self._outputs.publish(
+                result.pressure, result.contacts, header, contacts_too=not followed
+            )
         self._excluded = result.excluded
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         self._watch.accepted(frame.sequence, now - frame.stamp, time.monotonic() - start)
+
+    def _check(self, frame: Frame, layout_id: str) -> None:
+        """Refuse, as InputError, what is not of this layout."""
+        if not matches(layout_id, self._layout.id):
+            raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
+        check_frame(frame, self._layout)
 
     def _use_sensor(self, sensor: SensorState) -> None:
         """Go on with what was learned."""
@@ -200,8 +239,9 @@ class Reconstruction:
     def _use(self, pipeline: Pipeline, values: dict[str, Any]) -> None:
         if pipeline is not self._pipeline:
             self._log.info(pipeline.report)
-        self._pipeline = pipeline
-        self._outputs.configure(self._layout, pipeline.grid, values)
+        with self._rows_lock:
+            self._pipeline = pipeline
+            self._outputs.configure(self._layout, pipeline.grid, values)
 
     def _hardware_id(self) -> str:
         """Which sensor: as the parameters say, otherwise by the frame of its messages."""
@@ -210,4 +250,5 @@ class Reconstruction:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
+    sys.setswitchinterval(PATIENCE)
     return run(lambda: [PlainNode(Reconstruction)], args, __doc__, {Reconstruction.name: SPECS})

@@ -1,11 +1,14 @@
 """Node `reconstruction` as a managed node: configure, activate, deactivate, cleanup by services."""
 
+import sys
+
 from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
-from tomotactile_ros.nodes.reconstruction import Reconstruction
+from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
+    sys.setswitchinterval(PATIENCE)
     specs = {Reconstruction.name: (AUTOSTART, *SPECS)}
     return run(lambda: [ManagedNode(Reconstruction)], args, __doc__, specs)

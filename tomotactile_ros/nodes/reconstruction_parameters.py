@@ -3,7 +3,7 @@
 from typing import Any
 
 from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.nodes import learning, tare
+from tomotactile_ros.nodes import learning, rows, tare
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
@@ -39,6 +39,7 @@ SPECS = (
         "model", "auto", "Of the sheet; auto: the cheapest that the layout allows", choices=MODELS
     ),
     Spec("excluded", (), "Electrodes that are never used", low=0, high=65535),
+    *rows.SPECS,
     *tare.SPECS,
     *learning.SPECS,
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
@@ -46,7 +47,7 @@ SPECS = (
     Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
     PATH_CHANGES,
 )
-OF_THE_NODE = {"tare_frames", "view_range", "view_overlay", "view_size"}
+OF_THE_NODE = {"publish_every", "tare_frames", "view_range", "view_overlay", "view_size"}
 _PLAIN_SETTINGS = (
     "profile",
     "resolution",

@@ -1,8 +1,9 @@
-"""Driver and reconstruction in one process: frames go from one to the other without DDS.
+"""Driver and reconstruction in one process: frames and rows go from one to the other without DDS.
 
 The device's thread leaves each frame in a queue, a thread of the reconstruction takes the newest
-from there: a slow image costs frames, never the device's time. Topics, services and parameters are
-those of the two nodes.
+from there: a slow image costs frames, never the device's time. Rows have a queue and a thread of
+their own, which takes them all in turn: a slow image does not delay them either. Topics, services
+and parameters are those of the two nodes.
 """
 
 import sys
@@ -17,10 +18,10 @@ from tomotactile_ros.devices import Frame
 from tomotactile_ros.nodes.driver import SPECS as DRIVER_SPECS
 from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.life import ManagedNode, PlainNode, run
-from tomotactile_ros.nodes.reconstruction import Reconstruction
+from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
 
-PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
+_MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
 
@@ -30,27 +31,39 @@ class DirectReconstruction(Reconstruction):
     def __init__(self, node: Node):
         super().__init__(node, subscribe=False)
         self._queue: SimpleQueue[tuple[Frame, str, Header] | None] = SimpleQueue()
-        self._worker: threading.Thread | None = None
+        self._row_queue: SimpleQueue[tuple[Frame, str, Header] | None] = SimpleQueue()
+        self._workers: list[threading.Thread] = []
 
     def activate(self) -> None:
         """Begin to process frames."""
         super().activate()
-        self._worker = threading.Thread(target=self._work, name="reconstruction", daemon=True)
-        self._worker.start()
+        self._workers = [
+            threading.Thread(target=work, name=name, daemon=True)
+            for name, work in (("reconstruction", self._work), ("rows", self._work_on_rows))
+        ]
+        for worker in self._workers:
+            worker.start()
 
     def deactivate(self) -> None:
-        """Stop processing frames; the thread has ended afterwards."""
+        """Stop processing frames; the threads have ended afterwards."""
         super().deactivate()
-        if self._worker is not None:
+        if self._workers:
             self._queue.put(None)
-            self._worker.join()
-            self._worker = None
+            self._row_queue.put(None)
+        for worker in self._workers:
+            worker.join()
+        self._workers = []
 
     def hand_over(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Leave a frame to be processed next; those that still wait are dropped."""
         if not self._active:
             return
         self._queue.put((frame, layout_id, header))
+
+    def hand_over_rows(self, rows: Frame, layout_id: str, header: Header) -> None:
+        """Leave rows to be followed in turn."""
+        if self._active and self._rows.wanted:
+            self._row_queue.put((rows, layout_id, header))
 
     def _work(self) -> None:
         while True:
@@ -59,11 +72,27 @@ class DirectReconstruction(Reconstruction):
                 item = self._queue.get()
             if item is None:
                 return
-            try:
-                self.accept(*item)
-            except Exception as error:  # noqa: BLE001 - a defect must not end the thread
-                if self._node.context.ok():  # otherwise ROS shuts down and nothing can be published
-                    self._log.error(f"{type(error).__name__}: {error}", throttle_duration_sec=5.0)
+            self._do(self.accept, item)
+
+    def _work_on_rows(self) -> None:
+        while True:
+            item = self._row_queue.get()
+            while item is not None:
+                rows = len(item[0].grounded)
+                if self._row_queue.qsize() <= max(_MOST_WAITING // rows, 1):
+                    break
+                self._rows.watch.skip(item[0].sequence, rows)
+                item = self._row_queue.get()
+            if item is None:
+                return
+            self._do(self.accept_rows, item)
+
+    def _do(self, accept: Callable[[Frame, str, Header], None], item: tuple) -> None:
+        try:
+            accept(*item)
+        except Exception as error:  # noqa: BLE001 - a defect must not end the thread
+            if self._node.context.ok():  # otherwise ROS shuts down and nothing can be published
+                self._log.error(f"{type(error).__name__}: {error}", throttle_duration_sec=5.0)
 
 
 def make_nodes(make: Callable[..., PlainNode | ManagedNode] = PlainNode) -> Iterator[Node]:
@@ -72,6 +101,7 @@ def make_nodes(make: Callable[..., PlainNode | ManagedNode] = PlainNode) -> Iter
     yield reconstruction
     driver = make(Driver)
     driver.part.listeners.append(reconstruction.part.hand_over)
+    driver.part.row_listeners.append(reconstruction.part.hand_over_rows)
     yield driver
 
 

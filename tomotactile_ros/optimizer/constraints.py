@@ -25,12 +25,14 @@ class Constraints:
     spacing   smallest distance between two centres, m
     margin    smallest distance of a centre from the rim, m
     keep_out  regions without electrode centres, for instance for screws or a connector
+    fixed     numbers of electrodes that stay where they are
     """
 
     outline: Outline
     spacing: float
     margin: float = 0.0
     keep_out: tuple[Region, ...] = ()
+    fixed: tuple[int, ...] = ()
 
     @property
     def tolerance(self) -> float:
@@ -50,13 +52,18 @@ class Constraints:
         """Positions (E, 2) nearby that obey, or None where none are found.
 
         All electrodes are corrected at once, so symmetries that positions and zones share are kept.
+        Those that are fixed do not give way.
         """
         positions = np.array(positions, float)
+        gives_way = np.ones(len(positions))
+        gives_way[list(self.fixed)] = 0.0
+        # of what two are short of: a half each, and a little more
+        share = gives_way[:, None] * (1 - 0.5 * gives_way + _BEYOND)
         for _ in range(_ROUNDS):
             if self.violation(positions) <= self.tolerance:
                 return positions
             trespass = self._trespass(positions)
-            wrong = np.flatnonzero(trespass)
+            wrong = np.flatnonzero(trespass * gives_way)
             uphill = self._slope(positions[wrong])
             positions[wrong] -= (1 + _BEYOND) * trespass[wrong, None] * uphill
             distance = _distances(positions)
@@ -64,7 +71,7 @@ class Constraints:
             push = (short / np.maximum(distance, 1e-12))[..., None] * (
                 positions[:, None] - positions
             )
-            positions += (0.5 + _BEYOND) * push.sum(axis=1)
+            positions += (share[..., None] * push).sum(axis=1)
         return None
 
     def _trespass(self, positions):

@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from tomotactile_ros import checks
-from tomotactile_ros.arrangements import usual_radius
+from tomotactile_ros.arrangements import MAX_SPREAD, USUAL_SIZE, spread_electrodes, usual_radius
 from tomotactile_ros.errors import InputError, doubt
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
+from tomotactile_ros.evaluation.posterior import NOISE
 from tomotactile_ros.layout import Layout, check_usual_size, equal_grid, load_layout
 from tomotactile_ros.optimizer.equalize import SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.request import Request, method_of
+from tomotactile_ros.outline import Outline
 
-DEFAULT_SIZE = 0.2, 0.2  # m
 _SEEDS = 2**31 - 1  # the largest integer of a parameter of 32 bits
 
 
@@ -73,6 +75,14 @@ START = (
     Option("rows", int, "Electrodes of the equal grid along y", high=256),
     Option("cols", int, "Electrodes of the equal grid along x", high=256),
     Option(
+        "electrodes",
+        int,
+        "Number of electrodes spread evenly over the outline of layout, of circle or of size, in "
+        "the place of a grid",
+        high=MAX_SPREAD,
+    ),
+    Option("circle", float, "Radius of the round sheet of electrodes, m", high=1e3),
+    Option(
         "size", float, "Width and height of its sheet, m (default: 0.2 0.2)", metavar=("A", "B")
     ),
     Option("radius", float, "Of its electrodes, m (default: as in the paper, where there is room)"),
@@ -92,23 +102,51 @@ SEARCH = (
     Option(
         "steps",
         int,
-        "Updates of equalize (default: 5), or generations of evolution at the end of free (default: "
-        "none on rectangles, 30 on other outlines)",
+        "Rounds of touch (default: 2), updates of equalize (default: 5), or generations of evolution "
+        "at the end of free (default: none on rectangles, 30 on other outlines)",
         high=100_000,
     ),
     Option("regularization", float, "Lambda^2", REGULARIZATION, high=1e30),
     Option("resolution", int, "Contact positions along the longer side", RESOLUTION, high=400),
-    Option("spacing", float, "Of free: smallest distance of two centres, m (default: 2.2 radii)"),
-    Option("margin", float, "Of free: smallest distance of a centre from the rim, m", 0.0),
+    Option(
+        "spacing",
+        float,
+        "Of touch and free: smallest distance of two centres, m (default: 2.2 radii)",
+    ),
+    Option(
+        "margin", float, "Of touch and free: smallest distance of a centre from the rim, m", 0.0
+    ),
     Option(
         "keep_out",
         float,
-        "Of free: disc without electrode centres, m; as many as wanted",
+        "Of touch and free: disc without electrode centres, m; as many as wanted",
         default=(),
         metavar=("X", "Y", "R"),
         repeated=True,
     ),
-    Option("asymmetric", bool, "Of free: move every electrode on its own (slow)", False),
+    Option("asymmetric", bool, "Of touch and free: keep no symmetry (slow)", False),
+    Option(
+        "fixed",
+        int,
+        "Of touch: number of an electrode that stays where it is; as many as wanted",
+        default=(),
+        metavar=("N",),
+        repeated=True,
+    ),
+    Option(
+        "radius_range",
+        float,
+        "Of touch: electrodes may have any radius between these, one for all, m (default: as the "
+        "start)",
+        metavar=("MIN", "MAX"),
+    ),
+    Option("noise", float, f"Of touch: noise of a reading, V rms (default: {NOISE:g})", high=100.0),
+    Option(
+        "apart",
+        float,
+        "Of touch: distance of two contacts that are to be told apart, m (default: 0.6 spacings)",
+    ),
+    Option("resume", bool, "Of touch: go on where a search that was stopped has been", False),
     Option(
         "aims",
         float,
@@ -122,7 +160,7 @@ SEARCH = (
         "Of free: count the blur of scenes with two and with wide contacts, too, with this aim "
         "relative to the start, for instance 0.9",
     ),
-    Option("starts", int, "Of free: layouts to start from (default: 8)", high=10_000),
+    Option("starts", int, "Layouts to start from: of touch (default: 2), of free (8)", high=10_000),
     Option("seed", int, "Of the search of free", 0, high=_SEEDS),
 )
 OPTIONS = (*START, *SEARCH)
@@ -155,30 +193,65 @@ def start_layout(
 def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
     """The layout to start from, by the values of `START`; complaints put `mark` before names."""
     if values["layout"] is not None:
+        anew = ("electrodes", "inset") if values["electrodes"] is not None else ()
         for option in START[1:]:
-            if values[option.name] != option.default:
+            if values[option.name] != option.default and option.name not in anew:
                 name = option.name.replace("_", "-") if mark else option.name
                 raise InputError(f"{mark}{name}: {mark}layout has its own, give only one")
-        return load_layout(values["layout"])
+        layout = load_layout(values["layout"])
+        return _spread(values, mark, layout) if anew else layout
+    if values["electrodes"] is not None:
+        layout = _spread(values, mark)
+    else:
+        layout = _grid(values, mark)
+    remedy = "add --unusual-size" if mark else "set unusual_size"
+    key = "size" if values["circle"] is None else "circle"
+    check_usual_size(layout.outline.size, mark + key, remedy, values["unusual_size"])
+    return layout
+
+
+def _grid(values, mark):
     if values["rows"] is None or values["cols"] is None:
-        raise InputError(f"{mark}rows and {mark}cols, or {mark}layout, are needed")
-    size = DEFAULT_SIZE if values["size"] is None else values["size"]
-    layout = start_layout(
+        raise InputError(
+            f"{mark}rows and {mark}cols, or {mark}layout, or {mark}electrodes, are needed"
+        )
+    if values["circle"] is not None:
+        raise InputError(f"{mark}circle: has no rows and columns, give {mark}electrodes")
+    return start_layout(
         values["rows"],
         values["cols"],
-        size,
+        values["size"] or USUAL_SIZE,
         values["radius"],
         values["sheet_resistance"],
         values["inset"],
     )
-    if not values["unusual_size"]:
-        remedy = "add --unusual-size" if mark else "set unusual_size"
-        check_usual_size(layout.outline.size, f"{mark}size", remedy)
-    return layout
 
 
-def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Request:
-    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places."""
+def _spread(values, mark, layout: Layout | None = None):
+    """Electrodes spread evenly over an outline: of `layout`, a circle or a rectangle."""
+    for name in ("rows", "cols"):
+        if values[name] is not None:
+            raise InputError(f"{mark}{name}: {mark}electrodes are on no grid, give only one")
+    if layout is not None:
+        outline, radius, resistance = layout.outline, layout.radius, layout.sheet_resistance
+    else:
+        radius, resistance = values["radius"], values["sheet_resistance"]
+        if values["circle"] is None:
+            outline = Outline.rectangle(*(values["size"] or USUAL_SIZE))
+        elif values["size"] is None:
+            outline = Outline.circle(values["circle"])
+        else:
+            raise InputError(f"{mark}circle: the sheet has a {mark}size, give only one")
+    return spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])
+
+
+def request_of(
+    layout: Layout, method: str, values: Mapping[str, Any], state_file: Path | None = None
+) -> Request:
+    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places.
+
+    state_file : where a search keeps its state after every round
+    """
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
@@ -196,6 +269,12 @@ def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Reques
         starts=values["starts"],
         seed=values["seed"],
         resolution=values["resolution"],
+        fixed=tuple(each for group in values["fixed"] or () for each in group),
+        radius_range=values["radius_range"] and tuple(values["radius_range"]),
+        noise=values["noise"],
+        apart=values["apart"],
+        resume=values["resume"],
+        state_file=state_file,
     )
 
 
@@ -204,7 +283,12 @@ def command_of(method: str, values: Mapping[str, Any]) -> str:
     words = ["tomotactile", "optimize", "--method", method]
     for option in OPTIONS:
         value = values[option.name]
-        if value is None or value == option.default or (option.repeated and not value):
+        if (
+            value is None
+            or value == option.default
+            or option.name == "resume"
+            or (option.repeated and not value)
+        ):
             continue
         for each in value if option.repeated else [value]:
             words.append("--" + option.name.replace("_", "-"))

@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 
 from tomotactile_ros import checks
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
+from tomotactile_ros.evaluation.posterior import NOISE, Conditions, usual_apart
 from tomotactile_ros.layout import Layout
+from tomotactile_ros.optimizer.checkpoint import Checkpoint
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import SELECTIONS, equalize
 from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step, finished
+from tomotactile_ros.optimizer.touch import ROUNDS, STARTS, touch
 from tomotactile_ros.region import Region, regular_polygon
 
-METHODS = ("equalize", "free")
+METHODS = ("touch", "equalize", "free")
 ALIASES = {"paper": "equalize"}
 _UPDATES = 5  # of equalize
 
@@ -40,18 +44,25 @@ class Request:
     Parameters
     ----------
     layout : the start
-    method : `equalize` or `free`
+    method : `touch`, `equalize` or `free`
     select : of equalize, the update that is taken: `mean` or `worst`
-    steps : updates of equalize, or generations at the end of free; None for the default
-    regularization : lambda^2
-    spacing : of free, smallest distance of two centres, m; 2.2 radii by default
-    margin : of free, from the rim to a centre, m
-    keep_out : of free, discs (x, y, radius) without electrode centres, m
-    symmetric : of free, keep the symmetries of outline and layout
+    steps : rounds of touch, updates of equalize, or generations at the end of free; None for the
+        default
+    regularization : lambda^2 of images
+    spacing : of touch and free, smallest distance of two centres, m; 2.2 radii by default
+    margin : of touch and free, from the rim to a centre, m
+    keep_out : of touch and free, discs (x, y, radius) without electrode centres, m
+    symmetric : of touch and free, keep the symmetries of outline and layout
     aims : of free, what the figures should come to
-    starts : of free, layouts to descend from; None for the default
+    starts : of touch and free, layouts to start from; None for the default
     seed : of free
-    resolution : contact positions along the longer side
+    resolution : contact positions along the longer side, of images
+    fixed : of touch, electrodes that stay where they are
+    radius_range : of touch, smallest and largest radius of electrodes, m; None: that of the layout
+    noise : of touch, of a reading, V rms; None for the default
+    apart : of touch, distance of two contacts that are to be told apart, m; None for the default
+    resume : of touch, go on from `state_file`
+    state_file : of touch, where the state is kept after every round; None: nowhere
     """
 
     layout: Layout
@@ -67,6 +78,12 @@ class Request:
     starts: int | None = None
     seed: int = 0
     resolution: int = 40
+    fixed: tuple[int, ...] = ()
+    radius_range: tuple[float, float] | None = None
+    noise: float | None = None
+    apart: float | None = None
+    resume: bool = False
+    state_file: Path | None = None
 
     def __post_init__(self):
         method_of(self.method)
@@ -80,15 +97,34 @@ class Request:
         checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
         checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
-            raise InputError("spacing, margin and keep_out: only method free knows them")
-        if self.method == "free":
-            self._constraints().check(self.layout.electrodes, self.layout.radius)
+            raise InputError("spacing, margin and keep_out: only methods touch and free know them")
+        if self.method != "equalize":
+            largest = self.radius_range[1] if self.radius_range else self.layout.radius
+            self._constraints().check(self.layout.electrodes, largest)
+        if self.method != "touch":
+            for name in ("fixed", "radius_range", "noise", "apart", "resume"):
+                if getattr(self, name):
+                    raise InputError(f"{name}: only method touch knows it")
+            return
+        self._conditions()  # refuses what cannot be
+        if self.resume and self.state_file is None:
+            raise InputError("resume: there is no file with the state of a search")
+
+    def _check_radii(self) -> None:
+        if self.radius_range is None:
+            return
+        low, high = checks.pair(self.radius_range, "radius_range", "length in m")
+        checks.length(low, "radius_range[0]")
+        if high < low:
+            raise InputError(f"radius_range: from {low:g} to {high:g} m is no range")
 
     @property
     def total(self) -> int:
         """Number of steps, the start not counted."""
         if self.method == "equalize":
             return _UPDATES if self.steps is None else self.steps
+        if self.method == "touch":
+            return ROUNDS if self.steps is None else self.steps
         return self._effort().total(self.layout)
 
     def steps_of(self, executor: Executor | None = None) -> Iterator[Step]:
@@ -98,6 +134,20 @@ class Request:
                 self.layout,
                 self.total,
                 select=self.select,
+                regularization=self.regularization,
+                resolution=self.resolution,
+            )
+        if self.method == "touch":
+            return touch(
+                self.layout,
+                constraints=self._constraints(),
+                conditions=self._conditions(),
+                radii=self.radius_range,
+                symmetric=self.symmetric,
+                rounds=self.total,
+                starts=self._starts,
+                executor=executor,
+                checkpoint=self._checkpoint(),
                 regularization=self.regularization,
                 resolution=self.resolution,
             )
@@ -118,7 +168,7 @@ class Request:
 
         Raises InputError where it violates the constraints: no such layout is ever written.
         """
-        if self.method == "free":
+        if self.method != "equalize":
             self._constraints().insist(best.layout)
         settings = {**settings, **self.settings()}
         return finished(best.layout, name, self.method, settings, history, best)
@@ -128,19 +178,47 @@ class Request:
         out = {"start": self.layout.name, "steps": self.total}
         if self.method == "equalize":
             out["select"] = self.select
-        if self.method == "free":
+        if self.method != "equalize":
             constraints = self._constraints()
             out |= {
-                "regularization": self.regularization,
                 "spacing": constraints.spacing,
                 "margin": constraints.margin,
                 "keep_out": [list(disc) for disc in self.keep_out],
                 "symmetric": self.symmetric,
+            }
+        if self.method == "touch":
+            conditions = self._conditions()
+            out |= {
+                "radius_range": None if self.radius_range is None else list(self.radius_range),
+                "fixed": list(self.fixed),
+                "noise": conditions.noise,
+                "apart": conditions.apart,
+                "starts": self._starts,
+            }
+        if self.method == "free":
+            out |= {
+                "regularization": self.regularization,
                 "aims": {key: value for key, value in vars(self.aims).items() if value is not None},
                 "starts": self._effort().starts,
                 "seed": self.seed,
             }
         return out
+
+    @property
+    def _starts(self) -> int:
+        return STARTS if self.starts is None else self.starts
+
+    def _conditions(self) -> Conditions:
+        return Conditions(
+            noise=NOISE if self.noise is None else self.noise,
+            apart=usual_apart(self.layout) if self.apart is None else self.apart,
+        )
+
+    def _checkpoint(self) -> Checkpoint | None:
+        if self.state_file is None:
+            return None
+        asked = self.settings() | {"start": self.layout.id}
+        return Checkpoint(self.state_file, asked, self.resume)
 
     def _effort(self) -> Effort:
         return effort_for(self.layout, self.steps, self.starts)
@@ -154,5 +232,7 @@ class Request:
             discs.append(
                 Region(regular_polygon(checks.length(radius, f"keep_out[{i}][2]")) + [x, y])
             )
-        spacing = SPACING * self.layout.radius if self.spacing is None else self.spacing
-        return Constraints(self.layout.outline, spacing, self.margin, tuple(discs))
+        self._check_radii()
+        largest = self.radius_range[1] if self.radius_range else self.layout.radius
+        spacing = SPACING * largest if self.spacing is None else self.spacing
+        return Constraints(self.layout.outline, spacing, self.margin, tuple(discs), self.fixed)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality
+from tomotactile_ros.evaluation.posterior import Posterior
 from tomotactile_ros.layout import Layout
 
 
@@ -20,6 +21,7 @@ class Step:
     score       what the method makes small
     best        whether no earlier step had a lower score
     eta         s, estimate of the time left; 0 at the end
+    posterior   expected errors of contacts, where the method goes by them
     """
 
     iteration: int
@@ -28,6 +30,7 @@ class Step:
     score: float
     best: bool
     eta: float
+    posterior: Posterior | None = None
 
     @property
     def layout(self) -> Layout:
@@ -45,7 +48,9 @@ class Step:
 
     @property
     def metrics(self) -> dict:
-        return self.quality.metrics
+        if self.posterior is None:
+            return self.quality.metrics
+        return self.quality.metrics | {"touch": self.posterior.metrics}
 
 
 class Clock:
@@ -57,7 +62,12 @@ class Clock:
         self._lowest = np.inf
 
     def step(
-        self, iteration: int, quality: LayoutQuality, score: float, allowed: bool = True
+        self,
+        iteration: int,
+        quality: LayoutQuality,
+        score: float,
+        allowed: bool = True,
+        posterior: Posterior | None = None,
     ) -> Step:
         """The next step; the time left is that of the steps so far, iteration 0 included.
 
@@ -68,9 +78,8 @@ class Clock:
         best = bool(counted < self._lowest) or iteration == 0
         self._lowest = min(counted, self._lowest)
         each = (time.monotonic() - self._start) / (iteration + 1)
-        return Step(
-            iteration, self.total, quality, float(score), best, each * (self.total - iteration)
-        )
+        left = each * (self.total - iteration)
+        return Step(iteration, self.total, quality, float(score), best, left, posterior)
 
 
 def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:

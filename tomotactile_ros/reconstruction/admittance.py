@@ -121,12 +121,6 @@ class AdmittanceMeter:
         flat *= factor
         return Grounded(currents, couplings, noise, contradiction, flat)
 
-    def is_possible(self, admittance: np.ndarray, noise: float) -> bool:
-        """Whether a sheet can have Y (n, n), S, and its `noise`, S, lets it tell more than the weak
-        limit."""
-        bounded = np.abs(admittance).max() < self.largest and admittance.sum() > 0
-        return bool(bounded and noise < self.largest_noise)
-
     def excess(self, measured: Grounded) -> float:
         """Largest coupling of distant electrodes, in parts of their own admittance.
 

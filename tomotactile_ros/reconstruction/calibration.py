@@ -1,7 +1,8 @@
 """The contact law from contacts of known force: g = c p^m, a straight line between logarithms.
 
 Whatever is constant in a sensor and not in the model (sheet resistance, size of the contact) ends
-up in c: presses for calibration should resemble those of use.
+up in c: presses for calibration should resemble those of use. What was learned of the sensor, and
+the radius of the foot, if they are known, leave less to it.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ import numpy as np
 from tomotactile_ros import checks
 from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.errors import InputError
+from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.reconstruction.pipeline import Pipeline
+from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.yamlio import read_mapping, write_mapping
 
 NODE = "/**/reconstruction"
+_FOOT = 0.01  # relative deviation of the radius of a foot that is known
 _LEAST_RATIO = 1.5  # of the largest to the smallest force, to fit the exponent
 
 
@@ -34,18 +37,40 @@ class Fit:
 
 
 def measure_conductance(
-    layout: Layout, frames, grounded, drive_voltage: float
+    layout: Layout,
+    frames,
+    grounded,
+    drive_voltage: float,
+    sensor: SensorState | None = None,
+    foot_radius: float | None = None,
 ) -> tuple[float, float]:
     """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the
-    frames."""
-    pipeline = Pipeline(layout, Settings("nonlinear"))
-    found = [pipeline.strengths(frame, grounded, drive_voltage) for frame in frames]
+    frames.
+
+    sensor : what was learned of it; foot_radius : of a round foot, m
+    """
+    found = _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius)
     found = [contacts[0] for contacts in found if contacts]
     if not found:
         raise InputError("no frame shows a contact")
     return float(np.median([c.conductance for c in found])), float(
         np.median([c.area for c in found])
     )
+
+
+def _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius):
+    """Contacts of each frame, strongest first, by the estimator."""
+    settings = Settings()
+    estimator = Estimator(
+        layout,
+        noise=settings.noise,
+        law=settings.contact_law,
+        radius=settings.contact_radius if foot_radius is None else foot_radius,
+        sensor=sensor,
+        spread=None if foot_radius is None else _FOOT,
+    )
+    state = State()
+    return [estimator.estimate(f, grounded, drive_voltage, state).contacts for f in frames]
 
 
 def fit_contact_law(forces, conductances, areas, exponent: float | None = None) -> Fit:

@@ -75,11 +75,6 @@ def is_doubtful(
     return float(readings.std()) < _STUCK * noise
 
 
-def is_doubtful_subset(rows: np.ndarray, measured: Grounded, noise: float) -> bool:
-    """The same for rows (m, n), V, of a frame, NaN for the grounded electrode."""
-    return measured.asymmetry > _DOUBT or bool(stuck_channels(rows, noise).any())
-
-
 def stuck_channels(frame: np.ndarray, noise: float) -> np.ndarray:
     """(n,) bool: all readings of a channel are the same but for less than the noise (V)."""
     valid = np.isfinite(frame)

@@ -14,7 +14,6 @@ import numpy as np
 from tomotactile_ros.grid import Grid
 
 FLOOR = 0.2  # of the highest pixel; what is lower is no contact
-SHARP_FLOOR = 0.08  # the same in non-negative images, which have no ripples
 PROMINENCE = 0.1  # least height above the saddle to a higher contact, in parts of the own peak
 
 

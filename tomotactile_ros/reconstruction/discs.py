@@ -34,9 +34,8 @@ from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.special import ive
 
 from tomotactile_ros.grid import Grid
-from tomotactile_ros.reconstruction.admittance import Grounded
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 from tomotactile_ros.reconstruction.local import LocalImage
-from tomotactile_ros.reconstruction.nonnegative import current_error
 
 _STEPS = 2  # of Gauss-Newton
 _REACH = 0.2  # of a step, in spacings of the electrodes
@@ -51,6 +50,8 @@ _ROUNDS = 2  # of sizes and the sheet's conductance in turns
 _WAY_ERROR = 0.03  # of X
 _EVEN = 0.25  # what a weak disc has above X
 _LEAST = 0.01  # conductance of a disc, in parts of all
+_CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
+_OWN_ERROR = 0.01  # in parts of the electrode's own current
 _TINY = 1e-30  # S
 _K = np.geomspace(6.0, 1e-6, 1000)  # from as good as a bare conductor to nearly nothing
 _INSIDE = ive(0, _K) / (_K * ive(1, _K))  # ascending
@@ -281,6 +282,14 @@ def _compared(local, noise, left, point):
     covariance.ravel()[:: len(near) + 1] += local.coupling_variance[near] + noise**2
     _, solved, _ = lapack.dposv(covariance, shapes.T)
     return shapes.dot(solved), _UNEVEN * here.dot(solved)
+
+
+def current_error(meter: AdmittanceMeter, measured: Grounded) -> np.ndarray:
+    """(n,) how far the currents can be trusted, S."""
+    currents = measured.currents
+    noise = measured.noise**2 * float(currents.dot(currents)) / meter.amplification
+    model = _CURRENT_ERROR * measured.total + _OWN_ERROR * np.abs(currents)
+    return np.sqrt(model**2 + noise)
 
 
 @lru_cache(maxsize=8)

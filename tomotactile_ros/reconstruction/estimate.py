@@ -3,7 +3,7 @@
 A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the
 grounded electrodes shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of
 blob b, and the way to the grounded electrodes taken off, 1 / g = 1 / c - D, with the mean of D over
-all pairs of places in the blob; where the image is that of g, they have its sum.
+all pairs of places in the blob.
 """
 
 from __future__ import annotations
@@ -12,21 +12,19 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import nnls
 
 from tomotactile_ros.outline import Outline
 from tomotactile_ros.reconstruction.admittance import Grounded
-from tomotactile_ros.reconstruction.contacts import Blob
+from tomotactile_ros.reconstruction.contacts import Blob, find_blobs
 from tomotactile_ros.reconstruction.discs import fit_discs, shares_of
 from tomotactile_ros.reconstruction.local import LocalImage
-from tomotactile_ros.reconstruction.nonnegative import solve_nonnegative
 from tomotactile_ros.reconstruction.settings import ContactEstimate
 
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
-_DISC = 0.4  # radius of a contact that still counts as a disc, in spacings of the electrodes,
-_RESOLVED = 0.5  # and where the image is that of g, which does not break into spots
-_SEEN = 0.23  # radius from which on the image tells the size of a contact, in spacings
+_LEAST = 0.02  # conductance of a contact, in parts of the strongest
 _BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
 _PLACES = 40  # in a wide blob
@@ -35,13 +33,44 @@ _POINTS = 400  # of a disc that is partly off the sheet
 
 @dataclass(frozen=True)
 class Strength:
-    """Of one contact: position (2,) m, conductance g, S, and area, m^2; to be shown as a disc of
-    that area or not."""
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2."""
 
     position: np.ndarray
     conductance: float
     area: float
-    is_disc: bool = False
+
+
+@dataclass(frozen=True)
+class Image:
+    """values (K,), effective conductance of each pixel, S; its blobs; how strongly each conducts;
+    `left_over` of the currents, in parts of them, that no strengths of these contacts explain."""
+
+    values: np.ndarray
+    blobs: list[Blob]
+    strengths: list[Strength]
+    left_over: float
+
+
+def described(
+    local: LocalImage, measured: Grounded, disc_change: np.ndarray, radius: float
+) -> Image:
+    """The linear image of a frame, and the contacts that it shows.
+
+    Parameters
+    ----------
+    disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the
+        pixel, ohm
+    radius : of a contact that looks like a point, m
+    """
+    values = local.image(measured).astype(float)
+    blobs = find_blobs(local.grid.fill(values, outside=0.0), local.grid)
+    if not blobs:
+        return Image(values, [], [], 1.0)
+    found = strengths(blobs, values, measured, local, disc_change, radius)
+    least = _LEAST * max(strength.conductance for strength in found)
+    kept = [i for i, strength in enumerate(found) if strength.conductance >= least]
+    blobs, found = [blobs[i] for i in kept], [found[i] for i in kept]
+    return Image(values, blobs, found, _left_over(blobs, values, found, measured, local))
 
 
 def strengths(
@@ -50,48 +79,51 @@ def strengths(
     measured: Grounded,
     local: LocalImage,
     disc_change: np.ndarray,
-    point_area: float,
     radius: float,
-    exact: np.ndarray | None = None,
-    resolved: bool = False,
 ) -> list[Strength]:
-    """How strongly each blob of the image `values` (K,) conducts.
-
-    Parameters
-    ----------
-    measured : of the frame
-    disc_change : (K,) what D of a disc of `radius` centred on each pixel has above that of the
-        pixel, ohm
-    point_area : area of the upper half of a point's image, m^2
-    radius : of a contact that looks like a point, m
-    exact : (K,) the image before it was smoothed, if it was: its moments tell the size of contacts
-    resolved : the image is that of g, and discs are to be shown as such
-    """
-    largest = _RESOLVED if resolved else _DISC
-    radii, wide = _sizes(blobs, exact, local, point_area, radius, largest * local.spacing)
+    """How strongly each blob of the linear image `values` (K,) conducts; the rest as for
+    `described`."""
+    point_area, wide = local.point_area(measured), _wide_ones(blobs, measured, local)
     found, others, most = {}, [], LARGEST / local.resistance
     if any(wide):
         cores = [core_of(blob, values) for blob in blobs]
         shares = [local.meter.sheet.share[:, pixels] @ weights for pixels, weights in cores]
         effective = effective_conductances(np.array(shares).T, measured.currents)
         others = [shares[i] * effective[i] for i in range(len(blobs)) if wide[i]]
-        for i in range(len(blobs)):
-            if wide[i] and not resolved:
-                found[i] = _wide(blobs[i], cores[i][0], effective[i], local, point_area, radii[i])
+        for i in np.flatnonzero(wide).tolist():
+            found[i] = _wide(blobs[i], cores[i][0], effective[i], local, point_area, radius)
     small = [i for i in range(len(blobs)) if not wide[i]]
     if small:
         places = [tuple(blobs[i].position.tolist()) for i in small]
-        expected = [radii[i] for i in small]
-        discs = fit_discs(local, measured, places, others, disc_change, radius, expected)
+        discs = fit_discs(
+            local, measured, places, others, disc_change, radius, [radius] * len(small)
+        )
         for i, disc in zip(small, discs):
             conductance = min(disc.conductance, most)
-            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2, resolved)
-    if resolved:
-        sums = np.array([values[blob.pixels].sum() for blob in blobs])
-        sums *= values.sum() / sums.sum()  # what is in no blob
-        for i in set(range(len(blobs))).difference(small):
-            found[i] = Strength(blobs[i].position, float(sums[i]), np.pi * radii[i] ** 2)
+            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2)
     return [found[i] for i in range(len(blobs))]
+
+
+def _wide_ones(blobs, measured, local) -> list[bool]:
+    """Which blobs are too wide for a disc, or on a grid too coarse for one."""
+    usable, most = shares_of(local.grid).usable, WIDE * local.point_area(measured)
+    return [not usable or blob.area > most for blob in blobs]
+
+
+def _left_over(blobs, values, found, measured, local) -> float:
+    """What contacts of any strengths at the places `found` leave of the currents, in parts of
+    them."""
+    shares = []
+    for blob, strength, wide in zip(blobs, found, _wide_ones(blobs, measured, local)):
+        if wide:
+            pixels, weights = core_of(blob, values)
+        else:
+            pixels, weights = shares_of(local.grid).at(*strength.position.tolist())
+            weights = weights[:, 0]
+        shares.append(local.meter.sheet.share[:, pixels] @ weights)
+    currents = measured.currents.astype(float)
+    size = float(np.linalg.norm(currents))
+    return float(nnls(np.array(shares).T, currents)[1]) / size if size > 0 else 1.0
 
 
 def _wide(blob, pixels, effective, local, point_area, radius):
@@ -103,24 +135,23 @@ def _wide(blob, pixels, effective, local, point_area, radius):
     return Strength(blob.position, conductance, float(area))
 
 
-def _sizes(blobs, exact, local, point_area, radius, largest):
-    """Radius of each blob, m, as far as the image tells it, and whether it is too wide for a
-    disc."""
-    if exact is None:
-        radii = [radius] * len(blobs)
-        wide = [blob.area > WIDE * point_area for blob in blobs]
-    else:
-        radii = [seen_radius(blob.pixels, exact, local, radius) for blob in blobs]
-        wide = [seen > largest for seen in radii]
-    return radii, wide if shares_of(local.grid).usable else [True] * len(blobs)
-
-
 def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n,) of the blob's upper half and their weights (n,), whose sum is 1."""
     weights = values[blob.pixels] - (0.5 - 1e-9) * blob.peak
     above = weights > 0
     weights = weights[above]
     return blob.pixels[above], weights / weights.sum()
+
+
+def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run
+    out."""
+    if not matrix.size:  # scipy frees memory twice there, which ends the process
+        return np.zeros(matrix.shape[1])
+    try:
+        return nnls(matrix, right)[0]
+    except RuntimeError:
+        return np.maximum(np.linalg.lstsq(matrix, right, rcond=None)[0], 0.0)
 
 
 def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:
@@ -131,25 +162,6 @@ def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarr
     found = solve_nonnegative(shares, currents)
     total = found.sum()
     return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
-
-
-def seen_radius(
-    pixels: np.ndarray, values: np.ndarray, local: LocalImage, expected: float
-) -> float:
-    """Radius of the disc with the second moment of the image `values` (K,) at `pixels` (n,), m.
-
-    An even disc has r^2 / 2; a point that falls between pixels is spread over them by about half a
-    cell. Below a fraction of the electrodes' spacing the image does not tell, and `expected` (m)
-    stands.
-    """
-    weights, points = values[pixels], local.grid.pixels[pixels]
-    total = weights.sum()
-    if not total > 0:
-        return expected
-    centre = weights @ points / total
-    moment = weights @ ((points - centre) ** 2).sum(axis=1) / total
-    radius = float(np.sqrt(max(2 * moment - local.grid.cell_area / 2, 0.0)))
-    return radius if radius > max(_SEEN * local.spacing, expected) else expected
 
 
 def _mean_impedance(pixels, local, area) -> float:
@@ -165,26 +177,18 @@ def _mean_impedance(pixels, local, area) -> float:
 
 
 def contacts_and_pressure(blobs, values, found, law, grid):
-    """Contacts, strongest first, and (K,) pressure, Pa, that shows them: peak, area and force are
-    the image's."""
+    """Contacts, strongest first, each as an even disc; and (K,) pressure, Pa: the image's, with each
+    contact's force."""
     pressure = np.zeros(len(values))
     contacts = []
     for blob, strength in zip(blobs, found):
         area = strength.area * part_on_sheet(strength.position, strength.area, grid.outline)
-        force = float(law.pressure(strength.conductance / area)) * area
-        shown_area = strength.area if strength.is_disc else blob.area
-        radius = float(np.sqrt(shown_area / np.pi))
-        if strength.is_disc:
-            pixels, shape = disc_cells(strength.position, radius, grid)
-        else:
-            pixels, shape = blob.pixels, np.maximum(values[blob.pixels], 0.0)
-            area = np.count_nonzero(shape) * grid.cell_area
-        shown = force * shape / (shape.sum() * grid.cell_area)
-        pressure[pixels] += shown
-        x, y = strength.position
-        contacts.append(
-            ContactEstimate(float(x), float(y), force, float(shown.max()), float(area), radius)
-        )
+        pressed = float(law.pressure(strength.conductance / area))
+        shape = np.maximum(values[blob.pixels], 0.0)
+        pressure[blob.pixels] += pressed * area * shape / (shape.sum() * grid.cell_area)
+        radius = float(np.sqrt(strength.area / np.pi))
+        x, y = map(float, strength.position)
+        contacts.append(ContactEstimate(x, y, pressed * area, pressed, float(area), radius))
     return sorted(contacts, key=lambda contact: -contact.force), pressure
 
 

@@ -61,12 +61,6 @@ class GroundedSheet:
         """The same electrodes with the points of another `transfer` of the same sheet."""
         return GroundedSheet(transfer, self.used)
 
-    def resistance_between(self) -> np.ndarray:
-        """(n, n) resistance between electrodes of the untouched sheet, ohm."""
-        green = self.transfer.electrode_electrode[np.ix_(self.used, self.used)]
-        own = np.diagonal(green)
-        return own[:, None] + own - 2 * green
-
     def between(self, rows, columns) -> np.ndarray:
         """(len(rows), len(columns)) block of D between points, without self terms, ohm."""
         block = np.array(self.transfer.green(rows, columns))
@@ -88,28 +82,3 @@ class GroundedSheet:
         admittance = self.admittance + share @ np.linalg.solve(block, share.T)
         impedance = np.linalg.inv(admittance)
         return 1 - impedance / impedance.diagonal()[:, None]
-
-
-class RecentBlock:
-    """D between pixels, kept from call to call: of contacts that move slowly only a few pixels are
-    new."""
-
-    def __init__(self):
-        self._sheet, self._chosen, self._block = None, np.empty(0, int), np.empty((0, 0))
-
-    def among(self, sheet: GroundedSheet, chosen: np.ndarray) -> np.ndarray:
-        """(n, n) as `GroundedSheet.among`; `chosen` (n,) in ascending order."""
-        if sheet is not self._sheet:
-            self.__init__()
-        known = np.isin(chosen, self._chosen)
-        if not known.any():
-            block = sheet.among(chosen)
-        else:
-            places = np.searchsorted(self._chosen, chosen[known])
-            block = np.empty((len(chosen), len(chosen)))
-            block[np.ix_(known, known)] = self._block[np.ix_(places, places)]
-            block[~known] = sheet.between(chosen[~known], chosen)
-            block[:, ~known] = block[~known].T
-            np.fill_diagonal(block, sheet.impedance[chosen])
-        self._sheet, self._chosen, self._block = sheet, chosen, block
-        return block

@@ -24,7 +24,6 @@ which follows the strength of the frame.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -56,7 +55,6 @@ class LocalImage:
     coupling_variance : (P,) S^2, of Y0 between neighbours on an even sheet.
     middles : (P, 2) places midway between neighbours, m.
     typical_impedance : median of D over the pixels, ohm.
-    readers : see `completion.read_rows`.
     """
 
     def __init__(self, meter: AdmittanceMeter, grid: Grid, positions, resistance: float):
@@ -73,14 +71,8 @@ class LocalImage:
         self.typical_impedance = float(np.median(sheet.impedance))
         self._levels: dict[int, np.ndarray] = {}
         self._areas: dict[int, float] = {}
-        self.readers: dict[bytes, object] = {}
         for level in range(_READY if self.forward.size < _LARGE else 1):
             self._inverse_of(level)
-
-    @cached_property
-    def columns(self) -> np.ndarray:
-        """(K, D) float32 A^T, for the columns of few pixels."""
-        return np.ascontiguousarray(self.forward.T, np.float32)
 
     def _smooth(self):
         """P A^T in the modes of P, (modes, D), and A P A^T, (D, D)."""

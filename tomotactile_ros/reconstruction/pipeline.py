@@ -12,7 +12,10 @@ import numpy as np
 from tomotactile_ros import memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
+from tomotactile_ros.estimation.search import BOUNDED, FULL
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.grid import Grid
 from tomotactile_ros.layout import Layout
@@ -21,28 +24,30 @@ from tomotactile_ros.reconstruction.channels import (
     broken_channels,
     dead_channels,
     is_doubtful,
-    is_doubtful_subset,
     swapped_channels,
     why_left_out,
 )
-from tomotactile_ros.reconstruction.completion import read_incomplete, read_rows
-from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure, disc_cells
+from tomotactile_ros.reconstruction.estimate import (
+    EVEN_DISC,
+    Strength,
+    contacts_and_pressure,
+    described,
+    disc_cells,
+)
 from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
-from tomotactile_ros.reconstruction.images import ImageMaker
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
-from tomotactile_ros.reconstruction.rows import scanned_rows
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 
-ACCURATE = (
-    "accurate"  # the profile whose contacts are fitted to the readings, not read from an image
-)
-# electrodes that the other profiles need: with fewer, forces were up to 3.5 times too large
+# profiles whose contacts are fitted to the readings, not read from an image
+ESTIMATED = {"balanced": BOUNDED, "accurate": FULL}
+# electrodes that an image needs: with fewer, forces were up to 3.5 times too large
 FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
-# conductance of all contacts times the sheet resistance: a fit that came to nothing
-_NOTHING = 1e-9
+# of the currents into the grounded electrodes, that contacts of an image leave at most: one that is
+# missed and has a twentieth of the others' strength leaves as much
+_LEFT_OVER = 0.05
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -80,12 +85,6 @@ class Pipeline:
         left = int(np.count_nonzero(~self._excluded))
         if left < 2:
             raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
-        if left < FEWEST and settings.profile != ACCURATE:
-            raise InputError(
-                f"profile: {settings.profile} needs {FEWEST} electrodes, {layout.name} has {left} in "
-                f"use; {ACCURATE} takes fewer"
-            )
-        self._left_out = self._excluded  # in the last frame
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.regularization is not None:
@@ -94,12 +93,13 @@ class Pipeline:
         self.report = f"profile {self.profile}"
         if settings.profile == "auto":
             self.profile, self.report = self._measure_profiles()
-        kind = "nonlinear" if self.profile == ACCURATE else self.profile
-        self._make_image = ImageMaker(kind, self._model, settings.contact_radius)
+        even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
+        self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
+        self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
-        if self.profile == ACCURATE:
+        if self.profile in ESTIMATED or left < FEWEST or layout.scan:
             self._estimator = self._make_estimator()
 
     def _make_estimator(self) -> Estimator:
@@ -112,7 +112,13 @@ class Pipeline:
             model=settings.model,
             excluded=settings.excluded,
             sensor=self.sensor,
+            effort=ESTIMATED.get(self.profile, BOUNDED),
         )
+
+    def _estimates(self) -> Estimator:
+        if self._estimator is None:
+            self._estimator = self._make_estimator()
+        return self._estimator
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
@@ -140,6 +146,16 @@ class Pipeline:
         self._forget()
 
     @property
+    def follows(self) -> bool:
+        """Whether rows can be followed at once; otherwise the first `rows` takes seconds."""
+        return self._rows is not None or self._estimator is not None
+
+    @property
+    def fits(self) -> bool:
+        """Whether the profile fits contacts to readings, and draws them for an image."""
+        return self.profile in ESTIMATED
+
+    @property
     def baseline(self) -> np.ndarray | None:
         """(E, E) V that the tare takes off every frame, row i with electrode i grounded; None
         without."""
@@ -155,12 +171,12 @@ class Pipeline:
         self.sensor = sensor
         if self._estimator is not None:
             self._estimator.sensor = sensor
-        self._rows = None
+        if self._rows is not None:
+            self._rows.estimator.sensor = sensor
         self._forget()
 
     def _forget(self) -> None:
         """Start the next frame from scratch."""
-        self._make_image.forget()
         self._state.forget()
 
     def process(
@@ -184,7 +200,7 @@ class Pipeline:
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
-        if self._estimator is not None:
+        if self.profile in ESTIMATED:
             result = self._estimated(voltages, grounded, drive_voltage, row_period)
         else:
             result = self._imaged(voltages, grounded, drive_voltage)
@@ -197,10 +213,15 @@ class Pipeline:
             ]
         return result
 
-    def rows(self) -> RowsState:
-        """The state of a sensor whose rows are followed, before the first of them
-        (`process_row`)."""
-        return RowsState()
+    def rows(self, waits: bool = True, after: RowsState | None = None) -> RowsState:
+        """The state of a sensor whose rows are followed, before the first of them (`process_row`).
+
+        The row that completes a frame waits for the frame's estimate; not so without `waits`: then
+        frames are given to `correct`. Numbers of contacts go on from those of `after` and of frames.
+        """
+        self._row_estimator()
+        last = max(self._tracks.last, 0 if after is None else after.highest)
+        return RowsState(waits=waits, last=last)
 
     def process_row(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
@@ -216,15 +237,22 @@ class Pipeline:
 
         Raises InputError where the row does not fit the layout.
         """
+        self.follow_row(voltages, grounded, drive_voltage, time, state)
+        return self.after_row(state)
+
+    def follow_row(
+        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+    ) -> None:
+        """Take a row into `state` and ask for nothing; see `process_row`."""
         drive_voltage = check_drive_voltage(drive_voltage)
         row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
-        if self._baseline is not None:
-            row = row - self._baseline[int(grounded)]
-            if self.sensor is not None:
-                row = row + self.sensor["offset"]
-        if self._rows is None:
-            self._rows = RowEstimator(self._estimator or self._make_estimator())
-        followed = self._rows.estimate(row, int(grounded), drive_voltage, float(time), state)
+        row = self._expected_zero(row, int(grounded))
+        self._row_estimator().follow(row, int(grounded), drive_voltage, float(time), state)
+
+    def after_row(self, state: RowsState) -> Result:
+        """Contacts at the time of the last row that `state` was given."""
+        followed = self._row_estimator().report(state)
+        self._tracks.last = max(self._tracks.last, state.highest)
         contacts = [
             replace(_reported(contact), id=number, age=age)
             for number, age, contact in followed.contacts
@@ -237,12 +265,43 @@ class Pipeline:
             none,
             contacts,
             _numbers(bad | self._excluded),
-            not contacts and not followed.reason,
+            not followed.touched,
             0.0,
             state=followed.state,
             reason=followed.reason,
             faults=dict(state.left_out),
         )
+
+    def image_after_row(self, state: RowsState) -> Result:
+        """`after_row` with an image of its contacts: what profiles that fit contacts show of a
+        frame, without looking at one."""
+        result = self.after_row(state)
+        discs = [contact for _, _, contact in self._row_estimator().report(state).contacts]
+        pressure = self.grid.fill(self._drawn(discs)[0])
+        return replace(result, pressure=pressure)
+
+    def correct(
+        self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
+    ) -> None:
+        """Let the frame that was just given to `process` correct rows that are followed meanwhile,
+        maybe in another thread.
+
+        Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
+        """
+        if self._estimate_of_frame is not None:
+            state.tell(self._estimate_of_frame.at(stamp, row_period, len(grounded)))
+            return
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
+        chosen = np.asarray(grounded, int)
+        look = self._row_estimator().look
+        seen = look(frame[chosen], chosen, drive_voltage, row_period, state.frames)
+        state.tell(seen.at(stamp, row_period, len(chosen)))
+
+    def _row_estimator(self) -> RowEstimator:
+        rows = self._rows
+        if rows is None:
+            rows = self._rows = RowEstimator(self._estimates())
+        return rows
 
     def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
         """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows`
@@ -252,13 +311,15 @@ class Pipeline:
         are taken for rows of one state.
         """
         lasts = row_period * (rows - 1)
-        return stamp + (lasts if self._estimator is not None else lasts / 2)
+        return stamp + (lasts if self.profile in ESTIMATED else lasts / 2)
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
         estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
         if estimate.state != "valid":
             estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
+        if self.fits:
+            self._estimate_of_frame = FrameSeen.of(estimate, self._state)
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
@@ -267,13 +328,7 @@ class Pipeline:
             )
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
-        pressure = np.zeros(len(self.grid.pixels))
-        conductance = np.zeros_like(pressure)
-        for each in estimate.parts:
-            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
-            covered = covered / covered.sum()
-            pressure[pixels] += each.force * covered / self.grid.cell_area
-            conductance[pixels] += each.conductance * covered
+        pressure, conductance = self._drawn(estimate.parts)
         level = self.settings.regularization
         if level is None or idle:
             typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
@@ -290,6 +345,17 @@ class Pipeline:
             misfit=estimate.misfit,
             faults=estimate.left_out,
         )
+
+    def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) pressure, Pa, and conductance, S, of contacts of the estimator."""
+        pressure = np.zeros(len(self.grid.pixels))
+        conductance = np.zeros_like(pressure)
+        for each in discs:
+            pixels, covered = disc_cells(np.array([each.x, each.y]), each.radius, self.grid)
+            covered = covered / covered.sum()
+            pressure[pixels] += each.force * covered / self.grid.cell_area
+            conductance[pixels] += each.conductance * covered
+        return pressure, conductance
 
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
@@ -308,11 +374,17 @@ class Pipeline:
         return again
 
     def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
-        frame = self._without_baseline(voltages, grounded)
-        if self._baseline is not None and self.sensor is not None:
-            frame = frame + self.sensor["offset"]  # expected of readings, and in the baseline
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
         rows = np.asarray(grounded, int)
-        return self._estimator.estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+        return self._estimates().estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+
+    def _expected_zero(self, readings, grounded=slice(None)):
+        """(..., E) ordered readings, V, with the tare taken off, but for offsets that are known:
+        the estimator expects these, and they are in the baseline."""
+        if self._baseline is None:
+            return readings
+        readings = readings - self._baseline[grounded]
+        return readings if self.sensor is None else readings + self.sensor["offset"]
 
     def _without_baseline(self, voltages, grounded):
         """(E, E) ordered frame, V, with the tare taken off."""
@@ -335,33 +407,18 @@ class Pipeline:
         )
 
     def _imaged(self, voltages, grounded, drive_voltage) -> Result:
-        """The image, and contacts from the blobs of the profile's own one.
-
-        A regularization that was given makes the image that is shown, and nothing else: eq. 1 has
-        ripples with a small one and one blob with a large one.
-        """
+        """The linear image and the contacts that its blobs show; what the estimator says where a
+        frame is none that one linear step is made for, see `_read`."""
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        faults = why_left_out(frame, bad, self._excluded, self.settings.noise) if bad.any() else {}
-        left = np.count_nonzero(~bad)
-        if left < FEWEST:
-            self._make_image.forget()
-            reason = f"{left} electrodes can be read, profile {self.profile} needs {FEWEST}"
-            return self._withheld(reason, bad, faults)
-        if measured is None:
-            self._make_image.forget()
-            return self._idle(bad, faults)
-        if not np.array_equal(bad, self._left_out):
-            self._make_image.forget()
-            self._left_out = bad
-        image = self._make_image(local, measured)
-        if len(image.blobs) > left:
-            self._make_image.forget()
-            reason = f"{len(image.blobs)} contacts are seen, {left} electrodes tell {left} at most"
-            return self._withheld(reason, bad, faults)
-        conducts = sum(each.conductance for each in image.strengths)
-        if image.strengths and conducts * self.layout.sheet_resistance < _NOTHING:
-            self._make_image.forget()
-            return self._withheld("no contacts explain the readings", bad, faults)
+        if local is None:
+            self._forget()
+            return self._idle(bad, self._faults(frame, bad))
+        image = None
+        if measured is not None and np.count_nonzero(~bad) >= FEWEST:
+            image = described(local, measured, self._disc_change, self.settings.contact_radius)
+        if image is None or image.left_over > _LEFT_OVER:
+            return self._estimated(voltages, grounded, drive_voltage, 0.0)
+        self._forget()
         level = self.settings.regularization
         if level is None:
             level = local.regularization(local.level(measured))
@@ -378,28 +435,31 @@ class Pipeline:
             _numbers(bad),
             False,
             level,
-            faults=faults,
+            faults=self._faults(frame, bad),
         )
 
+    def _faults(self, frame, bad) -> dict[int, str]:
+        if not bad.any():
+            return {}
+        return why_left_out(frame, bad, self._excluded, self.settings.noise)
+
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
-        """How strongly each contact of a frame conducts, strongest first; arguments as for
-        `process`."""
-        drive_voltage = check_drive_voltage(drive_voltage)
-        if self._estimator is not None:
-            estimate = self._estimate(voltages, grounded, drive_voltage)
-            found = [
-                Strength(np.array([each.x, each.y]), each.conductance, each.area, True)
-                for each in estimate.contacts
-            ]
-            return sorted(found, key=lambda strength: -strength.conductance)
-        _, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        few = np.count_nonzero(~bad) < FEWEST
-        found = [] if few or measured is None else self._make_image(local, measured).strengths
+        """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
+        as for `process`."""
+        estimate = self._estimate(voltages, grounded, check_drive_voltage(drive_voltage))
+        found = [
+            Strength(np.array([each.x, each.y]), each.conductance, each.area)
+            for each in estimate.contacts
+        ]
         return sorted(found, key=lambda strength: -strength.conductance)
 
     def _read(self, voltages, grounded, drive_voltage):
         """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if
-        idle."""
+        idle.
+
+        None for the last alone where one linear step is not enough: readings are missing, the touch
+        began or ended between rows, or channels contradict reciprocity and none of them is broken.
+        """
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
@@ -409,9 +469,19 @@ class Pipeline:
         missing = np.isnan(frame)
         if np.count_nonzero(missing) > len(frame):
             bad |= dead_channels(~missing)
-        if is_idle(frame, missing, bad, self.settings.threshold * self.settings.noise):
+        noise = self.settings.noise
+        if is_idle(frame, missing, bad, self.settings.threshold * noise):
             return frame, bad, None, None
-        return frame, bad, *self._measure(frame, bad, drive_voltage)
+        bad |= stuck_channels(frame, ~missing, noise)
+        read = ~missing & ~bad & ~bad[:, None]
+        left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
+        bad |= open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
+        changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
+        used = np.flatnonzero(~bad)
+        if len(used) < 2:
+            return frame, bad, None, None
+        local, measured = self._measure(frame, bad, drive_voltage)
+        return frame, bad, local, None if changes else measured
 
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""
@@ -428,45 +498,27 @@ class Pipeline:
         return self.process(*frame)
 
     def _measure(self, frame, bad, drive_voltage):
-        """`LocalImage` and `Grounded` of the good channels; broken ones are added to `bad` (E,)."""
-        used = np.flatnonzero(~bad)
-        for attempt in range(2):
+        """`LocalImage` and `Grounded` of the good channels, see `_read`; broken ones are added to
+        `bad` (E,)."""
+        noise = self.settings.noise
+        while True:
+            used = np.flatnonzero(~bad)
             if len(used) < 2:
                 return None, None
             local = self._model.local(used)
             part = frame if len(used) == len(frame) else frame[np.ix_(used, used)]
-            if self.profile == "fast":
-                part = part.astype(np.float32)
+            part = part.astype(np.float32)
             if np.count_nonzero(np.isnan(part)) > len(used):
-                measured, doubtful = self._measure_rows(local, part, drive_voltage)
-                doubtful = doubtful and attempt == 0
-            else:
-                measured = local.meter.read(part, drive_voltage)
-                doubtful = attempt == 0 and is_doubtful(
-                    local.meter, part, measured, self.settings.noise
-                )
-            if doubtful:
-                broken = broken_channels(part, drive_voltage, self.settings.noise)
-                if not broken.any() and measured is not None:
-                    broken = swapped_channels(local.meter, part, drive_voltage, measured)
-                if broken.any():
-                    bad[used[broken]] = True
-                    used = used[~broken]
-                    continue
-            if measured is None:
-                measured = read_incomplete(local.meter, local, part, drive_voltage)
-            return local, measured
-
-    def _measure_rows(self, local, part, drive_voltage):
-        """`Grounded` of whole rows, None where single readings are missing; whether it is
-        doubtful."""
-        scanned = scanned_rows(part)
-        if scanned is None:
-            return None, True
-        measured = read_rows(local, part, scanned, drive_voltage, self.profile != "fast")
-        if measured.couplings is None:
-            return measured, True
-        return measured, is_doubtful_subset(part[scanned], measured, self.settings.noise)
+                return local, None
+            measured = local.meter.read(part, drive_voltage)
+            if not is_doubtful(local.meter, part, measured, noise):
+                return local, measured
+            broken = broken_channels(part, drive_voltage, noise)
+            if not broken.any():
+                broken = swapped_channels(local.meter, part, drive_voltage, measured)
+            if not broken.any():
+                return local, None
+            bad[used[broken]] = True
 
     def _idle(self, bad, faults) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))

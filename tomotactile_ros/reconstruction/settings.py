@@ -12,7 +12,7 @@ from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.sheet import MODELS
 
-PROFILES = ("fast", "balanced", "nonlinear", "accurate", "auto")
+PROFILES = ("fast", "balanced", "accurate", "auto")
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 LARGEST_REGULARIZATION = 1e30
 
@@ -23,9 +23,10 @@ class Settings:
 
     Parameters
     ----------
-    profile : `fast` (linear), `balanced` (non-negative), `nonlinear` (an ideal sensor), `accurate`
-        (contacts, sheet and channels fitted together; 0.1 s to some s a frame), or `auto`: the most
-        accurate of the first three that meets the deadline on this machine.
+    profile : `fast` (one linear step to an image, contacts from it), `balanced` and `accurate`
+        (contacts, sheet and channels fitted to the readings together; `balanced` looks no further
+        than a fit that explains them), or `auto`: the most accurate that meets the deadline on this
+        machine.
     resolution : image cells along the longer side of the sheet.
     regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
         to 1e30; None: the profile's own image. Contacts and pressure do not depend on it.
@@ -74,10 +75,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """One contact: centre x, y (m), force (N), peak pressure (Pa), area (m²), radius (HWHM, m).
-
-    Except in `accurate` peak and area are those of the pressure image, whose integral over the
-    contact is the force; in `accurate` those of the contact.
+    """One contact: centre x, y (m), force (N), peak pressure (Pa), area on the sheet (m²), radius of
+    the disc of its area (m).
 
     position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there.
         NaN where nothing was estimated of them.

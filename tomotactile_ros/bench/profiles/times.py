@@ -14,7 +14,6 @@ from tomotactile_ros.contact import Contact
 from tomotactile_ros.defects import Noise
 from tomotactile_ros.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.reconstruction.active_set import Memory
 from tomotactile_ros.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
@@ -47,25 +46,16 @@ def dense_time(layout, resolution=40):
 
 
 def warm_starts(pipeline, frames):
-    """Median time, s, and mean number of linear systems of a frame, from the last frame and from
-    scratch."""
-    grounded, nothing = np.arange(pipeline.layout.electrodes), np.zeros(len(pipeline.grid.pixels))
-    starts = {
-        "kept": lambda maker: None,
-        "forgotten": lambda maker: maker.forget(),
-        "empty": lambda maker: setattr(maker, "memories", (Memory(nothing), Memory(nothing))),
-    }
-    times, steps = {}, {}
-    for start, prepare in starts.items():
-        run, steps[start] = Runner(pipeline.with_settings(pipeline.settings), grounded), []
-        maker = run.pipeline._make_image
+    """Median time, s, of a frame that starts from the last one, and of one from scratch."""
+    grounded, found = np.arange(pipeline.layout.electrodes), []
+    for kept in (True, False):
+        run = Runner(pipeline.with_settings(pipeline.settings), grounded)
         for frame in frames:
-            prepare(maker)
+            if not kept:
+                run.pipeline.untare()  # forgets the last frame, too
             run(frame)
-            steps[start].append(sum(memory.steps for memory in maker.memories))
-        times[start] = np.median(run.times[1:])
-    steps = {start: np.mean(each[1:]) for start, each in steps.items()}
-    return np.array([times["kept"], times["forgotten"]]), np.array([steps["kept"], steps["empty"]])
+        found.append(float(np.median(run.times[1:])))
+    return np.array(found)
 
 
 def frame_times(side, resolution, frames=20, rounds=10):

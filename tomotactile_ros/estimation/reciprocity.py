@@ -50,6 +50,7 @@ def fit_gains(
     noise: float,
     gain: tuple[np.ndarray, np.ndarray],
     offset: tuple[np.ndarray, np.ndarray],
+    steps: int = _STEPS,
 ) -> Gains:
     """Gains and offsets of n channels.
 
@@ -59,6 +60,7 @@ def fit_gains(
         untouched sheet
     drive, noise : V; of a reading, V rms
     gain, offset : means and standard deviations (n,) of the prior; relative, V
+    steps : of each of the two forms, at most; one is near enough to look at a frame
     """
     readings = np.asarray(frames, float) / drive
     count = readings.shape[-1]
@@ -82,7 +84,7 @@ def fit_gains(
             return terms, sum(t.cost for t in terms) + (((now - mean) / deviation) ** 2).sum()
 
         terms, cost = at(now, scale)
-        for _ in range(_STEPS):
+        for _ in range(steps):
             total = np.diag(deviation**-2.0) + sum(t.normal for t in terms)
             factor = cho_factor(total)
             change = cho_solve(factor, (mean - now) / deviation**2 + sum(t.right for t in terms))

@@ -1,0 +1,341 @@
+"""How soon and how well contacts are known that are followed from row to row.
+
+    scripts/setup python3 benchmark/rows.py [--touches N] [--idle ROWS] [--cases onset ...] [--late ROWS]
+
+Rows of the simulator's finite elements, each of the sheet as it is at its own time, 1 mV, 12 bits, 1 ms
+a row, 8 x 8 electrodes on 200 mm; the reconstruction has the closed form. Discs of 5 mm radius, 1 N,
+at random places, that begin and end at random rows. What a frame tells is told --late rows after its
+last one, as in the node, where frames are estimated beside. Seeds are fixed.
+
+A result is a ghost's that shows a contact 10 mm or more from every true one (one that has ended counts
+as true for 3 rows). Known: within 10 mm; row 1 is the first one taken after the touch has begun.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.contact import Contact, ContactLaw
+from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scene import Scene
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+
+LAYOUT, DRIVE, NOISE, LAW = load_layout("equal-8x8"), 3.3, 1e-3, ContactLaw(1e-4, 1.0)
+ROWS = LAYOUT.electrodes  # of a frame
+RADIUS, FORCE = 0.005, 1.0  # m, N
+NEAR, APART, GRACE = 0.010, 0.045, 3  # m, m, rows
+INSIDE = 0.085  # m: centres are at most so far from the middle along each side
+SPEEDS = (0.2, 0.5, 1.0)  # m/s
+AFTER = (1, 2, 4, 12)  # rows
+FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
+SETTLED = 30  # rows after which velocities are judged
+PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
+
+
+@dataclass
+class Row:
+    """What was said of one row, and what was true: places (k, 2), m, and since or until when."""
+
+    time: float
+    contacts: list
+    withheld: bool
+    true: list[Contact]
+
+
+@dataclass
+class Tally:
+    """Sums over the touches of a case."""
+
+    touches: int = 0
+    results: int = 0
+    ghosts: int = 0
+    touches_with_ghosts: int = 0
+    withheld: int = 0
+    missed: int = 0
+    known: list[int] = field(default_factory=list)
+    gone: list[int] = field(default_factory=list)
+    places: dict[int, list[float]] = field(default_factory=lambda: {n: [] for n in AFTER})
+    moving: list[float] = field(default_factory=list)
+    velocities: list[float] = field(default_factory=list)
+    resting: list[float] = field(default_factory=list)
+    renamed: int = 0
+    costs: list[float] = field(default_factory=list)
+
+
+class Sensor:
+    """Scenes in, what is said of every row out."""
+
+    def __init__(self, late: int):
+        self.late = late
+        self.pipeline = Pipeline(LAYOUT, Settings("accurate", noise=NOISE, contact_law=LAW))
+
+    def rows(self, contacts: list[Contact], frames: int, seed: int, costs: list) -> Iterator[Row]:
+        """What is said of each row of a scene."""
+        scene = Scene("rows", DRIVE, contacts, LAW, Noise(NOISE, seed), Adc(12, DRIVE))
+        simulator = Simulator(LAYOUT, scene, row_period=ROW_PERIOD)
+        state, due = self.pipeline.rows(waits=False), {}
+        self.pipeline.untare()  # and forgets the frames of the scene before
+        for k in range(frames):
+            begun = k * ROWS * ROW_PERIOD
+            frame = simulator.frame(begun, k)
+            for i, readings in enumerate(frame):
+                now, number = begun + i * ROW_PERIOD, k * ROWS + i
+                if number in due:
+                    self._tell(state, *due.pop(number))
+                start = time.thread_time()
+                result = self.pipeline.process_row(readings, i, DRIVE, now, state)
+                costs.append(time.thread_time() - start)
+                true = [c.at(now) for c in contacts if c.start <= now < c.end]
+                yield Row(now, result.contacts, bool(result.reason), true)
+            due[(k + 1) * ROWS + self.late] = frame, begun
+
+    def _tell(self, state, frame, begun: float) -> None:
+        self.pipeline.process(frame, np.arange(ROWS), DRIVE, ROW_PERIOD)
+        self.pipeline.correct(state, frame, np.arange(ROWS), DRIVE, ROW_PERIOD, begun)
+
+
+def disc(place, start=-1.0, end=np.inf, velocity=(0.0, 0.0)) -> Contact:
+    pressure = FORCE / (np.pi * RADIUS**2)
+    return Contact(
+        "disc",
+        center=tuple(place),
+        radius=RADIUS,
+        pressure=pressure,
+        start=start,
+        end=end,
+        velocity=tuple(velocity),
+    )
+
+
+def apart(said, true) -> float:
+    return float(np.hypot(said.x - true.center[0], said.y - true.center[1]))
+
+
+def anywhere(random, *others) -> np.ndarray:
+    """(2,) a place, far from others."""
+    while True:
+        place = INSIDE * (2 * random.random(2) - 1)
+        if all(np.hypot(*(place - other)) > APART for other in others):
+            return place
+
+
+def judge(rows: list[Row], tally: Tally) -> None:
+    """Ghosts and what was withheld."""
+    ended, ghosts = [], 0
+    for before, row in zip([rows[0], *rows], rows):
+        ended += [
+            (row.time, each) for each in before.true if not any(same(each, t) for t in row.true)
+        ]
+        ended = [(at, each) for at, each in ended if row.time - at < (GRACE - 0.5) * ROW_PERIOD]
+        there = [*row.true, *(each for _, each in ended)]
+        ghosts += any(all(apart(c, t) >= NEAR for t in there) for c in row.contacts)
+        tally.withheld += row.withheld
+    tally.results += len(rows)
+    tally.ghosts += ghosts
+    tally.touches_with_ghosts += ghosts > 0
+    tally.touches += 1
+
+
+def same(one: Contact, other: Contact) -> bool:
+    return bool(np.hypot(*(one.center - other.center)) < NEAR)
+
+
+def nearest(row: Row, place) -> float:
+    """m from the nearest contact to a place; infinite without one."""
+    return min(
+        (float(np.hypot(c.x - place[0], c.y - place[1])) for c in row.contacts), default=np.inf
+    )
+
+
+def onset(sensor: Sensor, touches: int, beside: bool) -> Tally:
+    """Touches that begin and end at random rows, from nothing or beside a resting one."""
+    random, tally = np.random.default_rng(16 + beside), Tally()
+    for touch in range(touches):
+        held = anywhere(random)
+        place = anywhere(random, held)
+        first = int(random.integers(8, ROWS)) + (ROWS if beside else 0)
+        last = first + int(random.integers(ROWS // 2, 3 * ROWS // 2))
+        frames = last // ROWS + 2
+        tap = disc(place, (first - 0.5) * ROW_PERIOD, (last - 0.5) * ROW_PERIOD)
+        contacts = [disc(held)] * beside + [tap]
+        rows = list(sensor.rows(contacts, frames, touch, tally.costs))
+        judge(rows, tally)
+        far = [nearest(row, place) for row in rows]
+        found = [i for i in range(first, last) if far[i] < NEAR]
+        if not found:
+            tally.missed += 1
+            continue
+        tally.known.append(found[0] - first + 1)
+        for count in AFTER:
+            tally.places[count].append(far[first + count - 1])
+        left = [i for i in range(last, len(rows)) if far[i] < NEAR]
+        tally.gone.append((left[-1] if left else last - 1) - last + 1)
+        if beside:
+            numbers = set()
+            for row in rows[12:]:
+                own = [c for c in row.contacts if np.hypot(c.x - held[0], c.y - held[1]) < NEAR]
+                numbers |= {c.id for c in own}
+                tally.resting += [float(np.hypot(c.x - held[0], c.y - held[1])) for c in own]
+            tally.renamed += len(numbers) != 1
+    return tally
+
+
+def moving(sensor: Sensor, touches: int, speed: float) -> Tally:
+    """Touches that slide through the sheet."""
+    random, tally = np.random.default_rng(160), Tally()
+    for touch in range(touches):
+        angle = 2 * np.pi * random.random()
+        way = np.array([np.cos(angle), np.sin(angle)])
+        side = np.array([-way[1], way[0]]) * 0.06 * (2 * random.random() - 1)
+        begin = side - 0.075 * way
+        start = (FIRST - 0.5) * ROW_PERIOD
+        end = start + min(0.15 / speed, 3 * ROWS * ROW_PERIOD)
+        frames = int(np.ceil(end / ROW_PERIOD / ROWS))
+        slide = disc(begin, start, end, speed * way)
+        rows = list(sensor.rows([slide], frames, touch, tally.costs))
+        judge(rows, tally)
+        for row in rows[FIRST + SETTLED :]:
+            if not row.true:
+                continue
+            (true,) = row.true
+            best = min(row.contacts, key=lambda c: apart(c, true), default=None)
+            if best is None:
+                tally.missed += 1
+                continue
+            tally.moving.append(apart(best, true))
+            tally.velocities.append(float(np.hypot(*(best.velocity - speed * way))) / speed)
+    return tally
+
+
+def crossing(sensor: Sensor, pairs: int) -> Tally:
+    """Two touches that pass each other; `renamed` counts pairs whose numbers are not what they were."""
+    random, tally = np.random.default_rng(1600), Tally()
+    for pair in range(pairs):
+        angle = 2 * np.pi * random.random()
+        way = np.array([np.cos(angle), np.sin(angle)])
+        side = PASSING / 2 * np.array([-way[1], way[0]])
+        middle = 0.02 * (2 * random.random(2) - 1)
+        lasts = 0.15 / CROSSING
+        contacts = []
+        for i, sign in enumerate((1, -1)):
+            start = (FIRST + i * LATER - 0.5) * ROW_PERIOD
+            begin = side - (0.075 - start * CROSSING) * way
+            contacts.append(disc(middle + sign * begin, start, lasts, sign * CROSSING * way))
+        frames = int(lasts / ROW_PERIOD) // ROWS
+        rows = list(sensor.rows(contacts, frames, pair, tally.costs))
+        judge(rows, tally)
+        numbers = [_numbers(rows[2 * ROWS - 1]), _numbers(rows[-1])]
+        tally.renamed += None in numbers or numbers[0] != numbers[1]
+    return tally
+
+
+def _numbers(row: Row):
+    """Number of the contact that is nearest to each true one; None where two have the same."""
+    if len(row.contacts) < len(row.true):
+        return None
+    found = [min(row.contacts, key=lambda c, t=t: apart(c, t)).id for t in row.true]
+    return found if len(set(found)) == len(found) else None
+
+
+def still(sensor: Sensor, rows: int, load: bool) -> Tally:
+    """Nothing happens: on an untouched sheet, or under a resting contact."""
+    random, tally = np.random.default_rng(1), Tally()
+    run = 40  # frames
+    for part in range(int(np.ceil(rows / run / ROWS))):
+        contacts = [disc(anywhere(random))] * load
+        said = list(sensor.rows(contacts, run, part, tally.costs))
+        judge(said, tally)
+        tally.missed += sum(len(row.contacts) < load and not row.withheld for row in said[GRACE:])
+        tally.renamed += len({c.id for row in said[ROWS:] for c in row.contacts}) > load
+    return tally
+
+
+def several(sensor: Sensor, rows: int, count: int) -> Tally:
+    """What a row costs under some resting contacts."""
+    random, tally = np.random.default_rng(3), Tally()
+    places: list[np.ndarray] = []
+    for _ in range(count):
+        places.append(anywhere(random, *places))
+    starts = [(FIRST + i * LATER - 0.5) * ROW_PERIOD for i in range(count)]
+    discs = [disc(place, start) for place, start in zip(places, starts)]
+    said = list(sensor.rows(discs, 2 + rows // ROWS, 0, tally.costs))
+    judge(said, tally)
+    tally.costs = tally.costs[2 * ROWS :]
+    return tally
+
+
+def spread(values, scale=1.0, digits=1) -> str:
+    """Median and p95."""
+    if not len(values):
+        return "-"
+    median, high = np.quantile(np.array(values) * scale, (0.5, 0.95))
+    return f"{median:.{digits}f} / {high:.{digits}f}"
+
+
+def line(name: str, tally: Tally) -> list[str]:
+    places = [spread(tally.places[n], 1e3) for n in AFTER]
+    median, high = np.quantile(1e3 * np.array(tally.costs), (0.5, 0.99))
+    return [
+        name,
+        str(tally.touches),
+        str(tally.results),
+        str(tally.ghosts),
+        str(tally.touches_with_ghosts),
+        str(tally.withheld),
+        str(tally.missed),
+        spread(tally.known, digits=0),
+        *places,
+        spread(tally.gone, digits=0),
+        spread(tally.moving, 1e3),
+        spread(tally.velocities, 100, 0),
+        spread(tally.resting, 1e3, 2),
+        str(tally.renamed),
+        f"{median:.2f} / {high:.2f}",
+    ]
+
+
+HEAD = [
+    "case", "touches", "results", "with a ghost", "touches with ghosts", "withheld", "missed",
+    "known after rows", *(f"mm after {n}" for n in AFTER), "gone after rows", "mm moving",
+    "velocity off %", "mm resting", "renamed", "ms a row: median / p99",
+]  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--touches", type=int, default=50, help="of each case")
+    parser.add_argument("--idle", type=int, default=20_000, help="rows where nothing happens")
+    parser.add_argument("--late", type=int, default=24, help="rows until a frame is estimated")
+    cases = {
+        "onset from nothing": lambda s, n: onset(s, n, False),
+        "onset beside one": lambda s, n: onset(s, n, True),
+        **{f"{v:g} m/s": lambda s, n, v=v: moving(s, n, v) for v in SPEEDS},
+        "passing at 20 mm": lambda s, n: crossing(s, n),
+        "three resting": lambda s, n: several(s, args.idle // 20, 3),
+        "idle": lambda s, n: still(s, args.idle, False),
+        "resting load": lambda s, n: still(s, args.idle // 4, True),
+    }
+    parser.add_argument("--cases", nargs="+", choices=cases, default=list(cases))
+    args = parser.parse_args()
+    sensor, table = Sensor(args.late), []
+    for name in args.cases:
+        begun = time.monotonic()
+        table.append(line(name, cases[name](sensor, args.touches)))
+        print(f"{name}: {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
+    print("\n".join(markdown(HEAD, table)))
+
+
+if __name__ == "__main__":
+    main()

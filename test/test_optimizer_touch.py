@@ -1,0 +1,225 @@
+"""Layouts for touch: the search, what it keeps, and what it refuses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.arrangements import spread_electrodes
+from tomotactile_ros.cli import main
+from tomotactile_ros.errors import InputError
+from tomotactile_ros.evaluation.posterior import Conditions, expected
+from tomotactile_ros.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
+from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.optimizer.request import Request
+from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.optimizer.touch import TouchObjective, TouchSearch, touch
+from tomotactile_ros.outline import Outline
+from tomotactile_ros.region import Region, regular_polygon
+
+SQUARE = (0.2, 0.2)
+POOR = equal_grid(3, 3, SQUARE, 0.008, 1e4, 0.045)  # far from the rim, and large
+
+
+def objective_of(layout, conditions, places):
+    """Relative to the layout itself."""
+    found = expected(layout, conditions, places, pairs=24)
+    return TouchObjective(layout, conditions, found.lengths, places)
+
+
+def test_moves_keep_the_symmetries_and_are_all_of_them_in_the_end():
+    layout = equal_grid(4, 4, SQUARE, 0.005, 1e4)
+    group = shared_group(layout.outline, layout.positions)
+    orbits = find_orbits(layout.positions, group).matrix
+    moves = smooth_moves(layout.positions, group, 100).reshape(-1, 32)
+    assert len(moves) == orbits.shape[1]
+    assert moves @ moves.T == pytest.approx(16 * np.eye(len(moves)), abs=1e-6)
+    left = moves.T - orbits @ np.linalg.lstsq(orbits, moves.T, rcond=None)[0]
+    assert np.abs(left).max() < 1e-9
+    scale = layout.positions.ravel() / np.linalg.norm(layout.positions)
+    assert moves[0] @ scale == pytest.approx(4.0)  # the coarsest is the scale of the whole
+
+
+def test_moves_leave_fixed_electrodes_and_symmetries_that_would_move_them():
+    layout = equal_grid(4, 4, SQUARE, 0.005, 1e4)
+    group = shared_group(layout.outline, layout.positions)
+    assert len(keeps_fixed(group, layout.positions, ())) == 8
+    kept = keeps_fixed(group, layout.positions, (0,))
+    assert len(kept) == 2  # the diagonal through the corner
+    moves = smooth_moves(layout.positions, kept, 9, (0,))
+    assert np.all(moves[:, 0] == 0)
+    both = keeps_fixed(group, layout.positions, (0, 15))
+    assert len(both) == 4
+
+
+def test_fixed_electrodes_do_not_give_way():
+    outline = Outline.rectangle(*SQUARE)
+    start = np.array([[0.0, 0.0], [0.01, 0.0], [0.05, 0.05]])
+    placed = Constraints(outline, 0.03, fixed=(0,)).project(start)
+    assert np.array_equal(placed[0], start[0])
+    assert np.linalg.norm(placed[1] - placed[0]) == pytest.approx(0.03, rel=1e-2)
+
+
+def test_a_poor_start_gets_better_at_places_that_the_search_did_not_see():
+    """Nine electrodes gathered in the middle: where they should be is plain, further out."""
+    poor = equal_grid(3, 3, SQUARE, 0.006, 1e4, 0.055)
+    constraints = Constraints(poor.outline, 0.02, margin=0.01)
+    conditions = Conditions(apart=0.06)
+    how = {"conditions": conditions, "starts": 1, "places": 6, "rounds": 2, "resolution": 12}
+    history, best = best_of(touch(poor, constraints=constraints, **how))
+    assert [step.iteration for step in history] == [0, 1, 2]
+    assert history[0].score == 1.0 and best.score < 0.9
+    before, after = (expected(s.layout, conditions, 7).place for s in (history[0], best))
+    assert after.mean() < 0.9 * before.mean()
+    assert np.abs(best.layout.positions).max() > 0.046
+
+
+def test_what_was_given_is_kept():
+    """An electrode that is fixed, a zone to keep out of on one side, a margin, the symmetries."""
+    zone = Region(regular_polygon(0.012) + [0.05, 0.0])
+    constraints = Constraints(POOR.outline, 0.018, 0.01, (zone,), (4,))
+    objective = objective_of(POOR, Conditions(apart=0.06), 3)
+    search = TouchSearch(objective, constraints, (0.003, 0.006), True)
+    trial = search.improve(search.first(0), 3, 5)
+    assert np.array_equal(trial.positions[4], POOR.positions[4])
+    assert np.linalg.norm(trial.positions - [0.05, 0.0], axis=1).min() > 0.012 - 1e-4
+    assert constraints.kept_by(trial.positions)
+    mirrored = trial.positions.reshape(3, 3, 2)[::-1].reshape(-1, 2)
+    assert np.abs(trial.positions * [1, -1] - mirrored).max() < 1e-9
+    assert 0.003 <= trial.radius <= 0.006
+
+
+def test_a_start_that_nothing_betters_is_kept():
+    """One trial of no moves: what comes out is the start."""
+    grid = equal_grid(2, 2, SQUARE, 0.005, 1e4)
+    constraints = Constraints(grid.outline, 0.011, fixed=(0, 1, 2, 3))
+    how = {"constraints": constraints, "rounds": 1, "starts": 1, "places": 4, "resolution": 12}
+    _, best = best_of(touch(grid, **how))
+    assert np.array_equal(best.layout.positions, grid.positions)
+    assert best.score == 1.0
+
+
+def test_a_figure_that_gets_worse_is_not_paid_for_by_another():
+    start = np.array([1e-4, 3e-4, 0.02])
+    objective = TouchObjective(POOR, Conditions(), start, 4)
+
+    class Found:
+        lengths = start * [0.8, 1.05, 1.0]
+
+    traded = objective.score(Found)
+    Found.lengths = start * [0.95, 1.0, 1.0]
+    assert objective.score(Found) < 1.0 < 1.2 * traded
+    assert objective.score(Found) < traded * np.exp(0.05)
+
+
+def test_a_search_goes_on_where_it_was_and_not_with_another_question(tmp_path):
+    path = tmp_path / "x.search.json"
+    grid = equal_grid(2, 2, SQUARE, 0.005, 1e4, 0.04)
+    constraints = Constraints(grid.outline, 0.02)
+    how = {"constraints": constraints, "rounds": 2, "starts": 1, "places": 3, "resolution": 12}
+    whole = []
+    for step in touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1})):
+        whole.append(step)
+        if step.iteration == 1:
+            state = path.read_text()  # as a stop leaves it
+    assert json.loads(state)["done"] == 1
+    path.write_text(state)
+    resumed = list(touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1}, resume=True)))
+    assert [step.iteration for step in resumed] == [0, 1, 2]
+    assert np.allclose(resumed[-1].layout.positions, whole[-1].layout.positions, atol=1e-9)
+    with pytest.raises(InputError, match="another q"):
+        Checkpoint(path, {"q": 2}, resume=True).taken()
+    path.write_text("{}")
+    with pytest.raises(InputError, match="no state of a search"):
+        Checkpoint(path, {}, resume=True).taken()
+    with pytest.raises(InputError, match="not there"):
+        Checkpoint(tmp_path / "none", {}, resume=True).taken()
+
+
+def test_a_trial_survives_its_file(tmp_path):
+    kept = Checkpoint(tmp_path / "s.json", {"a": [1, 2]})
+    kept.keep(2, [Trial(POOR.positions, 0.004, 0.9, 0.5)])
+    done, (trial,) = replace(kept, resume=True).taken()
+    assert done == 2 and np.array_equal(trial.positions, POOR.positions)
+    assert (trial.radius, trial.score, trial.reach) == (0.004, 0.9, 0.5)
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        Outline.circle(0.08),
+        Outline.polygon([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]]),
+        Outline.rectangle(0.2, 0.1, holes=(np.array([[-0.02, -0.02], [0.02, -0.02], [0, 0.02]]),)),
+    ],
+)
+def test_electrodes_are_spread_over_any_outline(outline):
+    layout = spread_electrodes(12, outline, None, 1e4)
+    assert layout.electrodes == 12
+    spacing = np.sqrt(outline.area / 12)
+    assert layout.pitches.min() > 0.6 * spacing
+    assert outline.rim_distance(layout.positions).min() > 0.2 * spacing
+
+
+def test_on_a_circle_the_search_goes_without_a_closed_form():
+    layout = spread_electrodes(5, Outline.circle(0.05), 0.003, 1e4)
+    constraints = Constraints(layout.outline, 0.01)
+    objective = objective_of(layout, Conditions(apart=0.04), 4)
+    search = TouchSearch(objective, constraints, None, True)
+    trial = search.improve(search.first(0), 2, 4)
+    assert trial.score <= 1.0 and constraints.kept_by(trial.positions)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"fixed": (9,)}, "fixed"),
+        ({"radius_range": (0.004, 0.002)}, "is no range"),
+        ({"radius_range": (0.001, 0.06)}, "spacing"),
+        ({"fixed": (0,), "keep_out": ((-0.055, -0.055, 0.01),)}, "fixed: these electrodes violate"),
+        ({"resume": True}, "resume"),
+        ({"noise": -1.0}, "noise"),
+    ],
+)
+def test_impossible_requests_are_one_line(given, message):
+    with pytest.raises(InputError, match=message):
+        next(Request(POOR, "touch", steps=0, **given).steps_of())
+
+
+def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
+    out = tmp_path / "disc.yaml"
+    words = ["optimize", "--electrodes", "5", "--circle", "0.05", "--starts", "1", "--steps", "0"]
+    assert (
+        main([*words, "--workers", "1", "--resolution", "12", "--apart", "0.04", "--out", str(out)])
+        == 0
+    )
+    layout: Layout = load_layout(out)
+    assert (layout.outline.kind, layout.electrodes) == ("circle", 5)
+    provenance = layout.provenance
+    assert provenance["algorithm"] == "touch"
+    assert provenance["metrics"]["after"]["touch"]["place"]["mean"] > 0
+    assert "--electrodes 5 --circle 0.05" in provenance["settings"]["command"]
+    assert out.with_suffix(".png").exists()
+    assert not out.with_suffix(".search.json").exists()  # it has ended
+
+
+def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, capsys):
+    out = tmp_path / "fast.yaml"
+    words = ["optimize", "--size", "0.1", "0.1", "--radius", "0.002", "--explore", "4", "9"]
+    words += ["--place", "0.003", "--frame-time", "0.008", "--out", str(out)]
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    table = np.array([line.split() for line in lines[1:-1]], float)
+    assert table[:, :2].tolist() == [[4, 2], [4, 4], [9, 2], [9, 4], [9, 8], [9, 9]]
+    four, nine = table[:2, 3], table[2:, 3]
+    assert np.all(np.diff(four) < 0) and np.all(np.diff(nine) < 0)
+    assert nine[-1] < four[-1]
+    layout = load_layout(out)
+    good = table[(table[:, 4] <= 3000) & (table[:, 2] <= 8)]
+    assert layout.electrodes == good[:, 0].min()
+    assert out.with_suffix(".png").exists()
+    assert main([*words, "--place", "1e-7"]) == 2
+    assert "none of these numbers" in capsys.readouterr().err

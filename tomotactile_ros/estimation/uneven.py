@@ -1,0 +1,63 @@
+"""What an uneven sheet does to the electrodes beyond first order, by finite elements.
+
+`SheetOperator` knows an uneven sheet to first order in its coefficients m. Where they are large and
+known, as of a sensor that was learned, two solutions on one mesh, of the even sheet and of that
+with m, give what is left: of Y0 as a factor, of H as a sum, of D as a sum times the local
+conductance. Their errors of discretisation are alike and cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet_field import Anisotropy
+
+_RADIUS = 1 / 6  # spacings: of the disc whose D stands for that of contacts
+_ISOTROPIC = 1e-6  # half the logarithm of a ratio: below, there is no direction
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What contacts and electrodes see of one sheet: Y0 (n, n), S; H (M, n) and D (M,), ohm, at
+    places."""
+
+    admittance: np.ndarray
+    share: np.ndarray
+    own: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What first order leaves: of ln Y0 (n, n), of Y0 (n, n), S, where that has none, of H (M, n),
+    of D (M,), ohm of an even sheet, at the points of the operator's lattice."""
+
+    factor: np.ndarray
+    term: np.ndarray
+    share: np.ndarray
+    own: np.ndarray
+
+
+def solved(layout, used, places, pitch: float, conductance=None, anisotropy=(0.0, 0.0)) -> Solution:
+    """The sheet with the logarithm of `conductance`, a function of points (n, 2) -> (n,), None
+    where it is even, and `anisotropy` (2,), p and q as `field` has them."""
+    resistance, half = None, float(np.hypot(*anisotropy))
+    if conductance is not None:
+
+        def resistance(points):
+            return layout.sheet_resistance * np.exp(-conductance(points))
+
+    direction = np.degrees(np.arctan2(anisotropy[1], anisotropy[0])) / 2
+    turned = Anisotropy(float(np.exp(2 * half)), float(direction)) if half > _ISOTROPIC else None
+    sheet = FemSheet(layout, resistance=resistance, anisotropy=turned)
+    transfer = sheet.transfer(places, np.full(len(places), _RADIUS * pitch))
+    system = np.ones((len(used) + 1, len(used) + 1))
+    system[:-1, :-1] = transfer.electrode_electrode[np.ix_(used, used)]
+    system[-1, -1] = 0.0
+    fed = np.vstack([transfer.electrode_point[used], np.ones(len(places))])
+    inverse = np.linalg.inv(system)
+    share = inverse @ fed
+    own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, share), 0.0)
+    return Solution((inverse + inverse.T)[:-1, :-1] / 2, share[:-1].T, own)

@@ -1,0 +1,101 @@
+"""Watches the rows that come in: how many, how late, and how many never came."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+
+from tomotactile_ros.devices.health import Recent, Trouble
+
+_RESTART = 2**16  # frames: a number farther away is that of another start
+_SOME = 0.01  # of the rows
+_LATE = 0.02  # s from a row to the contacts that hold for it
+_WINDOW = 10  # s
+
+
+class RowWatch:
+    """Counts rows and times their way.
+
+    Rows are numbered by their frame alone: how many one has is learned from whole frames
+    (`frame_has`), and what is missing is counted when the next one begins.
+    """
+
+    def __init__(self) -> None:
+        self.rows = self.lost = self.skipped = 0
+        self._length = self._count = 0
+        self._begun = time.monotonic()
+        self._sequence: int | None = None
+        self._whole = False  # whether the frame was seen from its beginning
+        self._recent = Recent(4, _WINDOW)  # rows followed, lost, skipped, late
+        self._latencies: deque[float] = deque(maxlen=1000)
+        self._durations: deque[float] = deque(maxlen=1000)
+
+    def frame_has(self, rows: int) -> None:
+        """Note how many rows a whole frame has."""
+        self._length = rows
+
+    def skip(self, sequence: int, rows: int) -> None:
+        """Note rows that were left out as others waited behind them."""
+        self.skipped += rows
+        self._recent.add(0, 0, rows, 0)
+        self._count_up(sequence, rows)
+
+    def followed(self, sequence: int, rows: int, latency: float, duration: float) -> None:
+        """Note rows that were followed: s from the last of them until now, s of work for them."""
+        self.rows += rows
+        self._recent.add(rows, 0, 0, rows if latency > _LATE else 0)
+        self._latencies.append(latency)
+        self._durations.append(duration / rows)
+        self._count_up(sequence, rows)
+
+    def troubles(self) -> list[Trouble]:
+        """What is wrong with the rows of the last 10 s."""
+        rows, lost, skipped, late = self._recent.sums()
+        found = []
+        for name, number, text in (
+            ("rows lost", lost, "are lost on the way"),
+            ("rows skipped", skipped, "are left out: there is no time for all of them"),
+            ("rows late", late, f"are known later than {1e3 * _LATE:g} ms"),
+        ):
+            if number > _SOME * (rows + lost + skipped):
+                share = 100 * number / (rows + lost + skipped)
+                found.append(Trouble(name, False, f"{share:.0f} % of the rows {text}"))
+        return found
+
+    def figures(self) -> dict[str, float | int]:
+        """Counts so far, rows/s over the last 10 s, times over the last 1000 messages."""
+        figures: dict[str, float | int] = {
+            "rows_followed": self.rows,
+            "rows_lost": self.lost,
+            "rows_skipped": self.skipped,
+            "rows_per_second": float(self._recent.sums()[0]) / self._span(),
+        }
+        for name, values in (("latency", self._latencies), ("processing", self._durations)):
+            if values:
+                p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
+                figures |= {f"row_{name}_p50_ms": 1e3 * p50, f"row_{name}_p99_ms": 1e3 * p99}
+        return figures
+
+    def _count_up(self, sequence: int, rows: int) -> None:
+        if sequence != self._sequence:
+            if self._sequence is None:
+                self._begun = time.monotonic()
+            else:
+                self._end_frame((sequence - self._sequence - 1) % 2**32)
+                self._whole = True
+            self._sequence, self._count = sequence, 0
+        self._count += rows
+
+    def _end_frame(self, gap: int) -> None:
+        if gap >= _RESTART or not self._length:
+            return
+        missing = max(self._length - self._count, 0) if self._whole else 0
+        lost = gap * self._length + missing
+        self.lost += lost
+        self._recent.add(0, lost, 0, 0)
+
+    def _span(self) -> float:
+        begun = time.monotonic() if self._sequence is None else self._begun
+        return min(max(time.monotonic() - begun, 1.0), float(_WINDOW))

@@ -1,0 +1,132 @@
+"""Rows as they come: contacts after every few of them, and at once where something begins or ends.
+
+Rows never wait for a frame: frames are processed in their own thread as always, and what one tells
+of contacts is left for the next row to take in.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.nodes.conversions import make_header
+from tomotactile_ros.nodes.outputs import Outputs
+from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.row_watch import RowWatch
+from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.settings import Result
+
+SPECS = (
+    Spec(
+        "publish_every",
+        8,
+        "Where rows come: contacts after so many of them; 0: contacts of frames alone",
+        low=0,
+        high=65535,
+    ),
+)
+_PATIENCE = 1.0  # s without rows after which contacts are those of frames again
+
+
+class Rows:
+    """Follows the contacts of one reconstruction node from row to row.
+
+    Parameters
+    ----------
+    node : the node.
+    values : gives its parameters, `SPECS` among them.
+    outputs : publishes.
+    """
+
+    def __init__(self, node: Node, values: Callable[[], dict[str, Any]], outputs: Outputs):
+        self._node, self._values, self._outputs = node, values, outputs
+        self.watch = RowWatch()
+        self.withheld = ""  # why contacts of the last row are not known
+        self._state = None
+        self._of: tuple = ()  # pipeline and tare of the state
+        self._last = -_PATIENCE
+        self._since, self._touching = 0, None
+        self._preparing = False  # seconds, where the profile has no estimator
+
+    @property
+    def wanted(self) -> bool:
+        """Whether rows are to be followed."""
+        return self._values()["publish_every"] > 0
+
+    @property
+    def followed(self) -> bool:
+        """Whether contacts are those of rows now."""
+        late = time.monotonic() - self._last > _PATIENCE
+        return self.wanted and (self._preparing or not late)
+
+    def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
+        """Follow rows, and publish what is due."""
+        of = pipeline, pipeline.baseline
+        new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
+        resumed = not self.followed
+        self._last = time.monotonic()
+        if new or resumed:
+            if not pipeline.follows:
+                self.withheld = "preparing to follow rows"
+                self._outputs.withhold(self.withheld, make_header(rows.stamp, frame_id))
+            self._preparing = True
+            try:
+                self._state, self._of = pipeline.rows(waits=False, after=self._state), of
+            finally:
+                self._preparing = False
+        begun, every = time.monotonic(), self._values()["publish_every"]
+        for i, (voltages, ground) in enumerate(zip(rows.voltages, rows.grounded)):
+            now = rows.stamp + i * rows.row_period
+            pipeline.follow_row(voltages, int(ground), rows.drive_voltage, now, self._state)
+            self._since += 1
+            touching = self._state.touching
+            if self._since >= every or touching != self._touching:
+                self._since, self._touching = 0, touching
+                self._publish(pipeline, make_header(now, frame_id))
+        self._last = time.monotonic()
+        age = self._node.get_clock().now().nanoseconds * 1e-9 - now
+        self.watch.followed(rows.sequence, len(rows.grounded), age, self._last - begun)
+
+    def image(self, pipeline: Pipeline) -> Result | None:
+        """An image of what rows tell, where a frame could tell no more and the profile draws
+        contacts; None where the frame is to be processed."""
+        state = self._state
+        if state is None or self._of[0] is not pipeline or not pipeline.fits or state.asks:
+            return None
+        return pipeline.image_after_row(state)
+
+    def correct(self, pipeline: Pipeline, frame: Frame) -> None:
+        """Let a frame that was just processed correct what rows tell, if they ask for it."""
+        state = self._state
+        if state is not None and self._of[0] is pipeline and state.asks:
+            pipeline.correct(
+                state,
+                frame.voltages,
+                frame.grounded,
+                frame.drive_voltage,
+                frame.row_period,
+                frame.stamp,
+            )
+
+    def troubles(self) -> list[Trouble]:
+        """What is wrong with the rows of the last seconds."""
+        return self.watch.troubles() if self.followed else []
+
+    def figures(self) -> dict[str, float | int]:
+        """Counts and times, where rows come."""
+        return self.watch.figures() if self.followed else {}
+
+    def _publish(self, pipeline: Pipeline, header: Header) -> None:
+        result = pipeline.after_row(self._state)
+        self.withheld = result.reason
+        self._outputs.say_touched(not result.idle)
+        if result.reason:
+            self._outputs.withhold(result.reason, header)
+        else:
+            self._outputs.publish_contacts(result.contacts, header)

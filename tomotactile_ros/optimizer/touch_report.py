@@ -1,0 +1,168 @@
+"""Pictures of what is expected of contacts: ellipses over the sheet, and what more electrodes or
+rows give."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from tomotactile_ros.evaluation.metrics import worst
+from tomotactile_ros.evaluation.posterior import Posterior
+from tomotactile_ros.files import save_figure
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.optimizer.explore import Choice
+from tomotactile_ros.optimizer.step import Step
+
+_LARGEST = 0.6  # of the spacing of contacts: semi-axis of an ellipse of the worst tenth
+_WORDS = "mean place error", "place, worst tenth", "pairs told apart from"
+_LEGEND = (
+    "Ellipses: one standard deviation of the place of a contact there, magnified, by the estimator's own "
+    "model; red: the worst tenth. Grey: electrodes, to scale"
+)
+
+
+def save_touch_report(
+    path: str | os.PathLike,
+    history: Sequence[Step],
+    best: Step,
+    title: str,
+    keep_out: Sequence[tuple[float, float, float]] = (),
+) -> None:
+    """Write a picture: ellipses at the start and at the best step, and the history.
+
+    `keep_out` are discs (x, y, radius) without electrode centres, m.
+    """
+    from matplotlib.figure import Figure
+
+    start = history[0]
+    assert start.posterior is not None and best.posterior is not None  # of this method
+    figure = Figure(figsize=(15, 5.8), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    zones = "; hatched: no electrode allowed" if keep_out else ""
+    figure.supxlabel(_LEGEND + zones, fontsize=8.5)
+    axes = figure.subplots(1, 3, width_ratios=[1, 1, 0.75])
+    factor = _factor(start.posterior)
+    draw_ellipses(axes[0], start.layout, start.posterior, factor, "before")
+    when = f"after (step {best.iteration})"
+    draw_ellipses(axes[1], best.layout, best.posterior, factor, when)
+    for axis in axes[:2]:
+        _zones(axis, keep_out)
+    steps = [step.iteration for step in history]
+    lengths = np.array([step.posterior.lengths for step in history if step.posterior is not None])
+    for words, values in zip(_WORDS, (lengths / lengths[0]).T):
+        axes[2].plot(steps, values, "o-", label=words, markersize=4)
+    axes[2].set(xlabel="round", ylabel="relative to the start", title="history")
+    axes[2].xaxis.get_major_locator().set_params(integer=True)
+    axes[2].grid(alpha=0.3)
+    axes[2].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False)
+    save_figure(figure, path)
+
+
+def save_comparison(path: str | os.PathLike, found: Sequence[tuple[Layout, Posterior]]) -> None:
+    """Write a picture: ellipses of layouts side by side, all with the factor of the first."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.6 * len(found), 5.8), layout="constrained")
+    figure.supxlabel(_LEGEND, fontsize=8.5)
+    factor = _factor(found[0][1])
+    axes = np.atleast_1d(figure.subplots(1, len(found)))
+    for axis, (layout, posterior) in zip(axes, found):
+        draw_ellipses(axis, layout, posterior, factor, layout.name)
+    save_figure(figure, path)
+
+
+def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, words: str) -> None:
+    """Electrodes and ellipses of `layout`, magnified by `factor`."""
+    from matplotlib.collections import EllipseCollection, PatchCollection
+    from matplotlib.patches import Circle
+
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    discs = [Circle(1e3 * each, 1e3 * layout.radius) for each in layout.positions]
+    axes.add_collection(PatchCollection(discs, facecolor="0.75", edgecolor="0.4", linewidth=0.6))
+    variances, ways = np.linalg.eigh(posterior.covariance)
+    across, along = 2e3 * factor * np.sqrt(variances).T
+    angle = np.degrees(np.arctan2(ways[:, 1, 1], ways[:, 0, 1]))
+    limit = np.sort(posterior.place)[-max(1, round(0.1 * len(posterior.place)))]
+    colours = np.where(posterior.place >= limit, "tab:red", "tab:blue")
+    axes.add_collection(
+        EllipseCollection(
+            along,
+            across,
+            angle,
+            units="x",
+            offsets=1e3 * posterior.places,
+            transOffset=axes.transData,
+            facecolors="none",
+            edgecolors=colours,
+            linewidths=1,
+        )
+    )
+    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
+    pad = 0.05 * max(xmax - xmin, ymax - ymin)
+    axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad), aspect="equal")
+    axes.set(xlabel="x / mm", ylabel="y / mm")
+    mean, tenth = 1e6 * posterior.place.mean(), 1e6 * worst(posterior.place)
+    axes.set_title(
+        f"{words}: mean {mean:.0f} µm, worst tenth {tenth:.0f} µm (ellipses x {factor:.3g})",
+        fontsize=10,
+    )
+
+
+def save_exploration(path: str | os.PathLike, found: Sequence[Sequence[Choice]]) -> None:
+    """Write a picture: error against the number of electrodes, and against the time of a frame."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 5.2), layout="constrained")
+    figure.supxlabel(
+        "Expected by the estimator's own model, of contacts all over the sheet: a real sensor is not "
+        "better. Solid: mean; dashed: worst tenth",
+        fontsize=8.5,
+    )
+    axes = figure.subplots(1, 2)
+    whole = [choices[-1] for choices in found]
+    counts = [len(each.rows) for each in whole]
+    axes[0].plot(counts, [1e3 * each.place for each in whole], "o-", label="mean")
+    axes[0].plot(counts, [1e3 * each.worst_tenth for each in whole], "s--", label="worst tenth")
+    axes[0].set_xscale("log", base=2)
+    axes[0].set_xticks(counts, [str(count) for count in counts])
+    axes[0].minorticks_off()
+    axes[0].set(xlabel="electrodes, all of them grounded in a frame", ylabel="place error / mm")
+    axes[0].legend()
+    for choices in found:
+        times = [1e3 * each.frame_time for each in choices]
+        [line] = axes[1].plot(
+            times,
+            [1e3 * each.place for each in choices],
+            "o-",
+            label=f"{choices[0].layout.electrodes} electrodes",
+        )
+        tenth = [1e3 * each.worst_tenth for each in choices]
+        axes[1].plot(times, tenth, "s--", color=line.get_color(), markersize=4)
+    axes[1].set_xscale("log", base=2)
+    axes[1].set(xlabel="time of a frame / ms", ylabel="place error / mm")
+    axes[1].legend()
+    for axis in axes:
+        axis.set_yscale("log")
+        axis.grid(alpha=0.3)
+    save_figure(figure, path)
+
+
+def _factor(posterior):
+    """By which ellipses are magnified, one significant digit."""
+    a, b = posterior.places.max(axis=0) - posterior.places.min(axis=0)
+    step = np.sqrt(a * b / len(posterior.places))
+    factor = _LARGEST * step / max(worst(posterior.place), 1e-12)
+    digit = 10.0 ** np.floor(np.log10(factor))
+    return float(digit * max(1, round(factor / digit)))
+
+
+def _zones(axes, keep_out):
+    """Where no electrode may be."""
+    from matplotlib.patches import Circle
+
+    for x, y, radius in keep_out:
+        zone = Circle((1e3 * x, 1e3 * y), 1e3 * radius, fill=False, hatch="///", edgecolor="0.5")
+        axes.add_patch(zone)
