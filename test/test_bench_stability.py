@@ -42,7 +42,7 @@ def test_a_refusal_is_a_row():
     row = rows("electrodes", 1)[0]
     assert row["error"] is None and "rows: 1" in row["refusal"]
     (line,) = [line for line in report.stability_lines([row]) if line.startswith("electrodes ")]
-    assert line.split() == ["electrodes", "1", *["[1]"] * 4]
+    assert line.split() == ["electrodes", "1", *["[1]"] * len(extremes.PROFILES)]
 
 
 def test_place_and_force_of_every_profile():

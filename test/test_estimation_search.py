@@ -270,12 +270,15 @@ def test_a_turned_frame_has_the_turned_estimate(turn):
     first, second = find("4x4", frame), find("4x4", turned)
     expected, got = first.unknowns.contacts, second.unknowns.contacts
     assert len(expected) == len(got) == 2
+    places = expected[:, :2] @ turn.T
+    apart = np.hypot(*(places[:, None] - got[:, :2]).transpose(2, 0, 1))
+    got = got[apart.argmin(axis=1)]  # contacts have no order
     # 40 modes cut pairs of equal ones
-    np.testing.assert_allclose(got[:, :2], expected[:, :2] @ turn.T, atol=0.1e-3)
+    np.testing.assert_allclose(got[:, :2], places, atol=0.1e-3)
     np.testing.assert_allclose(got[:, 2], expected[:, 2], atol=0.03)
     deviations = np.sqrt(first.covariance.diagonal()[3::4])  # of ln a, which readings hardly tell
     assert (np.abs(got[:, 3] - expected[:, 3]) < 2 * deviations).all()
-    np.testing.assert_allclose(second.unknowns.gain[to], first.unknowns.gain, atol=4e-4)
+    np.testing.assert_allclose(second.unknowns.gain[to], first.unknowns.gain, atol=1e-3)
 
 
 def test_regions_hold_contacts_of_another_model():

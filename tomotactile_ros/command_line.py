@@ -8,10 +8,14 @@ import os
 import signal
 import sys
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
-from typing import NoReturn
+from functools import partial
+from typing import Any, NoReturn
 
 from tomotactile_ros.errors import Doubt
+
+_SOON = 0.05  # s after which an interrupt that was lost is raised again
 
 
 def positive(text: str) -> float:
@@ -35,11 +39,26 @@ def stop_like_ctrl_c() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, _interrupt)
+    if signal.getsignal(signal.SIGALRM) == signal.SIG_DFL:
+        signal.signal(signal.SIGALRM, _end_soon)
+        sys.unraisablehook = partial(_not_lost, sys.unraisablehook)
 
 
 def _interrupt(number: int, frame: object) -> None:
     signal.signal(number, signal.SIG_IGN)  # once is enough: the end is not to be interrupted
     raise KeyboardInterrupt
+
+
+def _end_soon(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _not_lost(usual: Callable[[Any], object], lost: Any) -> None:
+    """Python drops exceptions that are raised while an object is deleted or in a callback."""
+    if lost.exc_type is KeyboardInterrupt:
+        signal.setitimer(signal.ITIMER_REAL, _SOON)
+    else:
+        usual(lost)
 
 
 def say_doubts(program: str) -> None:

@@ -36,12 +36,12 @@ def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
     gain, resistance = slopes
     count = columns.shape[2]
     to_rows = np.zeros((len(rows), count))
-    to_rows[np.arange(len(rows)), rows] = resistance_deviation[rows]
+    to_rows[np.arange(len(rows)), rows] = 1.0
     return np.concatenate(
         [
             np.einsum("pln,ln->pn", columns, gain),
             columns.sum(axis=1),
-            np.einsum("pln,ln->pl", columns, resistance) @ to_rows,
+            np.einsum("pln,ln->pl", columns, resistance * resistance_deviation) @ to_rows,
         ],
         axis=1,
     )
@@ -65,7 +65,9 @@ class ChannelFit:
         count = weights.shape[1]
         self._count = count
         weighted = weights * gain
-        in_rows = resistance * deviations[2][rows, None]  # by resistances in units of their own
+        # In units of the deviation of the electrode that reads, where these differ: in those of the
+        # grounded one, as is exact, a wire that breaks was found too late (tried).
+        in_rows = resistance * deviations[2]
         by_row = weights * in_rows
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))

@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layout import Layout
 
+EXCLUDED = "excluded by the settings"  # why an electrode is left out
 _KEPT = 4  # operators for sets of electrodes in use
 _SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
@@ -156,7 +157,7 @@ class Estimator:
         """
         voltages = np.asarray(voltages, float)
         grounded = np.asarray(grounded, int)
-        left_out = {e: "excluded" for e in self.excluded}
+        left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out)
         valid = np.isfinite(voltages)

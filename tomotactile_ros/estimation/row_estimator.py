@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tomotactile_ros.estimation.estimator import (
+    EXCLUDED,
     FORCE_FLOOR,
     PLACE_FLOOR,
     Contact,
@@ -214,7 +215,7 @@ class RowEstimator:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
         state.looked = seen.ended
-        left_out = {e: why for e, why in estimate.left_out.items() if why != "excluded"}
+        left_out = {e: why for e, why in estimate.left_out.items() if why != EXCLUDED}
         if set(left_out) != set(state.left_out):  # other electrodes: what rows told was of others
             state.left_out = left_out
             now = state.rows.time

@@ -275,6 +275,8 @@ class Search:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
         for which in range(len(fit.unknowns.contacts)):
+            if which >= len(fit.unknowns.contacts):
+                break  # a split that was simplified has fewer
             contact = fit.unknowns.contacts[which]
             long = float(np.hypot(*contact[STRETCH:]))
             if long > _LONG:

@@ -399,11 +399,11 @@ def solve(
         sheet = linear.sheet
         better, damping = _descend(linear, damping)
         gained = 0.0 if better is None else fit.cost - better.cost
-        settled = _CONVERGED * fit.doubt
         if better is not None:
             fit = better
-        # after a whole step the next takes off less than what the linear model was wrong by
-        exact = linear.whole and abs(gained - linear.promised) < settled
+        settled = _CONVERGED * fit.doubt
+        # after a short whole step the next takes off less than what the linear model was wrong by
+        exact = linear.whole and abs(gained - linear.promised) < settled and sheet.serves(fit)
         if gained < settled or exact:
             break
         if step and fit.cost - _HOPE * gained > goal:

@@ -54,7 +54,7 @@ def why_left_out(
         if excluded[electrode]:
             found[electrode] = "excluded by the settings"
         elif dead[electrode]:
-            found[electrode] = "no valid reading"
+            found[electrode] = "no readings"
         elif stuck[electrode]:
             found[electrode] = "its reading never changes"
         else:
