@@ -25,7 +25,7 @@ except KeyboardInterrupt:
 
 
 def test_a_signal_that_comes_while_an_object_is_deleted_ends_the_program_all_the_same():
-    """Python drops exceptions there: the optimizer went on for ever, one time in some hundred."""
+    """Python drops exceptions there."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(
         [sys.executable, "-c", LOST],

@@ -298,6 +298,10 @@ def running(pid):
 
 
 STEADY = """
+import signal
+
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL)  # a test before may have left them ignored: inherited
 import sys
 from tomotactile_ros.cli import main
 from tomotactile_ros.errors import InputError
