@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.screening import (
     clipped,
@@ -42,7 +42,6 @@ _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in part
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
-TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
@@ -213,11 +212,11 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
         state.fit = fit
-        parts = self._contacts(fit)
+        parts, group = self._contacts(fit)
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
-        return Estimate(joined(parts), parts, "valid", "", left_out, misfit, first)
+        return Estimate(joined(parts, group), parts, "valid", "", left_out, misfit, first)
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -375,16 +374,17 @@ class Estimator:
             )
         return ""
 
-    def _contacts(self, fit: Fit) -> list[Contact]:
+    def _contacts(self, fit: Fit) -> tuple[list[Contact], np.ndarray]:
+        """The discs that are certain, strongest first, and (k,) the contact that each belongs to."""
         u = fit.unknowns
         if not len(u.contacts):
-            return []
+            return [], np.empty(0, int)
         operator, prediction = fit.operator, fit.prediction
         touches = prediction.touches
         inflation = fit.doubt
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
-        found, sure, first = [], [], 0
+        found, which, sure, first = [], [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
             own = covariance[first : first + count, first : first + count]
@@ -405,6 +405,7 @@ class Estimator:
             if certainty < _LIKELY**2:
                 continue
             sure.append(certainty > _CERTAIN**2)
+            which.append(i)
             found.append(
                 Contact(
                     float(x),
@@ -421,9 +422,9 @@ class Estimator:
                     tuple(float(each) for each in u.rates[i, :2]),
                 )
             )
-        if any(sure):
-            found = [each for each, certain in zip(found, sure) if certain]
-        return sorted(found, key=lambda each: -each.force)
+        likely = [i for i, certain in enumerate(sure) if certain or not any(sure)]
+        order = sorted(likely, key=lambda i: -found[i].force)
+        return [found[i] for i in order], groups(fit)[[which[i] for i in order]]
 
 
 def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
@@ -456,17 +457,12 @@ def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
     )
 
 
-def joined(parts: list[Contact]) -> list[Contact]:
-    """Contacts from discs: those that touch each other are one, wide or of a free shape; strongest
-    first."""
-    if len(parts) < 2:
-        return parts
-    places = np.array([[each.x, each.y] for each in parts])
-    radii = np.array([each.radius for each in parts])
-    apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
-    touching = apart < TOUCHING * np.add.outer(radii, radii)
-    count, group = connected_components(touching, directed=False)
-    found = [_joined([parts[i] for i in np.flatnonzero(group == each)]) for each in range(count)]
+def joined(parts: list[Contact], group: np.ndarray) -> list[Contact]:
+    """Contacts, strongest first, from discs and the numbers `group` (k,) of the contacts that they
+    belong to (`joining.groups`)."""
+    found = [
+        _joined([parts[i] for i in np.flatnonzero(group == each)]) for each in np.unique(group)
+    ]
     return sorted(found, key=lambda each: -each.force)
 
 

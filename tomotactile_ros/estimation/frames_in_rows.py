@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from tomotactile_ros.estimation.estimator import RESTING, TOUCHING, Estimate, State
+from tomotactile_ros.estimation.estimator import RESTING, Estimate, State
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.joining import TOUCHING
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.search import chosen

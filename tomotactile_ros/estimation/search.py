@@ -284,11 +284,11 @@ class Search:
         short = self._falls_short(found)
         if short:
             found = self._split(self._formed(found, self._solve), self._solve)
-        if short and len(seen.contacts) > len(first.unknowns.contacts):
-            if self._falls_short(found):
-                goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
-                many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
-                found = self._split(self._likelier(found, many), self._solve)
+        more = len(seen.contacts) > len(first.unknowns.contacts)
+        if short and more and self._falls_short(found):
+            goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
+            many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
+            found = self._split(self._likelier(found, many), self._solve)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):

@@ -411,6 +411,8 @@ class Pipeline:
         frame is none that one linear step is made for, see `_read`."""
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
         if local is None:
+            if not self._rests(frame, bad):
+                return self._estimated(voltages, grounded, drive_voltage, 0.0)
             self._forget()
             return self._idle(bad, self._faults(frame, bad))
         image = None
@@ -437,6 +439,14 @@ class Pipeline:
             level,
             faults=self._faults(frame, bad),
         )
+
+    def _rests(self, frame, bad) -> bool:
+        """Whether a frame without a contact is one of an untouched sheet: it was read, and nothing is
+        as far below 0 V as a contact is above."""
+        read = frame[np.ix_(~bad, ~bad)]
+        read = read[np.isfinite(read)]
+        most = self.settings.threshold * self.settings.noise
+        return len(read) >= FEWEST and bool(read.min() > -most)
 
     def _faults(self, frame, bad) -> dict[int, str]:
         if not bad.any():

@@ -1,0 +1,72 @@
+"""Which of the discs of a fit are one contact.
+
+A palm, a plate or a ring is found as several discs beside each other. Two discs are two contacts
+only where the readings say that nothing presses between them: a disc that would fill the gap, as
+strong for its area as both, is tried to first order. What it may conduct follows from the normal
+equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
+an estimate so large lies within the deviation, both are one. Discs that touch are one anyway, and
+two alone were compared with one ellipse before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from tomotactile_ros.estimation.solver import Fit, Linear
+from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS, patches_for
+
+TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
+_SURE = 3.0  # standard deviations: what lies within may be
+_FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
+
+
+def groups(fit: Fit) -> np.ndarray:
+    """(k,) number of the contact that each disc of a fit belongs to."""
+    contacts = fit.unknowns.contacts
+    radii = np.exp(contacts[:, RADIUS])
+    apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
+    touching = apart < TOUCHING * np.add.outer(radii, radii)
+    gaps = apart - np.add.outer(radii, radii)
+    near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
+    if len(contacts) > 2 and len(near):
+        for i, j in near[_filled(fit, near)]:
+            touching[i, j] = touching[j, i] = True
+    return connected_components(touching, directed=False)[1]
+
+
+def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
+    """(m,) whether something may press between the discs `pairs` (m, 2)."""
+    u, pitch = fit.unknowns, fit.operator.pitch
+    radii = np.exp(u.contacts[:, RADIUS])
+    strengths = np.exp(u.contacts[:, CONDUCTANCE])
+    first, second = pairs.T
+    way = u.contacts[second, :2] - u.contacts[first, :2]
+    apart = np.hypot(*way.T)
+    gaps = np.maximum(apart - radii[first] - radii[second], 0.0)
+    places = u.contacts[first, :2] + way * ((radii[first] + gaps / 2) / apart)[:, None]
+    widths = np.maximum(gaps / 2, np.minimum(radii[first], radii[second]) / 2)
+    density = np.minimum(
+        strengths[first] / radii[first] ** 2, strengths[second] / radii[second] ** 2
+    )
+    filling = density * widths**2
+    added = np.zeros((len(pairs), PARAMETERS))
+    added[:, :2], added[:, RADIUS] = places, np.log(widths)
+    added[:, CONDUCTANCE] = np.log(_FAINT * filling)
+    free = np.zeros(added.shape, bool)
+    free[:, CONDUCTANCE] = True
+    tried = u.with_contacts(
+        np.vstack([u.contacts, added]),
+        (*u.across, *(patches_for(width, pitch) for width in widths)),
+        np.vstack([u.free, free]),
+    )
+    linear = Linear(Fit(fit.operator, tried, fit.rows, fit.prior))
+    last = np.arange(linear.free - len(pairs), linear.free)
+    rest = np.delete(np.arange(len(linear.normal)), last)
+    mixed = linear.normal[np.ix_(rest, last)]
+    back = np.linalg.solve(linear.normal[np.ix_(rest, rest)], mixed)
+    left = linear.normal[last, last] - np.einsum("rl,rl->l", mixed, back)
+    right = linear.right[last] - linear.right[rest] @ back
+    found = 1 + right / left  # in parts of what it began with
+    deviation = np.sqrt(fit.doubt / left)
+    return (found + _SURE * deviation) * _FAINT > 1.0
