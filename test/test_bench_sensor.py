@@ -10,6 +10,7 @@ import pytest
 from tomotactile_ros import cli
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance
+from tomotactile_ros.bench.reference_slides import SlideData
 from tomotactile_ros.bench.sensor import changes, parts, run, tables, trial
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
@@ -115,17 +116,36 @@ def test_a_touch_beside_a_lasting_one_changes_within_the_second_frame(end):
     assert np.abs(potentials(admittance(7) if end else admittance(0)) - first)[0, 1] < 0.01
 
 
-def test_what_moves_is_judged_by_where_it_is_in_the_middle_of_the_frame():
-    """The closest reading of a row is that of the electrode nearest to the contact then."""
-    made = changes.moving("case", LAYOUT, 1.0, 2)
-    assert [truth is None for truth in made.truths] == [True, False] * 2
-    (where,) = made.truths[1]
-    place = np.array([where["x"], where["y"]])
-    assert (np.abs(place) < 0.1).all()
-    rows = made.frames[1]
-    middle = rows[E // 2]
-    nearest = np.linalg.norm(LAYOUT.positions - place, axis=1).argsort()[:4]
-    assert np.nanargmax(middle) in nearest
+def slides():
+    """One that goes 4 mm along y in a row, on made up rows."""
+    rows = np.stack([potentials(admittance(i)) for i in range(2)]).reshape(1, 1, 2 * E, E) / 3.3
+    contact = {"x": 0.01, "y": -0.02, "force": 1.0}
+    slide = {"direction": [0.0, 1.0], "contact": contact}
+    return SlideData(LAYOUT, rows, [slide], [4.0], {"row_period": ROW_PERIOD})
+
+
+def test_rows_of_a_slide_follow_an_untouched_scan():
+    made = changes.sliding("case", slides(), 4.0)
+    assert [truth is None for truth in made.truths] == [True, False, False]
+    assert np.nanmax(made.frames[0]) < 0.01
+    for frame, seed in zip(made.frames[1:], range(2), strict=True):
+        assert np.nanmax(np.abs(frame - potentials(admittance(seed)))) < 0.01
+
+
+@pytest.mark.parametrize("row", [None, 0, E - 1])
+def test_what_moves_is_judged_at_the_time_of_which_a_result_speaks(row):
+    """Row 16 of the slide is the first of the second scan; in the middle where nobody says."""
+    after = (E - 1) / 2 if row is None else row
+
+    def follows(i):
+        return says({"x": 0.01, "y": -0.02 + 4e-3 * (E * (i - 1) + after), "force": 1.0})
+
+    method = Recorder(follows)
+    if row is not None:
+        method.holds_for = lambda stamp, row_period, rows: stamp + row * row_period
+    figures = trial.judge(method, changes.sliding("case", slides(), 4.0))
+    assert (figures["frames"], figures["missed"]) == (2, 0)
+    assert figures["place"]["worst"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_methods_are_told_the_row_period_and_judged_on_judged_frames_only():
@@ -196,16 +216,17 @@ def silent(layout):
 def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
     tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setitem(
-        parts.PARTS, "crowd", lambda step: iter([trial.presses("two", some_states())])
-    )
+    """The frame shows nothing, so that the profiles have nothing to look for."""
+    truth = [{"x": x, "y": 0.0, "force": 1.0} for x in (0.0, 0.05)]
+    two = trial.Trial("two", LAYOUT, untouched(E)[None], [truth])
+    monkeypatch.setitem(parts.PARTS, "crowd", lambda step: iter([two]))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     out = tmp_path / "parts.json"
     words = ["bench", "--parts", "crowd", "--methods", f"{__name__}:silent", "--out", str(out)]
     assert cli.main(words) == 0
     rows = json.loads(out.read_text())["sensor"]["crowd"]
     assert [row["method"] for row in rows] == ["fast", "balanced", "accurate", "silent"]
-    assert rows[-1]["missed"] == rows[-1]["true"] == 2
+    assert all(row["missed"] == row["true"] == 2 for row in rows)
     assert "silent" in capsys.readouterr().out
     assert run.run("crowd")[0]["case"] == "two"
 

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tomotactile_ros.bench import (
     compare,
     growth,
     libraries,
+    pace,
     peers,
     readme,
     report,
@@ -35,7 +37,7 @@ from tomotactile_ros.yamlio import plain
 
 CASE = cases.Case("equal-4x4", resolution=20)
 SIZE = trials.Size(side=3, pairs=2)
-EFFORT = trade.Effort(SIZE, SIZE, frames=1, rounds=2, seconds=0.0)
+EFFORT = trade.Effort(SIZE, SIZE, frames=1, rounds=2, seconds=0.0, most=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,9 @@ def made():
 
 @pytest.fixture(scope="module")
 def row():
-    (found,) = trade.Trade(EFFORT).measure([CASE], lambda work: None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pace, "frame_seconds", lambda profile: 0.01)
+        (found,) = trade.Trade(EFFORT).measure([CASE], lambda work: None)
     return found
 
 
@@ -255,6 +259,32 @@ def _round(seconds, waited=0.0):
     return np.stack([np.add(seconds, waited), seconds], axis=-1)[None]
 
 
+def test_slow_calls_are_measured_twice_and_leave_the_others_their_rounds():
+    order = []
+    calls = {key: [lambda name=key: order.append(name)] for key in "ab"}
+    clock = iter(np.arange(100.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timing.time, "perf_counter", lambda: next(clock))
+        times = timing.in_turn(calls, least=4, seconds=0.0, most=0.0, warm=False)
+    assert "".join(order) == "abab"
+    assert {key: len(each) for key, each in times.items()} == {"a": 2, "b": 2}
+
+
+def test_the_pace_is_that_of_frames_with_new_contacts(monkeypatch):
+    monkeypatch.setattr(pace, "DEFAULT_LAYOUT", CASE.layout)
+    processed = []
+    process = Pipeline.process
+    monkeypatch.setattr(
+        Pipeline, "process", lambda *given: processed.append(given) or process(*given)
+    )
+    pace.frame_seconds.cache_clear()
+    pace._frames.cache_clear()
+    assert pace.frame_seconds("fast") == pace.frame_seconds("fast") > 0
+    assert len(processed) == 2
+    pace.frame_seconds.cache_clear()
+    pace._frames.cache_clear()
+
+
 def test_ratios_do_not_see_a_machine_that_slows_down():
     slower = [_round(speed * np.ones(4)) for speed in (1.0, 1.5, 2.0)]
     found = timing.ratio([8 * each for each in slower], slower)
@@ -353,13 +383,13 @@ def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
     done = []
 
     def part(name, found):
-        return run.Part(name, 1.0, lambda tick: done.append(name) or found)
+        return run.Part(name, lambda: 1.0, lambda tick: done.append(name) or found)
 
     names = ["trade a", "peers", "growth", "stability"]
     todo = [part(name, [name]) for name in names]
     monkeypatch.setattr(run, "auto_choices", lambda rows: [])
     path = tmp_path / "bench.quick.part.json"
-    stopped = [*todo[:2], run.Part("growth", 1.0, _stopped), todo[3]]
+    stopped = [*todo[:2], run.Part("growth", lambda: 1.0, _stopped), todo[3]]
     monkeypatch.setattr(run, "parts", lambda mode: stopped)
     with pytest.raises(KeyboardInterrupt):
         run.measure("quick", store.Store(path))
@@ -421,13 +451,25 @@ def _not_installed(*_):
     raise ImportError
 
 
+class NoChoice:
+    """Stands for a pipeline that is asked for `auto`."""
+
+    profile = "fast"
+
+    def __init__(self, layout, settings):
+        assert settings.profile == "auto"
+
+
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     small = cases.Case("equal-4x4")
+    monkeypatch.setattr(pace, "frame_seconds", lambda profile: 0.01)
+    monkeypatch.setattr(run, "Pipeline", NoChoice)
     for module in (cases, run):
         monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
     monkeypatch.setattr(trade, "REFERENCE", small)
     monkeypatch.setattr(run, "quick_cases", lambda: [small])
-    monkeypatch.setattr(run, "QUICK", EFFORT)
+    monkeypatch.setattr(run, "QUICK", replace(EFFORT, size=trials.Size(2, 1)))
+    monkeypatch.setattr(trials, "SEPARATIONS", (0.3, 0.4))
     monkeypatch.setattr(run, "QUICK_GROWTH", ((3, 4), (20, 30)))
     monkeypatch.setattr(growth, "_DEFAULT", (4, 20))
     monkeypatch.setattr(libraries, "PyeitOneStep", _not_installed)
@@ -437,7 +479,7 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run, "SENSOR", ("crowd",))
     nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])
     monkeypatch.setitem(PARTS, "crowd", lambda step: iter([nothing]))
-    some = stability.trials()[-3:]
+    some = [replace(each, values=each.values[-1:]) for each in stability.trials()[-3:]]
     monkeypatch.setattr(stability, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
     text.write_text("<!-- bench:profiles -->\n<!-- /bench:profiles -->\n")

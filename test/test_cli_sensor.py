@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tomotactile_ros.commands import run as live
 from tomotactile_ros.devices import Frame, stream
 from tomotactile_ros.devices.recording import load_recording, save_recording
 from tomotactile_ros.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
@@ -77,6 +79,24 @@ def test_a_simulated_sensor_is_shown_beside_its_truth(capsys):
     words = ["--layout", "equal-4x4", "--scene", "idle", "--duration", "0.05"]
     assert cli.main(["run", *words]) == 0
     assert "no contact" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("profile", "after"), [("fast", 0.075), ("accurate", 0.15)])
+def test_truth_is_that_of_the_time_for_which_contacts_hold(profile, after):
+    """Of 16 rows, 10 ms apart: the middle where they are taken for one state, else the last."""
+    (frame,) = frames_of("idle", 1)
+    first = replace(frame, row_period=0.01)
+    frames = [first, replace(first, sequence=1, stamp=0.2)]
+
+    class Stream:
+        ended = property(lambda self: not frames)
+
+        def take(self, newest):
+            return frames.pop(0)
+
+    pipeline = Pipeline(LAYOUT, Settings(profile))
+    times = [shot.scene_time for shot in live.shots(Stream(), pipeline, None)]
+    assert times == pytest.approx([after, 0.2 + after])
 
 
 def test_a_withheld_result_is_said_and_no_contact_is_not(capsys):

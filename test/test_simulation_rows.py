@@ -198,6 +198,7 @@ def test_impossible_scans_are_refused(settings, complaint):
 def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
     rows = simulator(disc(0.03, 0.02, velocity=(1.0, 0.0)))
     monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e3)
+    monkeypatch.setattr("tomotactile_ros.sheet.rows._LITTLE", 0.0)
     with pytest.raises(InputError, match="^contacts: 1, in .* patches that change, would take"):
         rows.frame(0.0)
 

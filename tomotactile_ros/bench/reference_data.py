@@ -129,7 +129,7 @@ def save(data: ReferenceData, path: str | os.PathLike) -> None:
 
 def load(name: str | os.PathLike) -> ReferenceData:
     """Read a family by its name or by the path of its file."""
-    path = _find(name)
+    path = find(name)
     arrays, texts = ("packed", "sheet", "untouched"), ("states", "sheets", "made")
     layout, content = read(path, arrays, texts)
     return ReferenceData(path.stem, layout, **content)
@@ -166,22 +166,21 @@ def read(
     return _layout(found.pop("layout")), found
 
 
-def names() -> list[str]:
-    """Families that there are data of."""
-    return sorted({path.stem for folder in _folders() for path in folder.glob("*.npz")})
+def names(folder: Path = FOLDER) -> list[str]:
+    """Files of data in a shared `folder`: of families, if not said otherwise."""
+    return sorted(
+        {path.stem for each in shared_folders() for path in (each / folder).glob("*.npz")}
+    )
 
 
-def _folders():
-    return [folder / FOLDER for folder in shared_folders()]
-
-
-def _find(name) -> Path:
-    named = [folder / f"{os.fspath(name)}.npz" for folder in _folders()]
+def find(name: str | os.PathLike, folder: Path = FOLDER) -> Path:
+    """A file of data by its path or by its name in a shared `folder`."""
+    named = [each / folder / f"{os.fspath(name)}.npz" for each in shared_folders()]
     for path in (Path(name), *named):
         if path.is_file():
             return path
     raise InputError(
-        f"{name}: no such file of reference data, and none of {', '.join(names()) or '-'}"
+        f"{name}: no such file of reference data, and none of {', '.join(names(folder)) or '-'}"
     )
 
 

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.bench import growth, machine, peers, stability
+from tomotactile_ros.bench import growth, machine, pace, peers, stability
 from tomotactile_ros.bench.cases import (
     DEFAULT_LAYOUT,
+    PROFILES,
     Case,
     find_layout,
     full_cases,
@@ -34,15 +35,16 @@ FORMAT = "tomotactile-bench/5"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
-_SENSOR = {"time": 5, "channels": 3, "sheets": 3, "layouts": 3, "crowd": 1}  # s, quick, roughly
+# frames with contacts in each part of the sensor as it is, roughly
+_SENSOR = {"time": 120, "channels": 220, "sheets": 150, "layouts": 120, "crowd": 40}
 
 
 @dataclass(frozen=True)
 class Part:
-    """`measure` does about `work` s of work and calls what it is given after some of it."""
+    """`measure` does about `work()` s of work and calls what it is given after some of it."""
 
     name: str
-    work: float
+    work: Callable[[], float]
     measure: Callable[[Tick], Any]
 
 
@@ -51,13 +53,13 @@ def measure(mode: str, store: Store) -> dict:
     every part."""
     todo = parts(mode)
     left = [part for part in todo if part.name not in store.parts]
-    total = max(round(sum(part.work for part in left)), 1)
-    with Progress(f"{mode} benchmark", total) as progress:
+    works = [part.work() for part in left]
+    with Progress(f"{mode} benchmark", max(round(sum(works)), 1)) as progress:
         before = 0.0
-        for part in left:
+        for part, work in zip(left, works, strict=True):
             start = time.perf_counter()
-            found = part.measure(_ticker(progress, before, part.work))
-            before += part.work
+            found = part.measure(_ticker(progress, before, work))
+            before += work
             seconds = time.perf_counter() - start
             store.add(part.name, {"found": found, "seconds": seconds, "peak_memory": _peak()})
     kept = {part.name: store.parts[part.name] for part in todo}
@@ -86,14 +88,10 @@ def parts(mode: str) -> list[Part]:
     groups = [cases] if quick else _groups(cases)
     return [
         *_trade_parts(trade, groups),
-        *_sensor_parts(4 if quick else 1),
-        Part("peers", 15, lambda tick: peers.compare(trade.trials(DEFAULT_LAYOUT))),
-        Part("growth", growth.work(*sizes), lambda tick: growth.measure(*sizes, tick)),
-        Part(
-            "stability",
-            stability.count(thinned),
-            lambda tick: list(stability.run(thinned, lambda: tick(1))),
-        ),
+        *_sensor_parts(8 if quick else 1),
+        Part("peers", lambda: 15, lambda tick: peers.compare(trade.trials(DEFAULT_LAYOUT))),
+        Part("growth", partial(growth.work, *sizes), partial(growth.measure, *sizes)),
+        Part("stability", partial(_stability_work, thinned), partial(_stability_part, thinned)),
     ]
 
 
@@ -109,7 +107,7 @@ def _trade_parts(trade, groups):
         known |= new
         yield Part(
             f"{_TRADE} {cases[0].layout} {cases[0].resolution}²",
-            trade.work(cases, new),
+            partial(trade.work, cases, new),
             partial(trade.measure, cases),
         )
 
@@ -117,8 +115,13 @@ def _trade_parts(trade, groups):
 def _sensor_parts(step):
     """Of the sensor as it is, every `step`-th press."""
     for name in SENSOR:
-        work = 4 * _SENSOR[name] / step
-        yield Part(name, work, partial(_sensor_part, name, step))
+        frames = _SENSOR[name] / step
+        yield Part(name, partial(_frames_work, frames), partial(_sensor_part, name, step))
+
+
+def _frames_work(frames):
+    """s for so many frames by each profile."""
+    return frames * sum(map(pace.frame_seconds, PROFILES))
 
 
 def _sensor_part(name, step, tick):
@@ -127,6 +130,17 @@ def _sensor_part(name, step, tick):
         return run_sensor(name, step)
     except InputError as error:
         return {"skipped": str(error)}
+
+
+def _stability_work(step):
+    """s: simulators and pipelines take about one for each value."""
+    values = stability.count(step)
+    return values + _frames_work(values)
+
+
+def _stability_part(step, tick):
+    each = _stability_work(step) / stability.count(step)
+    return list(stability.run(step, lambda: tick(each)))
 
 
 def _ticker(progress, before, most):

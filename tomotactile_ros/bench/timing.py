@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 Call = Callable[[], Any]
+_FEWEST = 2  # rounds
 Times = list[np.ndarray]  # of each round (passes, n, 2), s, of n calls: by the clock, of processor
 
 
@@ -26,6 +27,7 @@ def in_turn(
     *,
     least: int = 8,
     seconds: float = 1.0,
+    most: float = np.inf,
     turn: float = 0.0,
     uncertainty: float = 0.02,
     warm: bool = True,
@@ -36,18 +38,24 @@ def in_turn(
     ----------
     least : rounds at least; then until each call came thrice within `uncertainty` of its shortest
         time, or until `seconds` are over
+    most : s for one key; what takes longer has `_FEWEST` rounds
     turn : s; all calls of a key are made once in its turn, and again until this is over
     warm : the first call of a key is made once more before, and does not count: it finds the caches
         full of what others left
     """
     out: dict[Any, Times] = {key: [] for key in calls}
+    spent = dict.fromkeys(calls, 0.0)
     with _no_collection():
         begin = time.perf_counter()
         for done in count(1):
             for key, each in calls.items():
+                if spent[key] > most and done > _FEWEST:
+                    continue
+                start = time.perf_counter()
                 if warm:
                     each[0]()
                 out[key].append(_one_turn(each, turn))
+                spent[key] += time.perf_counter() - start
             over = time.perf_counter() - begin >= seconds
             if done >= least and (over or _settled(out, uncertainty)):
                 return out

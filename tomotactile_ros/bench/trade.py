@@ -10,13 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from tomotactile_ros.bench import accuracy, timing
+from tomotactile_ros.bench import accuracy, pace, timing
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, Case, find_layout, grounded
-from tomotactile_ros.bench.trials import DRIVE, Size, Trials, make_trials
+from tomotactile_ros.bench.trials import DRIVE, SEPARATIONS, Size, Trials, make_trials
 from tomotactile_ros.reconstruction import Pipeline
 
 REFERENCE = Case(DEFAULT_LAYOUT)
-_FRAME = {"fast": 2e-3, "balanced": 6e-3, "accurate": 2.5e-2}  # s with 40 x 40 pixels, roughly
 _WORTH = 0.02  # least gain in accuracy for which a slower choice is on the front
 _SIMULATION = 4.0  # s for the frames of a layout, roughly
 _OTHER = 0.5  # s for the rest of a case, roughly
@@ -25,17 +24,18 @@ _OTHER = 0.5  # s for the rest of a case, roughly
 @dataclass(frozen=True)
 class Effort:
     """How much is measured: contacts of a row, and of a slow one; frames of either kind that are
-    timed, rounds at least, and s for these."""
+    timed, rounds at least, s for all of these, and s for the frames of one row at most."""
 
     size: Size
     few: Size
     frames: int
     rounds: int
     seconds: float
+    most: float
 
 
-QUICK = Effort(Size(5, 6), Size(5, 6), frames=4, rounds=15, seconds=3.0)
-FULL = Effort(Size(6, 8), Size(5, 5), frames=2, rounds=5, seconds=3.0)
+QUICK = Effort(Size(5, 5), Size(5, 5), frames=4, rounds=15, seconds=3.0, most=2.0)
+FULL = Effort(Size(6, 8), Size(5, 5), frames=2, rounds=5, seconds=3.0, most=4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +120,10 @@ class Trade:
 
     def _work(self, case):
         size = self.effort.few if case.is_slow else self.effort.size
-        frames = 2 * size.side**2 + 9 * size.pairs + 12
-        return _OTHER + frames * _FRAME[case.profile] * (case.resolution / 40) ** 1.5
+        accuracy = 2 * size.side**2 + len(SEPARATIONS) * size.pairs
+        timed = 2 * self.effort.frames * self.effort.rounds
+        seconds = pace.frame_seconds(case.profile)
+        return _OTHER + accuracy * seconds + min(timed * seconds, self.effort.most)
 
     def _subjects(self, cases, tick):
         """One for each of `cases`, with what takes long made once: frames, choices of ground
@@ -168,7 +170,8 @@ class Trade:
         effort = self.effort
         calls = {None: self._reference.frames(effort.frames)}
         calls |= {i: subject.frames(effort.frames) for i, subject in enumerate(subjects)}
-        found = _compared(timing.in_turn(calls, least=effort.rounds, seconds=effort.seconds))
+        times = timing.in_turn(calls, least=effort.rounds, seconds=effort.seconds, most=effort.most)
+        found = _compared(times)
         return [found[i] for i in range(len(subjects))]
 
     def _memory(self, case):

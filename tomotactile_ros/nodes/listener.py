@@ -27,12 +27,14 @@ class Listener(Node):
     ----------
     rate : of the simulated sensor, frames/s: frame k begins k / rate into the scene.
     layout : of the sensor.
+    profile : of the reconstruction, which says for which time contacts hold (`Pipeline.holds_for`).
     """
 
-    def __init__(self, rate: float, layout: Layout):
+    def __init__(self, rate: float, layout: Layout, profile: str):
         super().__init__("live")
         self._layout = layout
         self._rate = rate
+        self._part = 0.5 if profile == "fast" else 1.0  # of a frame, until contacts hold
         self._parts: OrderedDict[float, dict] = OrderedDict()
         self._arrivals: deque[float] = deque(maxlen=32)
         self._heard: set[str] = set()
@@ -56,7 +58,9 @@ class Listener(Node):
         return "; ".join(silent + said) or "driver and reconstruction are well, it must be near"
 
     def _on_frame(self, message: VoltageFrame) -> None:
-        self._add(message.header, "scene_time", message.sequence / self._rate)
+        lasts = message.row_period * (len(message.grounded) - 1)
+        scene_time = message.sequence / self._rate + self._part * lasts
+        self._add(message.header, "scene_time", scene_time)
 
     def _on_pressure(self, message: Image) -> None:
         self._add(message.header, "pressure", message_to_image(message))

@@ -107,7 +107,8 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
     problem = ""
     try:
         rclpy.init(args=[])
-        problem = _show(children, Listener(options.rate, layout), display, options.duration)
+        listener = Listener(options.rate, layout, options.profile)
+        problem = _show(children, listener, display, options.duration)
     except (KeyboardInterrupt, ExternalShutdownException):
         display.say("stopped")
     except Exception:

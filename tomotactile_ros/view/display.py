@@ -30,7 +30,7 @@ class Shot:
     ----------
     pressure : (H, W) Pa.
     contacts : strongest first.
-    scene_time : s since the scene began.
+    scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
     age : s from the frame's stamp to now.
     reason : why contacts are withheld, if they are.

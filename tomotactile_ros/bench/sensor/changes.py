@@ -1,10 +1,9 @@
 """Touches that begin, end or move while rows are scanned.
 
 A frame in which a touch begins is that of the sheet before in its first rows and that of the sheet
-after in the others: reference data serve. Touches that move come from the simulator, each row at
-its own time. Scans follow each other without a pause. What touches for a part of the frame that is
-judged may be reported or not (`scoring.PART`); what moves is judged by where it is in the middle of
-the frame.
+after in the others: reference data of either serve. Rows of touches that slide have been solved at
+their own times (`bench.reference_slides`). Scans follow each other without a pause. What touches
+for a part of the frame that is judged may be reported or not (`scoring.PART`).
 """
 
 from __future__ import annotations
@@ -12,21 +11,16 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.bench.reference import Admittance
+from tomotactile_ros.bench.reference_slides import SlideData
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
-from tomotactile_ros.bench.sensor.trial import Trial
-from tomotactile_ros.bench.trials import BITS, DRIVE, LAW, NOISE
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import Adc, Noise
+from tomotactile_ros.bench.sensor.trial import VELOCITY, Trial
+from tomotactile_ros.bench.trials import DRIVE
 from tomotactile_ros.evaluation.scoring import PART
 from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
-from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.simulation import ROW_PERIOD
 
-RADII = 0.004, 0.008  # m, from and to
-PRESSURES = 10e3, 30e3  # Pa
 _SEED = 26
-_TRIES = 10000
 
 
 def alone(case: str, states: States, end: bool) -> Trial:
@@ -69,52 +63,20 @@ def _changing(
     return Trial(case, layout, np.array(frames), judged, ROW_PERIOD)
 
 
-def moving(case: str, layout: Layout, speed: float, count: int) -> Trial:
-    """`count` touches that slide straight at `speed` (m/s), one after the other, a second each; the
-    second of two frames is judged."""
-    random = np.random.default_rng(_SEED)
-    scan = layout.electrodes * ROW_PERIOD
-    touches = [_touch(layout, random, i, i + 2 * scan, speed) for i in range(count)]
-    middle = scan + (layout.electrodes - 1) / 2 * ROW_PERIOD
-    truths = [
-        each for touch in touches for each in (None, [_truth(touch.at(touch.start + middle))])
-    ]
-    return _simulated(case, layout, touches, range(count), 2, truths)
-
-
-def _simulated(case, layout, touches, starts, count, truths):
-    """`count` frames from each of the `starts`, s."""
-    scene = Scene(case, DRIVE, touches, LAW, Noise(NOISE, _SEED), Adc(BITS, DRIVE))
-    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
-    scan = layout.electrodes * ROW_PERIOD
-    times = [start + number * scan for start in starts for number in range(count)]
-    frames = np.array([simulator.frame(t, number) for number, t in enumerate(times)])
-    return Trial(case, layout, frames, truths, ROW_PERIOD)
-
-
-def _truth(touch: Contact) -> dict:
-    x, y = touch.center
-    return {"x": float(x), "y": float(y), "force": float(touch.pressure * touch.area)}
-
-
-def _touch(
-    layout: Layout,
-    random: np.random.Generator,
-    start: float,
-    end: float,
-    speed: float,
-) -> Contact:
-    """A disc anywhere that stays wholly on the sheet."""
-    low, size = np.array(layout.outline.bounds[:2]), np.array(layout.outline.size)
-    radius, pressure = random.uniform(*RADII), random.uniform(*PRESSURES)
-    for _ in range(_TRIES):
-        place, angle = low + size * random.random(2), random.uniform(0, 2 * np.pi)
-        velocity = speed * np.array([np.cos(angle), np.sin(angle)])
-        path = place + np.linspace(0, end - start, 16)[:, None] * velocity
-        fits = layout.outline.contains(path) & (layout.outline.rim_distance(path) > radius)
-        if fits.all():
-            return Contact(
-                "disc", center=place, radius=radius, pressure=pressure, velocity=velocity,
-                start=start, end=end,
-            )  # fmt: skip
-    raise RuntimeError(f"{layout.name} has no room for a touch at {speed:g} m/s")
+def sliding(case: str, data: SlideData, speed: float, step: int = 1) -> Trial:
+    """Every `step`-th touch that slides straight at one of the speeds (m/s), after an untouched
+    scan."""
+    electrodes, period = data.layout.electrodes, data.made["row_period"]
+    frames, truths = [], []
+    for i, slide in list(enumerate(data.slides))[::step]:
+        rows = DRIVE * data.rows[i, data.speeds.index(speed)].astype(float)
+        scans = rows.reshape(-1, electrodes, electrodes)
+        velocity = speed * np.array(slide["direction"])
+        start = np.array([slide["contact"]["x"], slide["contact"]["y"]])
+        frames.append(readings(untouched(electrodes), seed=(i, 0)))
+        truths.append(None)
+        for number, scan in enumerate(scans):
+            x, y = start + number * electrodes * period * velocity
+            frames.append(readings(scan, seed=(i, number + 1)))
+            truths.append([slide["contact"] | {"x": x, "y": y, VELOCITY: velocity}])
+    return Trial(case, data.layout, np.array(frames), truths, period)

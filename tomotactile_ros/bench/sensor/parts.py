@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, find_layout
+from tomotactile_ros.bench import reference_slides
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, presses
 from tomotactile_ros.channels import Channels, Rms, Uniform
 
-SPEEDS = 0.2, 0.5, 1.0  # m/s
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
-_COUNT, _FEW = 24, 12  # presses of a case, and of one that the simulator makes
+_COUNT = 24  # presses of a case
 _TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
 _BESIDE = "beside-8x8"
 _ONE, _OTHER = 18, 45  # electrodes that something is wrong with
@@ -65,8 +65,9 @@ def time(step: int = 1) -> Iterator[Trial]:
     for name, end in (("onset", False), ("release", True)):
         yield changes.alone(name, alone, end)
         yield changes.beside(f"{name} beside another", one, two, end)
-    for speed in SPEEDS:
-        yield changes.moving(f"{speed:g} m/s", find_layout(DEFAULT_LAYOUT), speed, _FEW // step)
+    slides = reference_slides.load(DEFAULT_LAYOUT)
+    for speed in slides.speeds:
+        yield changes.sliding(f"{speed:g} m/s", slides, speed, step)
 
 
 def channels(step: int = 1) -> Iterator[Trial]:

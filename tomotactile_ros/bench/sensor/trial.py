@@ -2,6 +2,8 @@
 
 A reconstruction is whatever has `process(voltages, grounded, drive_voltage)` and returns something
 with `contacts`, see `evaluation.scoring`. One that has a parameter `row_period` is told that, too.
+Contacts that move are judged by where they are at the time that `holds_for(stamp, row_period,
+rows)` of the reconstruction says, s; in the middle of the frame where it has no such method.
 Several are compared side by side: a function of a layout makes all of them by their names.
 """
 
@@ -25,6 +27,7 @@ from tomotactile_ros.evaluation.scoring import score_frame, summary
 from tomotactile_ros.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 
+VELOCITY = "velocity"  # key of a true contact that moves: (2,) m/s
 Methods = Callable[[Layout], dict[str, Any]]
 
 
@@ -34,7 +37,8 @@ class Trial:
 
     case : for people
     frames : (N, L, E) V, row i with electrode i grounded
-    truths : of each frame, see `evaluation.scoring`; None for frames that only lead up to others
+    truths : of each frame, see `evaluation.scoring`; None for frames that only lead up to others.
+        What moves has a `VELOCITY` and is at x, y at the time of the first row
     row_period : s
     """
 
@@ -93,6 +97,7 @@ def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[di
 def judge(pipeline: Any, trial: Trial) -> dict:
     """What `scoring.summary` says of one method; a frame that is refused counts as withheld."""
     grounded = np.arange(trial.layout.electrodes)
+    holds = _holds_for(pipeline, trial.row_period, len(grounded))
     process = pipeline.process
     if "row_period" in inspect.signature(process).parameters:
         process = partial(process, row_period=trial.row_period)
@@ -106,7 +111,23 @@ def judge(pipeline: Any, trial: Trial) -> dict:
         if truth is None:
             continue
         if getattr(result, "state", "valid") == "valid":
-            scores.append(score_frame(result.contacts, truth))
+            there = [_moved(contact, holds) for contact in truth]
+            scores.append(score_frame(result.contacts, there))
         else:
             withheld += 1
     return summary(scores, withheld)
+
+
+def _holds_for(pipeline, row_period, rows):
+    """s after the first row of a frame, of which its result speaks."""
+    if hasattr(pipeline, "holds_for"):
+        return pipeline.holds_for(0.0, row_period, rows)
+    return row_period * (rows - 1) / 2
+
+
+def _moved(contact, seconds):
+    """A true contact where it is `seconds` after the first row."""
+    if VELOCITY not in contact:
+        return contact
+    x, y = np.add((contact["x"], contact["y"]), np.multiply(seconds, contact[VELOCITY]))
+    return contact | {"x": float(x), "y": float(y)}

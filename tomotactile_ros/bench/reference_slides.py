@@ -1,0 +1,127 @@
+"""Touches that slide, by the reference model: every row of a scan is solved where the touch is then.
+
+`benchmark/data/slides/NAME.npz`, made once and kept as the states of `reference_data` are:
+
+    rows    (S, V, N L, E) float32, V per volt of drive: of each slide at each of the speeds, N scans
+            of L rows; row i has electrode i mod L grounded, and NaN for its own reading
+    slides  JSON, for each slide {"direction": (2,), "contact": what `reference_cases.truth` says of
+            the touch at the time of the first row}
+    speeds  JSON, m/s
+    layout, made  as of `reference_data`; `made` has the row period, s
+
+All speeds of a slide begin at one place, so that rows at the same place share a solution.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from zlib import crc32
+
+import numpy as np
+
+from tomotactile_ros.bench import reference_data
+from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
+from tomotactile_ros.bench.reference_cases import Press, truth
+from tomotactile_ros.bench.reference_mesh import disc
+from tomotactile_ros.layout import Layout
+from tomotactile_ros.simulation import ROW_PERIOD
+
+FOLDER = reference_data.FOLDER / "slides"
+SPEEDS = 0.2, 0.5, 1.0  # m/s
+SCANS = 2  # of a slide
+COUNT = 2  # slides
+_RADII = 0.004, 0.008  # m, from and to
+_PRESSURES = 10e3, 30e3  # Pa
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A disc (`press`, where it begins) that slides straight along the unit vector `direction`."""
+
+    press: Press
+    direction: tuple[float, float]
+
+    def at(self, way: float) -> Press:
+        """The disc after a way of so many m."""
+        center = np.add(self.press.shape.center, np.multiply(way, self.direction))
+        return replace(self.press, shape=replace(self.press.shape, center=tuple(center)))
+
+
+@dataclass(frozen=True, eq=False)
+class SlideData:
+    """Rows of slides; keys as in the file."""
+
+    layout: Layout
+    rows: np.ndarray
+    slides: list[dict]
+    speeds: list[float]
+    made: dict
+
+
+def slides(name: str) -> tuple[Layout, list[Slide]]:
+    """The slides of an installed layout, seeded: wholly on the sheet at the highest speed."""
+    layout = find_layout(name)
+    random = np.random.default_rng(crc32(f"slides {name}".encode()))
+    longest = max(SPEEDS) * ROW_PERIOD * (SCANS * layout.electrodes - 1)
+    ways = np.linspace(0, longest, 16)[:, None]
+    made: list[Slide] = []
+    while len(made) < COUNT:
+        radius, pressure = random.uniform(*_RADII), random.uniform(*_PRESSURES)
+        start = (random.random(2) - 0.5) * layout.outline.size
+        angle = random.uniform(0, 2 * np.pi)
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        path = start + ways * direction
+        outline = layout.outline
+        if (outline.contains(path) & (outline.rim_distance(path) > radius)).all():
+            press = Press(disc(start, radius), "disc", pressure)
+            made.append(Slide(press, (float(direction[0]), float(direction[1]))))
+    return layout, made
+
+
+def solve(layout: Layout, slide: Slide, h: float | None = None) -> np.ndarray:
+    """(V, N L, E) `rows` of a slide."""
+    sheet = ReferenceSheet(layout, h=h)
+    numbers = np.arange(SCANS * layout.electrodes)
+    states: dict[float, Admittance] = {}
+    out = []
+    for speed in SPEEDS:
+        ways = np.round(speed * ROW_PERIOD * numbers, 9).tolist()
+        for way in ways:
+            if way not in states:
+                press = slide.at(way)
+                states[way] = sheet.solve([(press.shape, press.conductance)])
+        along = [states[way] for way in ways]
+        out.append(reference_frame(along, 1.0, grounded=numbers % layout.electrodes))
+    return np.array(out, np.float32)
+
+
+def make(name: str, h: float | None = None, most: int | None = None) -> SlideData:
+    """Solve the slides of an installed layout, the first `most` of them."""
+    layout, made = slides(name)
+    made = made[:most]
+    return collected(layout, made, [solve(layout, slide, h) for slide in made])
+
+
+def collected(layout: Layout, made: list[Slide], rows: list[np.ndarray]) -> SlideData:
+    """What the file holds of slides and the rows of each."""
+    described = [
+        {"direction": list(slide.direction), "contact": truth(slide.press, layout.outline)}
+        for slide in made
+    ]
+    how = {"model": "reference", "row_period": ROW_PERIOD}
+    return SlideData(layout, np.array(rows), described, list(SPEEDS), how)
+
+
+def save(data: SlideData, path: str | os.PathLike) -> None:
+    """Write slides; an existing file is replaced whole or not at all."""
+    texts = {"slides": data.slides, "speeds": data.speeds, "made": data.made}
+    reference_data.write(path, data.layout, {"rows": data.rows}, texts)
+
+
+def load(name: str | os.PathLike) -> SlideData:
+    """Read the slides of an installed layout by its name, or by the path of their file."""
+    path = reference_data.find(name, FOLDER)
+    layout, content = reference_data.read(path, ("rows",), ("slides", "speeds", "made"))
+    return SlideData(layout, **content)
