@@ -19,7 +19,6 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes import life
 from tomotactile_ros.nodes.life import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -225,7 +224,6 @@ def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
 SPINS = """
 import os, signal, sys, time
 import rclpy
-from tomotactile_ros.nodes import life
 
 class Executor:
     def __init__(self, threads):
