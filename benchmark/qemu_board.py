@@ -10,6 +10,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import select
 import shutil
 import socket
 import subprocess
@@ -125,8 +126,10 @@ def running_rp2040(image: Path) -> Iterator[dict]:
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
-        told = process.stdout.readline()
+        ready = select.select([process.stdout], [], [], PATIENCE)[0]
+        told = process.stdout.readline() if ready else ""
         if not told:
+            process.kill()
             raise RuntimeError(f"the emulator says nothing: {process.stderr.read()}")
         yield json.loads(told)
     finally:
