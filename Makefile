@@ -25,8 +25,9 @@ run:
 	@$(SETUP) $(PROGRAMS)/live --duration $(DURATION) \
 		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') --profile '$(PROFILE)'
 
-test:
-	@$(SETUP) python3 -m pytest $(PYTEST_ARGS)
+test: # where pytest-xdist is installed on all cores, the tests of a file one after the other
+	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \
+		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
 
 bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)

@@ -1,12 +1,16 @@
-"""The firmware in QEMU: builds an image, runs it, and knows what each reading has to be.
+"""The firmware in emulators: builds an image, runs it, and knows what each reading has to be.
 
-Needs `make`, `arm-none-eabi-gcc` and `qemu-system-arm`; `missing` says which are not there.
+Needs `make`, `arm-none-eabi-gcc` and `qemu-system-arm`, for the RP2040 `node` with the package
+rp2040js; `missing` says which are not there.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
+import os
+import select
 import shutil
 import socket
 import subprocess
@@ -28,6 +32,22 @@ def missing(programs: tuple[str, ...] = NEEDED) -> str:
     """Which programs are not installed, in one line; empty where all are."""
     absent = [program for program in programs if not shutil.which(program)]
     return f"not installed: {', '.join(absent)}" if absent else ""
+
+
+def node_modules() -> str:
+    """Folder of the packages that `npm install -g` installs; empty without npm."""
+    if not shutil.which("npm"):
+        return ""
+    told = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False)
+    return told.stdout.strip()
+
+
+def missing_rp2040() -> str:
+    """What the RP2040 in its emulator lacks, in one line; empty where all is there."""
+    if absent := missing((*NEEDED[:2], "node", "npm")):
+        return absent
+    there = Path(node_modules(), "rp2040js").exists()
+    return "" if there else "not installed: rp2040js (npm install -g rp2040js)"
 
 
 def build(folder: Path, target: str = "qemu.elf", **variables) -> Path:
@@ -95,3 +115,23 @@ def _wait_until_open(process: subprocess.Popen, number: int) -> None:
             return
         time.sleep(0.02)
     raise RuntimeError(f"QEMU does not serve: {process.stderr.read1().decode()}")
+
+
+@contextlib.contextmanager
+def running_rp2040(image: Path) -> Iterator[dict]:
+    """The .uf2 image in its emulator; gives what rp2040_board.cjs prints: the port, and answers."""
+    script = Path(__file__).with_name("rp2040_board.cjs")
+    process = subprocess.Popen(
+        ["node", str(script), str(image)], env={**os.environ, "NODE_PATH": node_modules()},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        ready = select.select([process.stdout], [], [], PATIENCE)[0]
+        told = process.stdout.readline() if ready else ""
+        if not told:
+            process.kill()
+            raise RuntimeError(f"the emulator says nothing: {process.stderr.read()}")
+        yield json.loads(told)
+    finally:
+        process.kill()
+        process.communicate()

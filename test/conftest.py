@@ -1,6 +1,7 @@
 """What every test process needs before the first import: its own ROS domain, the right package."""
 
 import os
+import signal
 import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -31,6 +32,8 @@ restrict_discovery()
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # killed processes leave shared memory behind that can make later ones in their domain deaf
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+# a shell ignores it for what runs in its background, and all children would
+signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
 # an example may take as long as it takes: a busy machine is no defect
 settings.register_profile("slow", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -48,6 +51,16 @@ def own_ros_domain():
     with domain_id() as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
         yield
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before():
+    """Programs whose `main` a test calls here set handlers; what is ignored is inherited."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

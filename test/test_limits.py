@@ -109,6 +109,8 @@ def test_too_large_for_a_pipeline(settings, layout, complaint):
 
 
 def test_too_much_for_a_simulation():
+    with pytest.raises(InputError, match="has 2500 electrodes, at most 1024 are simulated"):
+        frame_of(equal_grid(50, 50, (0.5, 0.5), 0.002, 1e4))
     wide = Contact("disc", center=(0.0, 0.0), radius=1.0, pressure=1.0)
     with pytest.raises(InputError, match=r"contacts\[0\]: 2 m wide on a sheet of 0.2 m"):
         frame_of(SMALL, wide)
@@ -119,6 +121,13 @@ def test_too_much_for_a_simulation():
     ]
     with pytest.raises(InputError, match="contacts: 200 at the same time, in .* at most 4000"):
         frame_of(SMALL, *many)
+
+
+def test_more_frames_than_memory_holds_are_refused_before_the_first(tmp_path, capsys):
+    words = ["--layout", "equal-4x4", "--scene", "idle", "--out", str(tmp_path / "x.npz")]
+    assert cli.main(["simulate", *words, "--frames", "1000000000"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--frames: 1000000000 frames would take about" in line
 
 
 def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):

@@ -2,7 +2,8 @@
 
 import os
 import signal
-import time
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes import life
 from tomotactile_ros.nodes.life import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -221,25 +221,34 @@ def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
     assert driver.output == "here\n"
 
 
-def test_an_interrupt_while_nodes_spin_is_no_exception(monkeypatch):
+SPINS = """
+import os, signal, sys, time
+import rclpy
+
+class Executor:
+    def __init__(self, threads):
+        pass
+
+    def spin(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        while rclpy.ok():
+            time.sleep(0.01)
+        print("told to end")
+
+life.MultiThreadedExecutor = Executor
+sys.exit(life.run(list, ["--ros-args"], "", {}))
+"""
+
+
+def test_an_interrupt_while_nodes_spin_is_no_exception():
     # one between the start of a thread of the pool and its entry there would leave it for ever
-    class Executor:
-        def __init__(self, threads):
-            pass
-
-        def spin(self):
-            os.kill(os.getpid(), signal.SIGINT)
-            end = time.monotonic() + LIMIT
-            while rclpy.ok() and time.monotonic() < end:
-                time.sleep(0.01)
-            ended.append(not rclpy.ok())
-
-    ended = []
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    monkeypatch.setattr(life, "MultiThreadedExecutor", Executor)
-    try:
-        assert life.run(list, ["--ros-args"], "", {}) == 0
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-    assert ended == [True]
+    path = os.pathsep.join(filter(None, sys.path))
+    done = subprocess.run(
+        [sys.executable, "-c", SPINS],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT,
+    )
+    assert (done.returncode, done.stdout) == (0, "told to end\n"), done

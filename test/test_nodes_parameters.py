@@ -1,6 +1,5 @@
 """Parameters: a bad value is refused with the reason, at the start and at run time."""
 
-import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -68,7 +67,6 @@ CONFIGURED = {
 @pytest.fixture
 def call_main(monkeypatch, capfd):
     """Runs a program's main in this process; returns its status and what it complained of."""
-    interrupt = signal.getsignal(signal.SIGINT)
 
     def call(name, arguments):
         monkeypatch.setattr("sys.argv", [name])
@@ -76,8 +74,7 @@ def call_main(monkeypatch, capfd):
         said = capfd.readouterr().err.splitlines()
         return status, [line for line in said if "[INFO]" not in line]
 
-    yield call
-    signal.signal(signal.SIGINT, interrupt)
+    return call
 
 
 @pytest.mark.parametrize("name, parameters, reason", BAD_STARTS)

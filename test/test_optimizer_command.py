@@ -74,13 +74,10 @@ def test_an_interrupt_while_workers_start_is_not_lost_and_leaves_nobody_behind(m
         raise Startled
 
     monkeypatch.setattr(workers.ProcessPoolExecutor, "submit", interrupted)
-    before = signal.signal(number, startle)
-    try:
-        with pytest.raises(Startled), Workers(2) as pool:
-            pool.submit(time.sleep, 1000)
-        assert signal.getsignal(number) == startle
-    finally:
-        signal.signal(number, before)
+    signal.signal(number, startle)
+    with pytest.raises(Startled), Workers(2) as pool:
+        pool.submit(time.sleep, 1000)
+    assert signal.getsignal(number) == startle
     assert not multiprocessing.active_children()
 
 
@@ -298,10 +295,6 @@ def running(pid):
 
 
 STEADY = """
-import signal
-
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-    signal.signal(number, signal.SIG_DFL)  # a test before may have left them ignored: inherited
 import sys
 from tomotactile_ros.cli import main
 from tomotactile_ros.errors import InputError

@@ -34,6 +34,7 @@ _ACROSS = 4, 24  # of them to the width of the smallest and of the widest contac
 _WIDEST = 1.5  # longer sides: patches of wider contacts are coarser than electrodes are apart
 _TINY = 1e-6  # keeps counts of patches from rounding either way
 _HORIZON = 60.0  # s of motion that are solved ahead
+MOST_ELECTRODES = 1024  # as are reconstructed; the work grows faster than with their square
 MOST_PATCHES = 4000  # that touch at the same time: a frame is a dense system of so many unknowns
 
 
@@ -64,6 +65,11 @@ class Simulator:
     ):
         if model not in MODELS:
             raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
+        if layout.electrodes > MOST_ELECTRODES:
+            raise InputError(
+                f"layout: {layout.name} has {layout.electrodes} electrodes, at most "
+                f"{MOST_ELECTRODES} are simulated"
+            )
         scene.check(layout)
         self.layout, self.scene = layout, scene
         self.row_period = checks.not_negative(row_period, "row_period", "time in s")

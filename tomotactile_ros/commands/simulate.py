@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
-from tomotactile_ros import checks
+from tomotactile_ros import checks, memory
 from tomotactile_ros.errors import InputError
 from tomotactile_ros.files import check_out
 from tomotactile_ros.frames_file import save_frames
@@ -44,6 +44,8 @@ def run(args: Namespace) -> None:
     row_period, rate = _pace(args.row_period, args.rate, len(layout.grounded))
     check_out(args.out, ".npz")
     simulator = Simulator(layout, scene, args.model, row_period=row_period)
+    one = 8.0 * len(layout.grounded) * layout.electrodes  # bytes
+    memory.check(2.0 * args.frames * one, f"--frames: {args.frames} frames")  # twice, to stack them
     stamps = np.arange(args.frames) / rate
     voltages = np.stack(
         [simulator.frame(t, n) for n, t in enumerate(track(stamps, "simulating frames"))]

@@ -7,6 +7,7 @@
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 
 #define NVIC_ENABLE(irq) (REGISTER(0xE000E100u + 4u * ((irq) / 32u)) = 1u << ((irq) % 32u))
+#define NVIC_PEND(irq) (REGISTER(0xE000E200u + 4u * ((irq) / 32u)) = 1u << ((irq) % 32u))
 #define NVIC_PRIORITY(irq, level) \
     (*(volatile uint8_t *)(0xE000E400u + (irq)) = (uint8_t)((level) << 4))
 
