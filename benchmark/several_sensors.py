@@ -19,7 +19,7 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 
-from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.support.processes import Child, stop_all
 
 SYSTEMS = ("one process", "one each", "two each")
 WARM_UP = 8.0  # s after the last sensor has begun

@@ -5,7 +5,7 @@ import pytest
 
 from tomotactile_ros.bench import reference_data
 from tomotactile_ros.bench.reference_cases import families, truth
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 FAMILIES = families()
 

@@ -7,13 +7,13 @@ import pytest
 import yaml
 
 from tomotactile_ros import cli
-from tomotactile_ros.errors import Doubt, InputError
 from tomotactile_ros.frames_file import save_arrays
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import Doubt, InputError
 
 WIDE = equal_grid(6, 10, (0.3, 0.18), 0.0025, 1e4, name="wide")
 

@@ -18,8 +18,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes import life
-from tomotactile_ros.nodes.life import ManagedNode
+from tomotactile_ros.nodes import running
+from tomotactile_ros.nodes.running import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -236,9 +236,9 @@ def test_an_interrupt_while_nodes_spin_is_no_exception(monkeypatch):
 
     ended = []
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    monkeypatch.setattr(life, "MultiThreadedExecutor", Executor)
+    monkeypatch.setattr(running, "MultiThreadedExecutor", Executor)
     try:
-        assert life.run(list, ["--ros-args"], "", {}) == 0
+        assert running.run(list, ["--ros-args"], "", {}) == 0
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)

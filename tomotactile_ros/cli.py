@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from tomotactile_ros import __version__
-from tomotactile_ros.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
+from tomotactile_ros.support.errors import InputError
 
 COMMANDS = (
     "run",

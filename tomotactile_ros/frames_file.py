@@ -17,13 +17,13 @@ from typing import IO
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import open_regular, write_atomic
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.layout_ids import matches, note_bare
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout_ids import matches, note_bare
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at
+from tomotactile_ros.support.files import open_regular, write_atomic
 
 DEFAULT_DRIVE = 3.3  # V
 MAX_BYTES = 4_000_000_000  # of all arrays together

@@ -14,10 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.devices.bag import read_bag
 from tomotactile_ros.devices.base import Frame
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import (
     DEFAULT_DRIVE,
     FramesFile,
@@ -25,9 +23,11 @@ from tomotactile_ros.frames_file import (
     load_frames,
     open_frames,
 )
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.layout_ids import matches, note_bare
-from tomotactile_ros.npz_writer import npz_writer
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout_ids import matches, note_bare
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.npz_writer import npz_writer
 
 _ABOVE, _OFTEN = 1.1, 0.1  # times the drive voltage; of the readings
 _WRONG_DRIVE = 10.0  # times the drive voltage, up to which that is what is wrong

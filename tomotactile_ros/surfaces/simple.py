@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces.base import Surface
 
 

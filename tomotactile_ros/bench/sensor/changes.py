@@ -16,11 +16,11 @@ from tomotactile_ros.bench.sensor.readings import potentials, readings, untouche
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.bench.trials import BITS, DRIVE, LAW, NOISE
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import Adc, Noise
 from tomotactile_ros.evaluation.scoring import PART
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 RADII = 0.004, 0.008  # m, from and to

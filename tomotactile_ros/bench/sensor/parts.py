@@ -16,7 +16,7 @@ from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, presses
-from tomotactile_ros.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 
 SPEEDS = 0.2, 0.5, 1.0  # m/s
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
