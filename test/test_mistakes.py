@@ -99,6 +99,29 @@ def test_readings_in_another_unit(own_frames, capsys, make, drive, meant):
     assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default")), WIDE, drive))
 
 
+@pytest.mark.parametrize(
+    ("make", "meant"),
+    [
+        (lambda volts: -volts, "are two inputs exchanged?"),
+        (lambda volts: volts * np.nan, "none is a valid reading, all are NaN"),
+    ],
+)
+def test_readings_that_cannot_be(own_frames, capsys, make, meant):
+    assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default"))))
+
+
+def test_electrodes_numbered_from_one(own_frames, capsys):
+    words = own_frames(frames_of(WIDE, "default"), grounded=np.arange(1, 61))
+    assert "electrodes are numbered from 0, not from 1" in complaint(capsys, words)
+
+
+def test_an_array_alone(own_frames, tmp_path, capsys):
+    words = own_frames(frames_of(WIDE, "default"))
+    np.save(tmp_path / "own.npy", frames_of(WIDE, "default"))
+    words[1] = str(tmp_path / "own.npy")
+    assert "an array alone; put it into a .npz" in complaint(capsys, words)
+
+
 def layout_file(tmp_path, **changes):
     content = {
         "format": "tomotactile-layout/1",

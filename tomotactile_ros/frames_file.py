@@ -132,6 +132,8 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
             raise InputError(f"{path}: {name}: is missing, a file of frames has it")
     grounded = arrays["grounded"]
     _, rows, electrodes = voltages.shape
+    if grounded.shape == (rows,) and np.array_equal(np.sort(grounded), 1 + np.arange(electrodes)):
+        raise InputError(f"{path}: grounded: electrodes are numbered from 0, not from 1")
     if grounded.shape != (rows,) or not np.isin(grounded, np.arange(electrodes)).all():
         raise InputError(
             f"{path}: grounded: one of the electrodes 0 ... {electrodes - 1} is needed for each of "

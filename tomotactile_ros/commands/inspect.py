@@ -162,6 +162,9 @@ def _describe_arrays(path):
     for key in ("truth", "contacts"):
         if key in content:
             yield from _describe_contacts(key, contacts_of(path, key, content[key]))
+    reasons = np.ravel(content.get("reason", "")).tolist()
+    if withheld := [reason for reason in reasons if reason]:
+        yield f"  contacts withheld in {len(withheld)} of {len(reasons)}, last: {withheld[-1]}"
 
 
 def _row_times(row_period):
