@@ -102,10 +102,10 @@ class SheetOperator:
             lambda points: self.field.at(points) @ sheet,
             sheet[-2:],
         )
-        seen = (self._factor != 0).any(axis=0) & (found.admittance * even.admittance > 0)
+        seen = self._seen & (found.admittance * even.admittance > 0)
         ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
-        first = np.where(seen, np.tensordot(sheet, self._factor, 1), 0.0)
-        term = found.admittance - even.admittance - np.tensordot(sheet, self._change, 1)
+        first = np.where(seen, self._changed(sheet), 0.0)
+        term = found.admittance - even.admittance - np.tensordot(sheet, self._first_change, 1)
         other._rest = Rest(
             np.log(ratio) - first,
             np.where(seen, 0.0, term),
@@ -156,21 +156,26 @@ class SheetOperator:
         """(n, n) Y0, S, of the sheet with coefficients `sheet` (J,)."""
         if self._rest is None and not sheet.any():
             return self.admittance
-        out = self._scaled(sheet) + np.tensordot(sheet, self._term, 1)
+        changed = self._changed(sheet)
+        out = np.where(self._seen, self._scaled(changed), self.admittance + changed)
         return _balanced(out if self._rest is None else out + self._rest.term)
 
-    def _scaled(self, sheet):
-        """Y0 with the factor that `sheet` has, off the diagonal."""
-        logarithm = np.tensordot(sheet, self._factor, 1)
-        if self._rest is not None:
-            logarithm = logarithm + self._rest.factor
+    def _changed(self, sheet):
+        """(n, n) what `sheet` adds: to the logarithm of Y0 where electrodes see each other, else
+        to Y0, S."""
+        return (sheet @ self._change.reshape(self.modes, -1)).reshape(self.admittance.shape)
+
+    def _scaled(self, changed):
+        """Y0 with the factor that follows from `_changed`, where electrodes see each other."""
+        logarithm = changed if self._rest is None else changed + self._rest.factor
         return self.admittance * np.exp(np.clip(logarithm, -2, 2))
 
     def admittance_change(self, sheet: np.ndarray) -> np.ndarray:
         """(J, n, n) derivative of `admittance_of`, S."""
         if self._rest is None and not sheet.any():
-            return self._change
-        return _balanced(self._factor * self._scaled(sheet) + self._term)
+            return self._first_change
+        scaled = self._scaled(self._changed(sheet))
+        return _balanced(self._change * np.where(self._seen, scaled, 1.0))
 
     def share_change(self, around: Around, fed: np.ndarray) -> np.ndarray:
         """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's
@@ -259,11 +264,11 @@ class SheetOperator:
         total = by_cell.sum(axis=0)
         seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
         np.fill_diagonal(seen, False)
-        self._factor = np.where(seen, change / np.where(seen, total, 1.0), 0.0)
-        self._term = np.where(seen, 0.0, change)
-        for term in self._term:
-            np.fill_diagonal(term, 0.0)
-        self._change = _balanced(self._factor * self.admittance + self._term)
+        self._seen = seen
+        self._change = np.where(seen, change / np.where(seen, total, 1.0), change)
+        for each in self._change:
+            np.fill_diagonal(each, 0.0)
+        self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
         self.deviation = self.field.deviation
         self._shares_on_lattice(fem, inverse, fed, slope, root, gradient)
 
@@ -318,7 +323,7 @@ class Patches:
 
     def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
         self._operator, self._places = operator, places
-        stencil = operator.potentials.lattice.stencil(places)
+        self._stencil = stencil = operator.potentials.lattice.stencil(places)
         potentials, steep = operator.potentials(places, stencil=stencil)
         alone = operator.mutual.alone(stencil)
         self.around = Around(operator.lattice, places)
@@ -357,7 +362,11 @@ class Patches:
     def impedance_slope(self, part: slice, near: np.ndarray) -> np.ndarray:
         """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
         ohm/m."""
-        out = self._operator.mutual.slope(self._places[part], self._places[near])
+        mutual = self._operator.mutual
+        out = mutual.slope(self._places[part], self._places[near])
+        points, weights, slopes = self._stencil
+        alone = mutual.alone_slope((points[part], weights[part], slopes[:, part])) / 2
+        out += alone[..., None] * ((near >= part.start) & (near < part.stop))
         out -= np.matmul(self._steep[:, part], self._solved[:, near])
         return out * self._factor[part, None] * self._factor[near]
 
@@ -392,7 +401,7 @@ def _balanced(matrices: np.ndarray) -> np.ndarray:
     own = np.arange(matrices.shape[-1])
     out = matrices.copy()
     out[..., own, own] = 0.0
-    out[..., own, own] = -out.sum(axis=-1)
+    out[..., own, own] = -(out @ np.ones(len(own)))
     return out
 
 

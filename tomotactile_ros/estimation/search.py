@@ -11,6 +11,7 @@ grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -20,14 +21,23 @@ from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reciprocity import fit_gains
-from tomotactile_ros.estimation.solver import STEPS, Fit, Linear, Prior, Rows, SheetColumns, solve
+from tomotactile_ros.estimation.solver import (
+    STEPS,
+    Contacts,
+    Fit,
+    Linear,
+    Prior,
+    Rows,
+    SheetColumns,
+    approach,
+    solve,
+)
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     MOST_ACROSS,
     RADIUS,
     SHEAR,
     STRETCH,
-    Touches,
     patches_for,
 )
 
@@ -48,6 +58,8 @@ _NEW = 1.5  # times what one more contact promised before, it must promise to be
 _CERTAIN = (
     4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
 )
+_MOSTLY = 0.75  # of the cost: what one step from the last frame's contacts explains if they are still there
+_PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
@@ -71,6 +83,13 @@ class Effort:
 
 
 FULL, BOUNDED = Effort(), Effort(patches=5, alternatives=False)
+
+
+class Solver(Protocol):
+    """A fit from a start, of the rows that another is a fit of; given up where `goal` is out of
+    reach."""
+
+    def __call__(self, start: Unknowns, like: Fit, *, goal: float = np.inf) -> Fit: ...
 
 
 class Search:
@@ -102,19 +121,13 @@ class Search:
         """
         operator, self._left, self._sheet = self.operator, budget, sheet
         self._refused = refused
-        unknowns = start or resting(operator, prior)
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
-        fit = Fit(operator, unknowns, rows, prior)
-        if not len(unknowns.contacts):
-            fit = self._first(fit)
+        if start is not None and len(start.contacts):
+            fit = self._continued(Fit(operator, start, rows, prior), usual)
         else:
-            found = self._without_idle(self._from(unknowns, fit))
-            if self._left > 0 and self._is_another(unknowns, found, usual):
-                rest = Fit(operator, resting(operator, prior), rows, prior)
-                found = self._likelier(found, self._first(rest))
-            fit = found
+            fit = self._first(Fit(operator, start or resting(operator, prior), rows, prior))
         before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
@@ -123,16 +136,40 @@ class Search:
             fit = more
         return self._simplified(fit) if len(fit.unknowns.contacts) > before else fit
 
-    def _from(self, start: Unknowns, fit: Fit) -> Fit:
+    def _continued(self, start: Fit, usual: float) -> Fit:
+        """The fit from `start` on, or from what a first look shows where that is nearer to the
+        readings."""
+        if start.chi_squared > _POOR * usual * start.rows.count and not self._leads_on(start):
+            rest = self._at_rest(start)
+            seen = self._seen(rest)
+            first = None if seen is None else self._looks_like(seen, rest)
+            if first is not None and first.cost < start.cost:
+                return self._first(rest, seen, first)
+        found = self._without_idle(self._from(start))
+        if self._left > 0 and self._is_another(start.unknowns, found, usual):
+            found = self._likelier(found, self._first(self._at_rest(start)))
+        return found
+
+    def _at_rest(self, like: Fit) -> Fit:
+        """No contact in the rows that `like` is a fit of."""
+        return Fit(self.operator, resting(self.operator, like.prior), like.rows, like.prior)
+
+    def _leads_on(self, start: Fit) -> bool:
+        """Whether one step from `start` explains most: the contacts are still those."""
+        linear = Contacts(start)
+        linear.step(0.0)
+        return linear.whole and linear.promised > _MOSTLY * start.cost
+
+    def _from(self, start: Fit) -> Fit:
         """The best fit from the contacts of `start`, or from them and one that has come."""
-        found = self._solve(start, fit)
+        found = self._solve(start.unknowns, start)
         if found.chi_squared < _MISFIT * found.rows.count or self._left <= 0:
             return found
-        place, strength = self._next(fit)
+        place, strength = self._next(start)
         if place is None:
             return found
-        added = self._added(start, place, strength, fit.prior.radius)
-        more = self._solve(added, fit, goal=found.cost)
+        added = self._added(start.unknowns, place, strength, start.prior.radius)
+        more = self._begin(added, start, 1, goal=found.cost)
         return more if more.cost < found.cost - self._threshold * more.doubt else found
 
     def _is_another(self, start: Unknowns, found: Fit, usual: float) -> bool:
@@ -153,18 +190,33 @@ class Search:
         tried = self._solve(fit.unknowns.in_motion(), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
+    def _begin(self, start: Unknowns, like: Fit, new: int, goal: float = np.inf) -> Fit:
+        """The best fit from `start`, see `_solve` and `_begun`."""
+        begun = self._begun(start, like, new)
+        return self._solve(begun.unknowns, begun, goal=goal)
+
     def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
         """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
         seems out of reach."""
         if like.prior.learned and len(start.contacts):
             start = self._settled(start, like)
-        at = like if like.unknowns is start else None
-        fit = solve(self.operator, start, like.rows, like.prior, steps, self._sheet, goal, at)
+        at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
+        if steps > 1 and len(start.contacts) and not at.steps:
+            at = self._approached(at)
+        fit = solve(self.operator, at.unknowns, like.rows, like.prior, steps, self._sheet, goal, at)
         self._sheet = fit.sheet
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
             fit = solve(self.operator, finer, like.rows, like.prior, steps, self._sheet, goal)
+        self._left -= fit.steps * fit.prediction.size
+        return fit
+
+    def _approached(self, fit: Fit) -> Fit:
+        """The same, or nearer where it leaves much over."""
+        if fit.chi_squared < _POOR * fit.rows.count:
+            return fit
+        fit = approach(fit)
         self._left -= fit.steps * fit.prediction.size
         return fit
 
@@ -207,27 +259,32 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         return bool(gains.max() > self._threshold)
 
-    def _first(self, fit: Fit) -> Fit:
-        """The fit of what a first look at the frame shows."""
+    def _seen(self, fit: Fit) -> Unknowns | None:
+        """`fit`, of no contacts, with those that a first look shows; None where noise explains
+        all."""
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
-            return fit
+            return None
         seen = self.detector.first_look(fit.rows.corrected(self._by_reciprocity(fit)))[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
-        found: Fit | None = None
-        few = self._clustered(unknowns)
-        if len(few.contacts) < len(unknowns.contacts):
-            found = self._solve(few, fit)
-        poor = found is None or found.chi_squared > _POOR * found.rows.count
-        if found is None or poor or (self.effort.alternatives and self._asks_for_more(found)):
-            many = self._solve(unknowns, fit, goal=np.inf if poor else found.cost)
-            found = self._likelier(found, self._simplified(many))
-        explained = found.chi_squared <= _POOR * found.rows.count
-        if explained and not self.effort.alternatives:
-            return found
-        found = self._split(found)
+        return unknowns
+
+    def _first(self, fit: Fit, seen: Unknowns | None = None, first: Fit | None = None) -> Fit:
+        """The fit of what a first look at the frame shows; `seen` and what that `first` looks like
+        where they are known."""
+        seen = seen or self._seen(fit)
+        if seen is None:
+            return fit
+        first = first or self._looks_like(seen, fit)
+        found = self._simplified(self._solve(first.unknowns, first))
+        if self._falls_short(found):
+            found = self._split(self._formed(found, self._solve), self._solve)
+        if len(seen.contacts) > len(first.unknowns.contacts) and self._falls_short(found):
+            goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
+            many = self._begin(seen, fit, len(seen.contacts), goal=goal)
+            found = self._split(self._likelier(found, self._simplified(many)), self._solve)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
@@ -245,22 +302,42 @@ class Search:
         found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
         return replace(fit.unknowns, gain=found.gain, offset=found.offset)
 
-    def _asks_for_more(self, fit: Fit) -> bool:
-        """Whether another contact, or one of another form, would explain more than noise does, to
-        first order.
+    def _falls_short(self, fit: Fit) -> bool:
+        """Whether contacts in other numbers or forms are to be tried: too much is left over, or
+        another contact, or one of another form, would explain more than noise does, to first
+        order."""
+        if fit.chi_squared > _MISFIT * fit.rows.count:
+            return True
+        if fit.chi_squared <= _POOR * fit.rows.count and not self.effort.alternatives:
+            return False
+        self._next(fit)
+        return self._counts(fit, fit.promised) or self._form_matters(fit)
+
+    def _counts(self, fit: Fit, promised: float) -> bool:
+        """Whether it would be significant if so much less of the cost were left over."""
+        return promised > self._threshold * fit.doubt_after(promised)
+
+    def _form_matters(self, fit: Fit) -> bool:
+        """Whether discs of another form would explain more than noise does, to first order.
 
         A disc in the place of two contacts has the wrong second moments: what its stretch would take
         off the cost tells (score test, Rao 1948).
         """
-        significant = self._threshold * fit.doubt
-        self._next(fit)
-        if fit.promised > significant:
-            return True
-        free = np.ones_like(fit.unknowns.free)
-        if (fit.unknowns.free == free).all():
+        if fit.unknowns.free.all():
             return False
-        stretched = Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
-        return Linear(stretched, fit.sheet).promise > significant
+        promised = Linear(self._stretched(fit), fit.sheet).promise
+        return self._counts(fit, promised)
+
+    def _stretched(self, fit: Fit) -> Fit:
+        """The same fit with the forms of all contacts free."""
+        free = np.ones_like(fit.unknowns.free)
+        return Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
+
+    def _formed(self, fit: Fit, solved: Solver) -> Fit:
+        """The same or a fit of ellipses in the place of discs, if that is better."""
+        start = replace(fit.unknowns, free=np.ones_like(fit.unknowns.free))
+        tried = solved(as_known(start, fit.prior), fit)
+        return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
     def _likelier(self, first: Fit | None, second: Fit) -> Fit:
         """Of two fits the one with more contacts only if it is so much better as each of them must
@@ -271,24 +348,64 @@ class Search:
         extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
-    def _split(self, fit: Fit) -> Fit:
+    def _looks_like(self, seen: Unknowns, like: Fit) -> Fit:
+        """Where a fit of the rows of `like` begins, the sensor being as expected: near the likeliest of
+        a disc, an ellipse or two discs for each cluster of contacts `seen`, and all of them."""
+        few = self._clustered(seen)
+        wide, typical = few, few
+        for which in reversed(range(len(few.contacts))):
+            contact = few.contacts[which]
+            others = np.arange(len(few.contacts)) != which
+            place, strength = contact[:2], np.exp(contact[CONDUCTANCE])
+            wide = self._added(chosen(wide, others), place, strength, np.exp(contact[RADIUS]))
+            typical = self._added(chosen(typical, others), place, strength, like.prior.radius)
+        starts = [self._begun(each, like, len(each.contacts)) for each in (wide, typical)]
+        found = self._approached(min(starts, key=_cost))
+        if found.chi_squared > _MISFIT * found.rows.count:
+            if few.free.all(axis=1).any():
+                begun = self._begun(few, like, len(few.contacts))
+                found = self._split(self._likelier(found, self._approached(begun)), self._near)
+            elif Contacts(self._stretched(found)).promise > _PARTLY * found.cost:
+                found = self._split(self._formed(found, self._near), self._near)
+        if len(seen.contacts) > len(few.contacts):
+            many = self._begun(seen, like, len(seen.contacts))
+            if many.cost < found.cost:
+                found = self._likelier(found, self._approached(many))
+        return found
+
+    def _near(self, start: Unknowns, like: Fit, goal: float = np.inf) -> Fit:
+        """Near the best fit from `start`, by steps of contacts alone."""
+        return self._approached(Fit(self.operator, start, like.rows, like.prior))
+
+    def _split(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
         for which in range(len(fit.unknowns.contacts)):
             if which >= len(fit.unknowns.contacts):
-                break  # a split that was simplified has fewer
-            contact = fit.unknowns.contacts[which]
-            long = float(np.hypot(*contact[STRETCH:]))
-            if long > _LONG:
-                # moments of two points half a long axis from the middle are those of the ellipse
-                angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
-                way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
-                start = chosen(fit.unknowns, np.arange(len(fit.unknowns.contacts)) != which)
-                for place in (contact[:2] - way, contact[:2] + way):
-                    strength = float(np.exp(contact[CONDUCTANCE])) / 2
-                    start = self._added(start, place, strength, fit.prior.radius)
-                fit = self._likelier(fit, self._simplified(self._solve(start, fit, goal=fit.cost)))
+                break
+            start = self._halved(fit.unknowns, which, fit.prior.radius)
+            if start is not None:
+                begun = self._begun(as_known(start, fit.prior), fit, 2)
+                tried = solved(begun.unknowns, begun, goal=fit.cost)
+                if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
+                    fit = self._likelier(fit, tried)
         return fit
+
+    def _halved(self, unknowns: Unknowns, which: int, radius: float) -> Unknowns | None:
+        """The same with two discs of `radius`, m, in the place of contact `which`, at the end of all;
+        None if that is not long."""
+        contact = unknowns.contacts[which]
+        long = float(np.hypot(*contact[STRETCH:]))
+        if long <= _LONG:
+            return None
+        # moments of two points half a long axis from the middle are those of the ellipse
+        angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
+        way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
+        strength = float(np.exp(contact[CONDUCTANCE])) / 2
+        halved = chosen(unknowns, np.arange(len(unknowns.contacts)) != which)
+        for place in (contact[:2] - way, contact[:2] + way):
+            halved = self._added(halved, place, strength, radius)
+        return halved
 
     def _clustered(self, unknowns: Unknowns) -> Unknowns:
         """The same with one wide contact for each cluster of contacts near each other."""
@@ -338,7 +455,7 @@ class Search:
     def _started(self, fit: Fit, place, strength) -> Fit:
         """The best fit with one more contact at `place` (2,) of conductance `strength` (S)."""
         start = self._added(fit.unknowns, place, strength, fit.prior.radius)
-        found = self._solve(start, fit)
+        found = self._begin(start, fit, 1)
         return self._other_sizes(found, len(found.unknowns.contacts) - 1)
 
     def _other_sizes(self, fit: Fit, which: int) -> Fit:
@@ -356,23 +473,33 @@ class Search:
                 np.exp(unknowns.contacts[which, CONDUCTANCE]),
                 radius,
             )
-            tried = self._solve(start, fit, goal=fit.cost)
+            tried = self._begin(start, fit, 1, goal=fit.cost)
             if tried.cost < fit.cost:
                 back = np.insert(np.arange(len(keep) - 1), which, len(keep) - 1)
                 fit = self._solve(chosen(tried.unknowns, back), fit, 1)
         return fit
 
     def _added(self, unknowns, place, strength, radius) -> Unknowns:
-        across = patches_for(radius, self.operator.pitch)
-        contact = np.array([*place, 0.0, np.log(radius), 0.0, 0.0])
-        touch = Touches(self.operator, contact[None], [across], np.zeros(self.operator.modes))
-        contact[2] = np.log(min(strength, FILLED / max(touch.mean[0], 1e-9)))
-        free = np.array([True] * _FORM + [False] * 2)
+        """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
+        the end."""
+        contact = np.array([*place, np.log(strength), np.log(radius), 0.0, 0.0])
         return unknowns.with_contacts(
             np.vstack([unknowns.contacts, contact]),
-            (*unknowns.across, across),
-            np.vstack([unknowns.free, free]),
+            (*unknowns.across, patches_for(radius, self.operator.pitch)),
+            np.vstack([unknowns.free, [True] * _FORM + [False] * 2]),
         )
+
+    def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
+        """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted: they
+        conduct less than bare conductors."""
+        fit = Fit(self.operator, start, like.rows, like.prior)
+        most = np.log(FILLED / np.maximum(fit.prediction.touches.mean, 1e-9))
+        most[: len(most) - new] = np.inf
+        if (start.contacts[:, CONDUCTANCE] <= most).all():
+            return fit
+        contacts = start.contacts.copy()
+        contacts[:, CONDUCTANCE] = np.minimum(contacts[:, CONDUCTANCE], most)
+        return Fit(self.operator, replace(start, contacts=contacts), like.rows, like.prior)
 
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each
@@ -380,7 +507,7 @@ class Search:
         fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1 and self._left > 0:
-            order = np.argsort(fit.unknowns.contacts[:, CONDUCTANCE])
+            order = np.argsort(self._certainties(fit))
             untested = [i for i in order if fit.unknowns.contacts[i, :2].tobytes() not in tested]
             fewer = None
             for weakest in untested:
@@ -411,20 +538,26 @@ class Search:
             of = np.flatnonzero(group == each)
             if len(of) < 2 or len(group) != len(fit.unknowns.contacts):
                 continue
+            if not any(self._may_go(fit, which) for which in of):
+                continue
             limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
             tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)
             if tried.cost < limit:
                 return self._gathered(tried)
         return fit
 
+    def _certainties(self, fit: Fit) -> np.ndarray:
+        """(k,) conductance of each contact over its deviation, squared."""
+        free = fit.unknowns.free
+        at = np.cumsum(free.sum(axis=1)) - free.sum(axis=1) + free[:, :CONDUCTANCE].sum(axis=1)
+        return 1 / fit.covariance.diagonal()[at]
+
     def _may_go(self, fit: Fit, which: int) -> bool:
         """Whether a contact may be none of its own: weak, or near a stronger one, and not certain to
         conduct whatever the others do (Wald 1943)."""
-        contacts, free = fit.unknowns.contacts, fit.unknowns.free
-        at = np.count_nonzero(free[:which]) + np.count_nonzero(free[which, :CONDUCTANCE])
-        certain = 1 / fit.covariance[at, at]  # conductance over its deviation, squared
-        if certain > _CERTAIN * self._threshold * fit.doubt:
+        if self._certainties(fit)[which] > _CERTAIN * self._threshold * fit.doubt:
             return False
+        contacts = fit.unknowns.contacts
         others = np.delete(contacts, which, axis=0)
         apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
         weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
@@ -440,6 +573,10 @@ class Search:
             keep = np.arange(len(strengths)) != weakest
             fit = self._solve(chosen(fit.unknowns, keep), fit)
         return fit
+
+
+def _cost(fit: Fit) -> float:
+    return fit.cost
 
 
 def overlaps(contacts: np.ndarray, which: int) -> bool:

@@ -8,6 +8,7 @@ rest is nearly linear.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,9 @@ _FEW_TRIES, _LITTLE = (
 )  # after so many tries a step that promises less of the cost is not insisted on
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 _FIRST_DAMPING = 1e-3
+_NEARER = (
+    1.0  # of the doubted cost: a standard deviation, squared; the whole fit takes on from there
+)
 _HELD = 1e-2  # of the deviations of a sensor that is held
 _ROUNDING = 1e-11  # of the diagonal of the normal matrix
 _HOPE = 3.0  # times what a step gained, all that follow may gain
@@ -176,6 +180,14 @@ class Fit:
         self.covariance = self.sheet = None
         self.steps, self.promised = 0, 0.0
 
+    def weighed(self, rows: Rows) -> Fit:
+        """The same point as one of `rows` that differ in their weights only."""
+        other = copy(self)
+        other.rows = rows
+        other.chi_squared = float((rows.weights * self.misfit**2).sum())
+        other.cost = self.cost - self.chi_squared + other.chi_squared
+        return other
+
     def _of_priors(self) -> float:
         u, prior = self.unknowns, self.prior
         apart = prior.apart(u)
@@ -194,7 +206,11 @@ class Fit:
         What the model lacks makes all readings of an electrode err together; its excess counts once
         for each.
         """
-        excess = self.chi_squared - self.rows.count
+        return self.doubt_after(0.0)
+
+    def doubt_after(self, explained: float) -> float:
+        """`doubt` if so much less of chi-squared were left over."""
+        excess = self.chi_squared - explained - self.rows.count
         return 1.0 + max(excess, 0.0) / self.operator.count
 
     @property
@@ -244,69 +260,38 @@ def _same_rows(first: Rows, second: Rows) -> bool:
     )
 
 
-class Linear:
-    """Normal equations at a fit, channels eliminated; `step(damping)` solves them.
+class Contacts:
+    """Normal equations of the contacts alone at a fit, the sensor as it is there; `step(damping)`
+    solves them.
 
-    sheet : derivatives by the coefficients of the sheet, `SheetColumns`, from a fit nearby or anew
+    Attributes
+    ----------
+    free : number of the contacts' free parameters; normal (P, P), right (P,) of all parameters
+    promised, whole : of the last step: how much the cost should fall by the linear model; whether
+        the step is hardly damped and not limited
     """
 
-    def __init__(self, fit: Fit, sheet: SheetColumns | None = None):
+    def __init__(self, fit: Fit):
         self.fit = fit
-        u, prior, rows = fit.unknowns, fit.prior, fit.rows
-        self.sheet = sheet if sheet is not None and sheet.serves(fit) else SheetColumns(fit)
         contacts = fit.prediction.contact_columns()
         self.free = len(contacts)
-        count = self.free + len(self.sheet.columns)
-        weighted = contacts * rows.weights
-        flat = weighted.reshape(self.free, fit.misfit.size)
-        normal = np.empty((count, count))
-        normal[: self.free, : self.free] = flat @ contacts.reshape(flat.shape).T
-        normal[: self.free, self.free :] = flat @ self.sheet.flat.T
-        normal[self.free :, : self.free] = normal[: self.free, self.free :].T
-        normal[self.free :, self.free :] = self.sheet.normal
-        misfit = fit.misfit.ravel()
+        self._weighted = contacts * fit.rows.weights
+        self._flat = self._weighted.reshape(self.free, fit.misfit.size)
         curvature, pull = contact_priors(fit)
-        own = np.arange(self.free)
-        normal[own, own] += curvature
-        modes = len(self.sheet.columns)
-        sensor = -prior.pull(prior.apart(u))
-        normal[self.free :, self.free :] += _sheet_block(prior, modes)
-        right = np.concatenate(
-            [flat @ misfit + pull, self.sheet.weighted @ misfit + sensor[:modes]]
-        )
-        slopes = fit.slopes
-        both = weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
-        mixed = [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
-        self.channels = ChannelFit(
-            np.concatenate(mixed),
-            rows.weights,
-            fit.misfit,
-            slopes,
-            rows.grounded,
-            prior.deviations,
-            sensor[modes:],
-            prior.precision,
-        )
-        self.normal = normal - self.channels.normal
-        # what rounding takes off a difference of matrices
-        self.normal[np.diag_indices(count)] += _ROUNDING * normal.diagonal()
-        self.right = right - self.channels.right
+        self.normal = self._flat @ contacts.reshape(self._flat.shape).T + np.diag(curvature)
+        self.right = self._flat @ fit.misfit.ravel() + pull
+        self._beside = 0.0  # what all that is not a parameter here takes off the cost
 
     def step(self, damping: float) -> Unknowns:
-        """Where the damped step leads; `promised` is then how much the cost should fall by the
-        linear model, `whole` whether the step is hardly damped and not limited."""
+        """Where the damped step leads."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaled = self.normal * scale[:, None] * scale
-        damped = scaled.copy()
-        damped[np.diag_indices(self.free)] += damping
-        step = scale * cho_solve(cho_factor(damped), scale * self.right)
-        self.promised = float(step @ (2 * self.right - self.normal @ step))
-        self.promised += self.channels.promised
+        scaled[np.diag_indices(self.free)] += damping
+        step = scale * cho_solve(cho_factor(scaled), scale * self.right)
+        self.promised = float(step @ (2 * self.right - self.normal @ step)) + self._beside
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
         self.whole = damping <= _FIRST_DAMPING and longest <= 1
-        if longest > 1:
-            step = step / longest
-        return self._moved(step)
+        return self._moved(step / max(longest, 1.0))
 
     @property
     def promise(self) -> float:
@@ -314,13 +299,7 @@ class Linear:
         scale = 1 / np.sqrt(self.normal.diagonal())
         right = scale * self.right
         step = np.linalg.lstsq(self.normal * scale[:, None] * scale, right, rcond=1e-12)[0]
-        return float(right @ step) + self.channels.promised
-
-    def covariance(self) -> np.ndarray:
-        """(F, F) of the contacts' free parameters."""
-        scale = 1 / np.sqrt(self.normal.diagonal())
-        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
-        return (inverse * scale[:, None] * scale)[: self.free, : self.free]
+        return float(right @ step) + self._beside
 
     def _by_contact(self, step):
         free = self.fit.unknowns.free
@@ -340,11 +319,56 @@ class Linear:
         contacts[:, CONDUCTANCE] = np.maximum(contacts[:, CONDUCTANCE], least)
         rates = u.rates.copy()
         rates[u.moving] += step[np.count_nonzero(u.free) : self.free].reshape(-1, len(RATED))
+        return replace(u, contacts=contacts, rates=rates)
+
+
+class Linear(Contacts):
+    """Normal equations of contacts and sheet at a fit, channels eliminated.
+
+    sheet : derivatives by the coefficients of the sheet, `SheetColumns`, from a fit nearby or anew
+    """
+
+    def __init__(self, fit: Fit, sheet: SheetColumns | None = None):
+        super().__init__(fit)
+        u, prior, rows = fit.unknowns, fit.prior, fit.rows
+        self.sheet = sheet if sheet is not None and sheet.serves(fit) else SheetColumns(fit)
+        sensor = -prior.pull(prior.apart(u))
+        modes = len(self.sheet.columns)
+        mixed = self._flat @ self.sheet.flat.T
+        block = self.sheet.normal + _sheet_block(prior, modes)
+        normal = np.block([[self.normal, mixed], [mixed.T, block]])
+        pull = self.sheet.weighted @ fit.misfit.ravel() + sensor[:modes]
+        slopes = fit.slopes
+        both = self._weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
+        self.channels = ChannelFit(
+            np.concatenate(
+                [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
+            ),
+            rows.weights,
+            fit.misfit,
+            slopes,
+            rows.grounded,
+            prior.deviations,
+            sensor[modes:],
+            prior.precision,
+        )
+        self.normal = normal - self.channels.normal
+        # what rounding takes off a difference of matrices
+        self.normal[np.diag_indices(len(normal))] += _ROUNDING * normal.diagonal()
+        self.right = np.concatenate([self.right, pull]) - self.channels.right
+        self._beside = self.channels.promised
+
+    def covariance(self) -> np.ndarray:
+        """(F, F) of the contacts' free parameters."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
+        return (inverse * scale[:, None] * scale)[: self.free, : self.free]
+
+    def _moved(self, step):
+        u = self.fit.unknowns
         gain, offset, resistance = self.channels.step(step)
         return replace(
-            u,
-            contacts=contacts,
-            rates=rates,
+            super()._moved(step),
             sheet=u.sheet + step[self.free :],
             gain=u.gain + gain,
             offset=u.offset + offset,
@@ -376,6 +400,28 @@ def _sheet_block(prior: Prior, modes: int) -> np.ndarray:
     if prior.precision is None:
         return np.diag(prior.sheet_deviation**-2.0)
     return prior.precision[:modes, :modes]
+
+
+def approach(fit: Fit) -> Fit:
+    """Nearer to the best fit, by steps of the contacts alone, of which each costs a third of a whole
+    one; `steps` is their number.
+
+    Far from where they belong, contacts and sheet together may end where a sheet that is bent to
+    the readings holds contacts in a wrong place. What the sensor leaves over is doubted in the same
+    way as everywhere (`Fit.doubt`), so that it does not bend the contacts either.
+    """
+    rows, damping, steps = fit.rows, _FIRST_DAMPING, 0
+    while steps < STEPS:
+        doubted = fit.weighed(replace(rows, weights=rows.weights / fit.doubt))
+        better, damping = _descend(Contacts(doubted), damping)
+        steps += 1
+        if better is None:
+            break
+        fit = better.weighed(rows)
+        if doubted.cost - better.cost < _NEARER:
+            break
+    fit.steps = steps
+    return fit
 
 
 def solve(
@@ -413,7 +459,7 @@ def solve(
     return fit
 
 
-def _descend(linear: Linear, damping: float) -> tuple[Fit | None, float]:
+def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float]:
     """The next fit that is better, None if there is none, and the damping to begin with there."""
     fit = linear.fit
     for tries in range(_TRIES):

@@ -259,23 +259,20 @@ class MutualTable:
         disc, in its inverse point."""
         apart = places[:, None] - self._centres
         squared = np.maximum((apart**2).sum(axis=-1), (RIM * self._radius) ** 2)
-        out = np.zeros((len(places), len(places)))
         near = np.flatnonzero(squared.min(axis=0) < (_CLOSE[1] * self._pitch) ** 2)
-        squared, apart, nearness = (
-            squared[:, near],
-            apart[:, near],
-            self._nearness(squared[:, near]),
-        )
-        inverse = self._radius**2 / squared
-        for k in range(len(near)):
-            on = np.flatnonzero(nearness[:, k])
-            share, weight, from_it = inverse[on, k], nearness[on, k], apart[on, k]
-            part = share[:, None] * share
-            part -= (
-                (from_it * share[:, None]) @ (from_it * share[:, None]).T * (2 / self._radius**2)
-            )
-            term = np.log1p(np.maximum(part, RIM - 2)) * weight
-            out[np.ix_(on, on)] += weight[:, None] * term
+        squared = squared[:, near].T
+        share, weights = self._radius**2 / squared, self._nearness(squared)
+        from_it = apart[:, near].transpose(1, 0, 2) * share[..., None]
+        out = np.zeros((len(places), len(places)))
+        for s, weight, way in zip(share, weights, from_it):
+            on = slice(None) if weight.all() else weight > 0
+            s, weight, way = s[on], weight[on], way[on]
+            part = np.multiply.outer(s, s) - (2 / self._radius**2) * (way @ way.T)
+            term = np.log1p(np.maximum(part, RIM - 2)) * np.multiply.outer(weight, weight)
+            if isinstance(on, slice):
+                out += term
+            else:
+                out[np.ix_(on, on)] += term
         return self._resistance / (4 * np.pi) * out
 
     def alone(self, stencil) -> np.ndarray:
@@ -283,6 +280,11 @@ class MutualTable:
         lattice around them."""
         points, weights, _ = stencil
         return np.einsum("pi,pi->p", weights, self._own[points])
+
+    def alone_slope(self, stencil) -> np.ndarray:
+        """(2, P) change of `alone` with the place, ohm/m."""
+        points, _, slopes = stencil
+        return np.einsum("dpi,pi->dp", slopes, self._own[points])
 
     def __call__(
         self, places, radii, owner, alone=None, around: Around | None = None, chosen=slice(None)
