@@ -25,6 +25,10 @@ class Flat(Surface):
         """(P, 3, 2) derivatives by x and y."""
         return np.tile(np.eye(3, 2), (len(points), 1, 1))
 
+    def frames(self, points: np.ndarray) -> np.ndarray:
+        """(P, 3, 3) rotations: none."""
+        return np.tile(np.eye(3), (len(points), 1, 1))
+
     def nearest(self, places: np.ndarray, size: tuple[float, float]) -> np.ndarray:
         """(P, 2) x and y of (P, 3) places, on the sheet or beside it."""
         return np.array(places, dtype=float).reshape(-1, 3)[:, :2]
