@@ -381,7 +381,7 @@ class Estimator:
             return []
         operator, prediction = fit.operator, fit.prediction
         touches = prediction.touches
-        inflation = max(1.0, fit.chi_squared / fit.rows.count)
+        inflation = fit.doubt
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
         found, sure, first = [], [], 0

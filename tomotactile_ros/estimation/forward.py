@@ -95,7 +95,7 @@ class Prediction:
     ----------
     readings : (L, n) in parts of V0
     ratio : (L, n) rho; own : (L,) N, ohm; impedance : (n, n) Z, ohm
-    conductances : (k,) g of each contact, S; covered : (k,) the part of each that lies on the sheet
+    conductances : (k,) g of each contact, S; means : (k,) mean D of each, ohm; covered : (k,) the part of each that lies on the sheet
     """
 
     def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray, times=None):
@@ -110,7 +110,7 @@ class Prediction:
             self.impedance = np.linalg.inv(admittance)
             self.impedance = (self.impedance + self.impedance.T) / 2
         else:
-            self.conductances = self.covered = np.empty(0)
+            self.conductances = self.covered = self.means = np.empty(0)
             self.impedance = operator.untouched
         columns = self.impedance[rows]
         self.own = columns[np.arange(len(rows)), rows] + unknowns.resistance[rows]
@@ -133,7 +133,7 @@ class Prediction:
         count = len(self.unknowns.contacts)
         found = [touches.conductance(i) for i in range(count)]
         self.conductances, self._rates, self._by_mean = np.array(found).T
-        self.covered, self.share = touches.covered, touches.share
+        self.covered, self.share, self.means = touches.covered, touches.share, touches.mean
         weights = self.conductances[touches.owner] * touches.weight
         self._direct = self.conductances @ touches.direct
         # (1 + D G)^-1

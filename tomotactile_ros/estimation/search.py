@@ -47,6 +47,7 @@ _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains 
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
+_WIDER = 1.0  # of ln a: so much wider a contact is made at once
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
@@ -218,7 +219,8 @@ class Search:
             return fit
         fit = approach(fit)
         self._left -= fit.steps * fit.prediction.size
-        return fit
+        bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
+        return self._wide_enough(fit, bare)
 
     def _across(self, contact: np.ndarray, before: int) -> int:
         """Patches across a contact (6,) that had `before`: as its radius asks for."""
@@ -279,12 +281,14 @@ class Search:
             return fit
         first = first or self._looks_like(seen, fit)
         found = self._simplified(self._solve(first.unknowns, first))
-        if self._falls_short(found):
+        short = self._falls_short(found)
+        if short:
             found = self._split(self._formed(found, self._solve), self._solve)
-        if len(seen.contacts) > len(first.unknowns.contacts) and self._falls_short(found):
-            goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
-            many = self._begin(seen, fit, len(seen.contacts), goal=goal)
-            found = self._split(self._likelier(found, self._simplified(many)), self._solve)
+        if short and len(seen.contacts) > len(first.unknowns.contacts):
+            if self._falls_short(found):
+                goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
+                many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
+                found = self._split(self._likelier(found, many), self._solve)
         if found.chi_squared > _MISFIT * found.rows.count:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
@@ -352,14 +356,9 @@ class Search:
         """Where a fit of the rows of `like` begins, the sensor being as expected: near the likeliest of
         a disc, an ellipse or two discs for each cluster of contacts `seen`, and all of them."""
         few = self._clustered(seen)
-        wide, typical = few, few
-        for which in reversed(range(len(few.contacts))):
-            contact = few.contacts[which]
-            others = np.arange(len(few.contacts)) != which
-            place, strength = contact[:2], np.exp(contact[CONDUCTANCE])
-            wide = self._added(chosen(wide, others), place, strength, np.exp(contact[RADIUS]))
-            typical = self._added(chosen(typical, others), place, strength, like.prior.radius)
-        starts = [self._begun(each, like, len(each.contacts)) for each in (wide, typical)]
+        radii = np.exp(few.contacts[:, RADIUS]), np.full(len(few.contacts), like.prior.radius)
+        discs = [self._discs(few, each) for each in radii[int(np.allclose(*radii)) :]]
+        starts = [self._begun(each, like, len(each.contacts)) for each in discs]
         found = self._approached(min(starts, key=_cost))
         if found.chi_squared > _MISFIT * found.rows.count:
             if few.free.all(axis=1).any():
@@ -489,17 +488,43 @@ class Search:
             np.vstack([unknowns.free, [True] * _FORM + [False] * 2]),
         )
 
+    def _discs(self, unknowns: Unknowns, radii: np.ndarray) -> Unknowns:
+        """Discs of `radii` (k,), m, in the place of the contacts."""
+        contacts, free = unknowns.contacts.copy(), np.zeros_like(unknowns.free)
+        contacts[:, RADIUS], contacts[:, STRETCH:] = np.log(radii), 0.0
+        free[:, :_FORM] = True
+        across = [patches_for(radius, self.operator.pitch) for radius in radii]
+        return unknowns.with_contacts(contacts, across, free)
+
     def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
-        """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted: they
-        conduct less than bare conductors."""
+        """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
         fit = Fit(self.operator, start, like.rows, like.prior)
-        most = np.log(FILLED / np.maximum(fit.prediction.touches.mean, 1e-9))
-        most[: len(most) - new] = np.inf
-        if (start.contacts[:, CONDUCTANCE] <= most).all():
+        return self._wide_enough(fit, np.arange(len(start.contacts)) >= len(start.contacts) - new)
+
+    def _wide_enough(self, fit: Fit, which: np.ndarray) -> Fit:
+        """The same with contacts `which` (k,) as wide as they must be to conduct as they do.
+
+        What a contact conducts shows well, its width hardly: of those that conduct more than most bare
+        conductors of their width do, the width is wrong. Mean D falls by R_s / 2 pi with the
+        logarithm of the radius.
+        """
+        contacts, across = fit.unknowns.contacts.copy(), list(fit.unknowns.across)
+        ways = FILLED * np.exp(-contacts[:, CONDUCTANCE])
+        which = which & (fit.prediction.means > ways)
+        if not which.any():
             return fit
-        contacts = start.contacts.copy()
-        contacts[:, CONDUCTANCE] = np.minimum(contacts[:, CONDUCTANCE], most)
-        return Fit(self.operator, replace(start, contacts=contacts), like.rows, like.prior)
+        excess = (fit.prediction.means - ways)[which] * 2 * np.pi / self.operator.resistance
+        contacts[which, RADIUS] += np.minimum(excess, _WIDER)
+        for i in np.flatnonzero(which):
+            across[i] = self._across(contacts[i], across[i])
+        wider = replace(fit.unknowns, contacts=contacts, across=tuple(across))
+        begun = Fit(self.operator, wider, fit.rows, fit.prior)
+        most = np.log(FILLED / np.maximum(begun.prediction.means, 1e-9))
+        if not (which & (contacts[:, CONDUCTANCE] > most)).any():
+            return begun
+        kept = np.where(which, np.minimum(contacts[:, CONDUCTANCE], most), contacts[:, CONDUCTANCE])
+        contacts[:, CONDUCTANCE] = kept
+        return Fit(self.operator, replace(wider, contacts=contacts), fit.rows, fit.prior)
 
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each

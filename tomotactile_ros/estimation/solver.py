@@ -29,6 +29,8 @@ _FEW_TRIES, _LITTLE = (
     0.2,
 )  # after so many tries a step that promises less of the cost is not insisted on
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
+# conductance of a contact, in parts of one over its mean D: a bare conductor, beyond which no reading changes
+_MOST = 1.2
 _FIRST_DAMPING = 1e-3
 _NEARER = (
     1.0  # of the doubted cost: a standard deviation, squared; the whole fit takes on from there
@@ -316,7 +318,8 @@ class Contacts:
         contacts[:, RADIUS] = np.clip(contacts[:, RADIUS], np.log(_smallest(operator)), largest)
         contacts[:, STRETCH:] = np.clip(contacts[:, STRETCH:], -1.5, 1.5)
         least = np.log(_LEAST * operator.admittance.diagonal().max())
-        contacts[:, CONDUCTANCE] = np.maximum(contacts[:, CONDUCTANCE], least)
+        most = np.log(_MOST / np.maximum(self.fit.prediction.means, 1e-9))
+        contacts[:, CONDUCTANCE] = np.clip(contacts[:, CONDUCTANCE], least, np.maximum(most, least))
         rates = u.rates.copy()
         rates[u.moving] += step[np.count_nonzero(u.free) : self.free].reshape(-1, len(RATED))
         return replace(u, contacts=contacts, rates=rates)

@@ -30,8 +30,8 @@ X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)
 MOVING = (X, Y, RADIUS, STRETCH, SHEAR)  # those that move patches
 _BOUND = 0.05  # 1/g is bounded smoothly at this part of 1/c
 _BARE = 0.005  # 1/g of a bare conductor in parts of 1/c
-_PER_PITCH = 4.5  # patches along one spacing of the electrodes
-_FEWEST_ACROSS, MOST_ACROSS = 3, 14  # patches to a contact's width
+_PER_PITCH = 6.0  # patches along one spacing of the electrodes
+_FEWEST_ACROSS, MOST_ACROSS = 4, 14  # patches to a contact's width
 
 
 def patches_for(radius: float, pitch: float) -> int:
