@@ -23,8 +23,8 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.metrics import quality, worst
 from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.optimizer.options import start_layout

@@ -25,11 +25,11 @@ from scipy.stats import spearmanr
 
 from tomotactile_ros.bench.layouts import EVEN, PROFILES, UNEVEN, Amount, measure, reference
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.posterior import Conditions, expected, usual_apart
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.optimizer.scan import Chooser, spread
 from tomotactile_ros.optimizer.touch_report import save_comparison
+from tomotactile_ros.support.errors import InputError
 
 DATA = Path(__file__).resolve().parent.parent / "build" / "layouts"
 SCALES = (0.95, 0.9, 0.86)

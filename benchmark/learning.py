@@ -19,7 +19,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from tomotactile_ros.bench import learned
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 
 def main():

@@ -18,7 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from tomotactile_ros.bench import reference_data, reference_slides
 from tomotactile_ros.bench.reference_cases import families
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 FOLDER = Path(__file__).resolve().parent / "data"
 SLIDES = "slides/equal-8x8"

@@ -42,10 +42,10 @@ from tomotactile_ros.bench.sensor import tables
 from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.run import run
 from tomotactile_ros.bench.sensor.trial import find_methods, profiles
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.yamlio import plain
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import plain
 
 
 def arguments():

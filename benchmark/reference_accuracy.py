@@ -17,12 +17,12 @@ import numpy as np
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_mesh import default_size
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.voltages import frame
 
 DRIVE, SIDE = 3.3, 0.2
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from ament_index_python.packages import get_package_prefix
 
-from tomotactile_ros.layout import load_layout
-from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.support.processes import Child, stop_all
 
 SYSTEMS = {"two processes": ("driver", "reconstruction"), "composed": ("tactile",)}
 

@@ -25,11 +25,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Noise
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT, DRIVE, NOISE, LAW = load_layout("equal-8x8"), 3.3, 1e-3, ContactLaw(1e-4, 1.0)

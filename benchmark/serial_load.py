@@ -32,7 +32,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 
 SENSORS = ("8x8@250", "16x16@15")
 SAMPLE = 10.0

@@ -19,7 +19,7 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 
-from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.support.processes import Child, stop_all
 
 SYSTEMS = ("one process", "one each", "two each")
 WARM_UP = 8.0  # s after the last sensor has begun
@@ -68,11 +68,12 @@ def measure(system: str, count: int, recording: Path, options: argparse.Namespac
     children = [Child(c[0], [str(FOLDER / c[0]), *c[1:]]) for c in commands]
     rclpy.init(args=[])
     node = rclpy.create_node("several_sensors")
+    mine = {f"{name}/reconstruction: reconstruction" for name in names}
     heard: dict[str, dict[str, str]] = {}
 
     def on_message(message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.endswith(": reconstruction"):
+            if status.name in mine:  # another program may run on this machine
                 heard[status.name] = {v.key: v.value for v in status.values}
 
     node.create_subscription(DiagnosticArray, "/diagnostics", on_message, 50)

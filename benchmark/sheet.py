@@ -18,13 +18,13 @@ from tomotactile_ros.bench import machine, tables, timing
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.growth import exponent
 from tomotactile_ros.bench.libraries import lattice, scikit_fem_solver
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.touches import Touch, Touches
 
 PLACES = (-0.071, 0.048), (0.069, -0.052), (0.012, 0.017)  # m
 SPEEDS, WAY = (0.002, 0.01, 0.05, 0.2, 1.0), 0.12  # m/s; s

@@ -12,12 +12,12 @@ import argparse
 
 import numpy as np
 
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import patches_across
 
 SIDE, DRIVE = 0.2, 3.3

@@ -2,9 +2,10 @@
 
     scripts/setup python3 benchmark/start_stop.py reconstruction --times 200
 
-The moment is drawn anew each time, from before the first import to well after the start; the signal
-is SIGINT or SIGTERM, once or twice as under a launch. Ends with status 1 if any run did not end
-with status 0, wrote an error, or took longer than launch waits (5 s).
+The moment is drawn anew each time, from before the first import to well after the start, but not
+before the program catches signals: until then the kernel ends it. The signal is SIGINT or SIGTERM,
+once or twice as under a launch. Ends with status 1 if any run did not end with status 0, wrote an
+error, or took longer than launch waits (5 s).
 """
 
 import argparse
@@ -37,9 +38,11 @@ def main() -> int:
     statuses, durations, bad = collections.Counter(), [], 0
     for number in range(options.times):
         wait, kind, twice = (
-            rng.uniform(0.05, options.longest), rng.choice(["INT", "INT", "TERM"]), rng.random() < 0.5
+            rng.uniform(0.0, options.longest), rng.choice(["INT", "INT", "TERM"]), rng.random() < 0.5
         )  # fmt: skip
         process = subprocess.Popen([program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        while process.poll() is None and not catches(process.pid, signal.SIGTERM):
+            time.sleep(0.002)
         time.sleep(wait)
         begin = time.monotonic()
         process.send_signal(getattr(signal, f"SIG{kind}"))
@@ -62,6 +65,12 @@ def main() -> int:
         f"end after {durations[len(durations) // 2]:.2f} s (median), {durations[-1]:.2f} s (longest)"
     )
     return 1 if bad else 0
+
+
+def catches(pid: int, number: int) -> bool:
+    """Whether a process has a handler for a signal (proc(5): SigCgt)."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    return bool(int(text.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1)
 
 
 if __name__ == "__main__":

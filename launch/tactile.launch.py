@@ -130,8 +130,9 @@ def check(given: dict[str, str]) -> str:
         if given[name] and device != needed:
             simulated = ": data would be simulated" if device == "fake" else ""
             refuse_unless(False, given, name, f"needs device:={needed}, it is {device}{simulated}")
-    if device == "none" and given["rate"]:
-        refuse_unless(False, given, "rate", "is the driver's, and device:=none has none")
+    for name in ("rate", "delivery"):
+        if device == "none" and given[name]:
+            refuse_unless(False, given, name, "is the driver's, and device:=none has none")
     managed = given["lifecycle"] == "true"
     refuse_unless(managed or not given["autostart"], given, "autostart", "needs lifecycle:=true")
     if managed:

@@ -34,7 +34,7 @@ def write_scene(folder) -> str:
 
 def write_curved_layout(folder) -> str:
     """File of the 8 x 8 layout of these tests, wrapped around a cylinder."""
-    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.layouts.layout import load_layout
     from tomotactile_ros.surfaces import Cylinder
 
     path = folder / "curved-8x8.yaml"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.bench.layouts import EVEN, UNEVEN, Amount, Measured, touches
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 
 AMOUNT = Amount(3, 2, (0.02, 0.04))
 

@@ -14,13 +14,13 @@ from tomotactile_ros.bench.reference import (
     disc,
     reference_frame,
 )
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support.errors import InputError
 
 pytest.importorskip("skfem")
 try:
@@ -132,7 +132,7 @@ def test_a_bare_conductor_on_an_electrode_is_refused():
 AFTERWARDS = """
 import os, signal
 from tomotactile_ros.bench.reference import ReferenceSheet, disc
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 
 ReferenceSheet(equal_grid(2, 2, (0.1, 0.1), 0.0025, 1e4, margin=0.01)).solve(
     [(disc((0.013, 0.021), 0.005), 2.0)]

@@ -6,10 +6,10 @@ import pytest
 from tomotactile_ros.bench import reference_data, reference_slides
 from tomotactile_ros.bench.reference_cases import families, truth
 from tomotactile_ros.bench.trials import LAW
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 FAMILIES = families()
 

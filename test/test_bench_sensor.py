@@ -14,10 +14,10 @@ from tomotactile_ros.bench.reference_slides import SlideData
 from tomotactile_ros.bench.sensor import changes, parts, run, tables, trial
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
-from tomotactile_ros.channels import Channels, Rms
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.scoring import PART
+from tomotactile_ros.scenes.channels import Channels, Rms
 from tomotactile_ros.simulation import ROW_PERIOD
+from tomotactile_ros.support.errors import InputError
 
 LAYOUT = find_layout("equal-4x4")
 E = LAYOUT.electrodes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.bench import extremes, report, stability
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 
 def rows(what, *values):

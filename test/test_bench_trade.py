@@ -30,10 +30,10 @@ from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.readings import untouched
 from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.reconstruction import Pipeline
-from tomotactile_ros.yamlio import plain
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import plain
 
 CASE = cases.Case("equal-4x4", resolution=20)
 SIZE = trials.Size(side=3, pairs=2)

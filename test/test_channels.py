@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.channels import Channels, Rms, Uniform
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Noise
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid
-from tomotactile_ros.scene import Scene, load_scene
-from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 E, DRIVE = 16, 3.3
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)

@@ -12,11 +12,11 @@ import pytest
 
 from tomotactile_ros import cli
 from tomotactile_ros.cli import COMMANDS
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames
-from tomotactile_ros.layout import load_layout
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 
 def run(*words, env=None, stdout=subprocess.PIPE):

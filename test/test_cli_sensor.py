@@ -15,9 +15,9 @@ from tomotactile_ros import cli
 from tomotactile_ros.commands import run as live
 from tomotactile_ros.devices import Frame, stream
 from tomotactile_ros.devices.recording import load_recording, save_recording
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
 LAYOUT = load_layout("equal-4x4")

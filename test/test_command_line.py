@@ -6,7 +6,7 @@ import sys
 
 LOST = """
 import os, signal, time
-from tomotactile_ros.command_line import stop_like_ctrl_c
+from tomotactile_ros.support.command_line import stop_like_ctrl_c
 
 class Last:
     def __del__(self):

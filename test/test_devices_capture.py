@@ -13,8 +13,8 @@ from tomotactile_ros.devices import capture as capture_module
 from tomotactile_ros.devices.capture import FORMAT, relive
 from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames
+from tomotactile_ros.support.errors import InputError
 
 
 def same(one, other) -> bool:

@@ -38,8 +38,8 @@ from tomotactile_ros.devices.serial import (
     SerialDevice,
     retry_delays,
 )
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.support.errors import InputError
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 

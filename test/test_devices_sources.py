@@ -16,10 +16,10 @@ from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.devices.recording import load_recording, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.scene import Contact, Scene
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.scenes.scene import Contact, Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE = 30.0

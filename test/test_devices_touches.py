@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact
 from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.scenes.touches import HOLD, MOST, Touch, Touches
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.touches import HOLD, MOST, Touch, Touches
 
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 LIVE = replace(load_scene("live"), noise=None, adc=None)

@@ -12,7 +12,7 @@ from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 from tomotactile_ros.devices.emulator import EmulatedDevice
 from tomotactile_ros.devices.serial import KEEP_ALIVE_TIMEOUT, SerialDevice
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 STEP = 3.3 / 4096
 

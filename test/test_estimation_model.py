@@ -7,19 +7,19 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
 from tomotactile_ros.estimation.tables import Around
 from tomotactile_ros.estimation.touch import Touches, patches_for
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, resistance_of
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet_field import Anisotropy, Gradient, SheetField, resistance_of
 from tomotactile_ros.simulation import Simulator
 
 E, DRIVE = 16, 3.3

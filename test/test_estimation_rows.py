@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Noise
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimate, Estimator
 from tomotactile_ros.estimation.follow import Follower
@@ -18,10 +16,12 @@ from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.estimation.solver import Prior
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT = load_layout("equal-4x4")

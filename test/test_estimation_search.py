@@ -5,18 +5,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tomotactile_ros.channels import Channels, Rms, Uniform
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects, Noise, SheetVariation
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Prior, Rows
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 DRIVE, NOISE = 3.3, 1e-3

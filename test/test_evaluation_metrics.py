@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tomotactile_ros.evaluation.metrics import blur, quality, statistics, worst
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.outline import Outline
 
 SQUARE = Outline.rectangle(0.2, 0.2)
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.paper_model import green, green_self, paper_transfer
 from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.symmetry import find_symmetry
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet import ClosedFormSheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.support.errors import InputError
 
 
 def warped(rows, cols, size=(0.2, 0.2), move=(0.0, 0.0)):

@@ -4,7 +4,6 @@ layouts."""
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.solver import Rows, solve
@@ -14,8 +13,9 @@ from tomotactile_ros.evaluation.posterior import (
     RowInformation,
     lattice,
 )
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.optimizer.scan import Chooser, spread
+from tomotactile_ros.scenes.contact import ContactLaw
 
 LAYOUT = load_layout("equal-4x4")
 EXPECTATION = Expectation(LAYOUT, Conditions(channels=ChannelPrior()))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile, off_lattice
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Settings
+from tomotactile_ros.support.errors import InputError
 
 CORNERS = [[-0.1, -0.1], [0.1, -0.1], [0.1, -0.03], [-0.03, -0.03], [-0.03, 0.1], [-0.1, 0.1]]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.evaluation.regions import grid_shape, is_simple, layout_regions, quadrilaterals
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 
 
 def test_regions_of_a_grid():

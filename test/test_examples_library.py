@@ -78,6 +78,18 @@ def test_own_frames_with_an_offset_show_the_finger_and_nothing_else(tmp_path):
     assert "contacts.png" in last and is_picture(tmp_path / "contacts.png")
 
 
+def test_learned_gains_and_two_known_forces_give_the_force_of_another_place(tmp_path):
+    done = run(tmp_path, "learn_and_calibrate.py")
+    assert done.returncode == 0, done.stderr
+    gains, law, seen = done.stdout.splitlines()
+    low, high = (float(word) for word in re.findall(r"\d\.\d+", gains))
+    assert 0.9 < low < 0.97 and 1.03 < high < 1.1  # 3 % rms over 16 channels
+    coefficient, exponent = (float(word) for word in re.findall(r"\d\.?\d*e-\d+|\d\.\d+", law))
+    assert coefficient == pytest.approx(1e-4, rel=0.15) and exponent == pytest.approx(1, abs=0.05)
+    force, x, y = numbers(seen)[-3:]
+    assert np.hypot(x + 50, y - 40) < 0.5 and force == pytest.approx(2.5, rel=0.05)
+
+
 def test_the_search_on_an_odd_outline_gains_and_writes_a_layout(tmp_path):
     done = run(tmp_path, "odd_outline.py", "--generations", 3, "--resolution", 12)
     assert done.returncode == 0, done.stderr

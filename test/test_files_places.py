@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tomotactile_ros import files
 from tomotactile_ros.devices.recording import read_frames
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_arrays
-from tomotactile_ros.yamlio import MAX_BYTES, read_mapping
+from tomotactile_ros.support import files
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import MAX_BYTES, read_mapping
 
 
 def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
@@ -116,7 +116,7 @@ def test_a_file_that_grows_while_it_is_read_or_takes_too_long_is_given_up(tmp_pa
 )
 def test_a_small_file_is_no_long_work(tmp_path, text, monkeypatch):
     """What is limited is the work, not the time, which depends on the machine."""
-    from tomotactile_ros import yamlio
+    from tomotactile_ros.support import yamlio
 
     monkeypatch.setattr(yamlio, "MAX_VALUES", 10_000)
     built = []
@@ -154,8 +154,8 @@ SECRET = "c0rrect-h0rse"
     ],
 )
 def test_a_refusal_does_not_tell_what_stands_in_the_file(tmp_path, text):
-    from tomotactile_ros.layout import load_layout
-    from tomotactile_ros.scene import load_scene
+    from tomotactile_ros.layouts.layout import load_layout
+    from tomotactile_ros.scenes.scene import load_scene
 
     path = tmp_path / "file"
     path.write_text(text)
@@ -237,7 +237,7 @@ NAME = "\x1b[2J\x1b[H[INFO] all is well\n"
 
 def test_names_from_files_reach_terminals_and_logs_escaped(tmp_path, capsys):
     from tomotactile_ros.cli import main
-    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.layouts.layout import load_layout
 
     layout = tmp_path / "layout.yaml"
     load_layout("equal-4x4").save(layout)

@@ -22,7 +22,7 @@ from devices_support import PATIENCE, Watch
 from tomotactile_ros.devices import emulator, protocol
 from tomotactile_ros.devices.protocol import Command, SetRate, SetScan, Start
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -14,9 +14,8 @@ import yaml
 
 from tomotactile_ros import frames_file
 from tomotactile_ros.commands.reconstruct import contact_entry, results_writer
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames, save_frames
-from tomotactile_ros.layout import (
+from tomotactile_ros.layouts.layout import (
     FORMAT,
     LARGEST,
     LOW_RESISTANCE,
@@ -26,7 +25,8 @@ from tomotactile_ros.layout import (
 )
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")

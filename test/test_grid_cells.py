@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Outline
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Outline
+from tomotactile_ros.support.errors import InputError
 
 
 @settings(deadline=None)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
-from tomotactile_ros.arrangements import electrode_ring, hexagonal_grid
-from tomotactile_ros.files import find_config
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.arrangements import electrode_ring, hexagonal_grid
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.support.files import find_config
 
 
 def neighbours(layout, reach):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, Outline, equal_grid
+from tomotactile_ros.layouts.layout import Layout, Outline, equal_grid
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces import Cylinder
 
 HOLE = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]

@@ -10,9 +10,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros import layout_ids
-from tomotactile_ros.errors import Doubt, InputError
-from tomotactile_ros.layout import Layout, Outline, equal_grid, load_layout
+from tomotactile_ros.layouts import layout_ids
+from tomotactile_ros.layouts.layout import Layout, Outline, equal_grid, load_layout
+from tomotactile_ros.support.errors import Doubt, InputError
 from tomotactile_ros.surfaces import Cylinder, Flat
 
 GOOD = """\

@@ -7,18 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tomotactile_ros.channels import Channels, Rms, Uniform
 from tomotactile_ros.cli import main
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Noise
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.frames_file import save_frames
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.learner import Learner
@@ -26,8 +22,12 @@ from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of
 from tomotactile_ros.learning.recorded import WIDE, learn
 from tomotactile_ros.learning.state import SensorState
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 DRIVE, NOISE = 3.3, 1e-3
 LAW = ContactLaw(1e-4, 1.0)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
 
-from tomotactile_ros.defects import Defects
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.sheet_field import SheetField, Tear
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.sheet_field import SheetField, Tear
 from tomotactile_ros.simulation import Simulator
 
 GROUNDED = np.arange(16)

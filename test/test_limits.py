@@ -8,17 +8,17 @@ import pytest
 
 from tomotactile_ros import cli
 from tomotactile_ros.commands.reconstruct import results_writer
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Noise
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames, open_frames, save_arrays
-from tomotactile_ros.layout import equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.estimate import part_on_sheet
 from tomotactile_ros.reconstruction.settings import Result
-from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Noise
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
 PLACE, PRESSURE, RADIUS = (0.026, -0.042), 30e3, 0.005

@@ -7,13 +7,13 @@ import pytest
 import yaml
 
 from tomotactile_ros import cli
-from tomotactile_ros.errors import Doubt, InputError
 from tomotactile_ros.frames_file import save_arrays
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import Doubt, InputError
 
 WIDE = equal_grid(6, 10, (0.3, 0.18), 0.0025, 1e4, name="wide")
 
@@ -97,6 +97,29 @@ def test_right_frames_are_not_doubted_however_worn_the_sensor_is(scene):
 )
 def test_readings_in_another_unit(own_frames, capsys, make, drive, meant):
     assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default")), WIDE, drive))
+
+
+@pytest.mark.parametrize(
+    ("make", "meant"),
+    [
+        (lambda volts: -volts, "are two inputs exchanged?"),
+        (lambda volts: volts * np.nan, "none is a valid reading, all are NaN"),
+    ],
+)
+def test_readings_that_cannot_be(own_frames, capsys, make, meant):
+    assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default"))))
+
+
+def test_electrodes_numbered_from_one(own_frames, capsys):
+    words = own_frames(frames_of(WIDE, "default"), grounded=np.arange(1, 61))
+    assert "electrodes are numbered from 0, not from 1" in complaint(capsys, words)
+
+
+def test_an_array_alone(own_frames, tmp_path, capsys):
+    words = own_frames(frames_of(WIDE, "default"))
+    np.save(tmp_path / "own.npy", frames_of(WIDE, "default"))
+    words[1] = str(tmp_path / "own.npy")
+    assert "an array alone; put it into a .npz" in complaint(capsys, words)
 
 
 def layout_file(tmp_path, **changes):

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.life import ManagedNode
+from tomotactile_ros.nodes.running import ManagedNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -224,6 +224,7 @@ def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
 SPINS = """
 import os, signal, sys, time
 import rclpy
+from tomotactile_ros.nodes import running
 
 class Executor:
     def __init__(self, threads):
@@ -235,8 +236,8 @@ class Executor:
             time.sleep(0.01)
         print("told to end")
 
-life.MultiThreadedExecutor = Executor
-sys.exit(life.run(list, ["--ros-args"], "", {}))
+running.MultiThreadedExecutor = Executor
+sys.exit(running.run(list, ["--ros-args"], "", {}))
 """
 
 

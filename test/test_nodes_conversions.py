@@ -14,13 +14,13 @@ from hypothesis.extra.numpy import arrays
 from visualization_msgs.msg import Marker
 
 from tomotactile_ros.devices import Frame
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.nodes import contact_messages, conversions
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.reconstruction import ContactEstimate
 from tomotactile_ros.spatial import in_space
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces import Cylinder
 
 HEADER = conversions.make_header(12.25, "skin")

@@ -14,7 +14,7 @@ rclpy = pytest.importorskip("rclpy")
 from ros_checks import NEAR, PRESSED, write_scene
 from ros_support import Process, processes_of, program
 
-from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.support.processes import Child, stop_all
 
 
 def start_live(domain, folder, *words):
@@ -107,7 +107,7 @@ def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, c
 
 
 def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):
-    monkeypatch.setattr("tomotactile_ros.processes._PATIENCE", 0.2)
+    monkeypatch.setattr("tomotactile_ros.support.processes._PATIENCE", 0.2)
     stubborn = "trap '' INT TERM; echo ready; while :; do sleep 0.05; done"
     child = Child("stubborn", ["bash", "-c", stubborn])
     while child.last_words != "ready":
@@ -120,9 +120,9 @@ def test_a_stop_while_ros_is_being_set_up_is_a_stop(monkeypatch, tmp_path):
     """SIGTERM takes the context away while rclpy makes its executor, which then fails."""
     from types import SimpleNamespace
 
-    from tomotactile_ros.layout import load_layout
+    from tomotactile_ros.layouts.layout import load_layout
     from tomotactile_ros.nodes import listener, live
-    from tomotactile_ros.scene import load_scene
+    from tomotactile_ros.scenes.scene import load_scene
 
     def interrupted(*_):
         rclpy.shutdown()

@@ -12,9 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import LIMIT, Probe, ros_arguments
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.nodes import optimizer
-from tomotactile_ros.nodes.life import PlainNode
+from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.optimizer.equalize import equalize
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -24,9 +24,9 @@ from rclpy.parameter import Parameter
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.reconstruction.calibration import Fit, save_calibration
+from tomotactile_ros.scenes.contact import ContactLaw
 
 BAD_STARTS = [
     ("driver", {"layout": "nowhere"}, "'nowhere': no such file"),

@@ -17,13 +17,13 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
-from tomotactile_ros.nodes.life import PlainNode
+from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.nodes.tactile import DirectReconstruction
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.support.errors import InputError
 
 STATUS = "reconstruction: reconstruction"
 

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 

@@ -13,12 +13,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3, WrenchStamped
 from ros_support import ends_cleanly, ros_arguments
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes.conversions import make_header
-from tomotactile_ros.nodes.life import PlainNode
 from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.nodes.skin import SkinPart
+from tomotactile_ros.support.errors import InputError
 
 POSES = """
 format: tomotactile-poses/1

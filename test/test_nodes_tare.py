@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros_support import ends_cleanly
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.reconstruction.tare_file import Tare
 

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.cli import main
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.optimizer import step as step_module
 from tomotactile_ros.optimizer import workers
 from tomotactile_ros.optimizer.equalize import equalize
@@ -23,8 +22,9 @@ from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 60.0
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -261,7 +261,7 @@ def test_a_matrix_without_inverse_is_one_line(monkeypatch, capsys):
 
 
 def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
-    monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e6)
+    monkeypatch.setattr("tomotactile_ros.support.memory.free_bytes", lambda: 1e6)
     with pytest.raises(InputError, match="16 electrodes at resolution 40 would take about"):
         Pipeline(load_layout("equal-4x4"), Settings())
     simulator = Simulator(load_layout("equal-4x4"), load_scene("wide"), "closed_form")
@@ -297,7 +297,7 @@ def running(pid):
 STEADY = """
 import sys
 from tomotactile_ros.cli import main
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
 from tomotactile_ros.optimizer.request import Request
 

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.regions import is_simple, layout_regions, quadrilaterals
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
 from tomotactile_ros.optimizer.equalize import equalize
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.support.errors import InputError
 
 
 def symmetric_areas(count, random, total=0.04):

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.errors import Doubt, InputError
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.metrics import half_maximum
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.free import free
@@ -22,8 +23,7 @@ from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.search import Effort, Search
 from tomotactile_ros.optimizer.sharpness import by_images
 from tomotactile_ros.optimizer.step import best_of
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region, regular_polygon
+from tomotactile_ros.support.errors import Doubt, InputError
 
 SQUARE = Outline.rectangle(0.2, 0.2)
 SHORT = Effort(starts=2, rounds=2, descents=3, generations=2)

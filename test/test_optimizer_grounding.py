@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.paper_model import paper_transfer
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.optimizer.grounding import drop_order, scans
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.support.errors import InputError
 
 
 def variance(layout, grounded, regularization=1000.0):

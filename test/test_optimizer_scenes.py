@@ -6,8 +6,8 @@ import pytest
 from tomotactile_ros.evaluation.paper_model import paper_transfer
 from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.symmetry import find_symmetry
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.scenes import SceneBlur, Scenes

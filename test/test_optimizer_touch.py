@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.arrangements import spread_electrodes
 from tomotactile_ros.cli import main
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.posterior import Conditions, expected
-from tomotactile_ros.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.arrangements import spread_electrodes
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
@@ -18,8 +19,7 @@ from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.optimizer.touch import TouchObjective, TouchSearch, touch
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region, regular_polygon
+from tomotactile_ros.support.errors import InputError
 
 SQUARE = (0.2, 0.2)
 POOR = equal_grid(3, 3, SQUARE, 0.008, 1e4, 0.045)  # far from the rim, and large

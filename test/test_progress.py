@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from tomotactile_ros import progress
+from tomotactile_ros.support import progress
 
 
 class Terminal(io.StringIO):

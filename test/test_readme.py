@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tomotactile_ros.cli import COMMANDS
-from tomotactile_ros.command_line import Parser
+from tomotactile_ros.support.command_line import Parser
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.channels import Channels, Rms, Uniform
 from tomotactile_ros.commands import calibrate, reconstruct
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.frames_file import save_frames
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import save_sensor
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.calibration import (
@@ -23,8 +19,12 @@ from tomotactile_ros.reconstruction.calibration import (
     load_calibration,
     save_calibration,
 )
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 TRUE = ContactLaw(3e-4, 0.8)
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.reconstruction.contacts import find_blobs
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.reconstruction.contacts_in_image import find_blobs
 from tomotactile_ros.reconstruction.estimate import (
     Strength,
     contacts_and_pressure,
     effective_conductances,
 )
+from tomotactile_ros.scenes.contact import ContactLaw
 
 GRID = Grid.for_outline(Outline.rectangle(0.2, 0.2), 40)
 X, Y = GRID.centres.T

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.discs import Shares
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 DRIVE, LAW, GROUNDED = 3.3, ContactLaw(1e-4, 1.0), np.arange(64)

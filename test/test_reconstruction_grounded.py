@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, symmetric_scaling
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
-from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.grounded_step import LocalImage
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.voltages import frame
 
 DRIVE, RESISTANCE = 3.3, 1e4
 PLACES = [100, 137, 290]

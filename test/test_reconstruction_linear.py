@@ -4,13 +4,13 @@ readings missing."""
 import numpy as np
 import pytest
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction.basis import FrameBasis
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.sheet.voltages import frame
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 

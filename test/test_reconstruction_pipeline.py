@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.profiles import choose
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
 TRUE = [(0.034, 0.051, 20e3), (-0.045, -0.022, 30e3)]

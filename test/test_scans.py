@@ -10,13 +10,13 @@ import pytest
 from devices_support import PATIENCE, E, plugged, sensor, watched
 
 from tomotactile_ros.cli import main
-from tomotactile_ros.contact import Contact, ContactLaw
 from tomotactile_ros.devices import DeviceSettings, make_device
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_frames
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 ORDER = (5, 10, 3, 12, 0, 15, 6, 9)
 GRID = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, name="grid")

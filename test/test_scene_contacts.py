@@ -6,11 +6,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Noise
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, Outline
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout, Outline
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Noise
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.support.errors import InputError
 
 L_SHAPE = [[-4, -4], [4, -4], [4, -2], [-2, -2], [-2, 4], [-4, 4]]
 U_SHAPE = [[0, 0], [9, 0], [9, 9], [8, 9], [8, 1], [1, 1], [1, 9], [0, 9]]

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tomotactile_ros import channels, contact, course, defects, profile, sheet_field
-from tomotactile_ros.contact_law import ContactLaw
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import load_layout
-from tomotactile_ros.scene import load_scene
-from tomotactile_ros.touches import HOLD, MOST
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.scenes import channels, contact, course, defects, profile, sheet_field
+from tomotactile_ros.scenes.contact_law import ContactLaw
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.scenes.touches import HOLD, MOST
+from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.contact_law import Creep, Hysteresis
-from tomotactile_ros.course import Ramp, Sine, Tap
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.contact_law import Creep, Hysteresis
+from tomotactile_ros.scenes.course import Ramp, Sine, Tap
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 LAW = ContactLaw(1e-4, 1.0)
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)

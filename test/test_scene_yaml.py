@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.support.errors import InputError
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 NAMES = sorted(file.stem for file in SCENES.glob("*.yaml"))

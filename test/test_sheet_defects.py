@@ -4,17 +4,12 @@ reference."""
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.scene import Scene, load_scene
-from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet.frames import frame
-from tomotactile_ros.sheet_field import (
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.scenes.sheet_field import (
     Anisotropy,
     Gradient,
     Patch,
@@ -25,7 +20,12 @@ from tomotactile_ros.sheet_field import (
     conductance_of,
     resistance_of,
 )
+from tomotactile_ros.sheet.closed_form import ClosedFormSheet
+from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 DRIVE = 3.3
 LAW = ContactLaw(1e-4, 1.0)

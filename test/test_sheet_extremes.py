@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid, load_layout
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support.errors import InputError
 
 DRIVE = 3.3
 MODELS = ("closed_form", "fem")

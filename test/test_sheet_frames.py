@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.contacts import contact_points
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.triangles import corner_angles, links, stiffness
+from tomotactile_ros.sheet.voltages import frame
 
 DRIVE = 3.3
 

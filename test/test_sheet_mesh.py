@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet.factor import LevelFactor
-from tomotactile_ros.sheet.kept import KeptGreen
 from tomotactile_ros.sheet.mesh import make_mesh
+from tomotactile_ros.sheet.solved_on_demand import KeptGreen
 
 ANGLE = 2 * np.pi * np.arange(24) / 24
 CIRCLE = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
+from tomotactile_ros.support.errors import InputError
 
 
 def transfer_impedances(between):

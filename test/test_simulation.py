@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid
-from tomotactile_ros.scene import Scene
-from tomotactile_ros.sheet_field import random_sheet
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import random_sheet
 from tomotactile_ros.simulation import Simulator, convert
+from tomotactile_ros.support.errors import InputError
 
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 CONTACT = Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4)

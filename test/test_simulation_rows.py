@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects, Noise, SheetVariation
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid
-from tomotactile_ros.scene import Scene
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.frames import frame
-from tomotactile_ros.sheet_field import Anisotropy, SheetField, Tear, Temperature
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import Anisotropy, SheetField, Tear, Temperature
+from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.support.errors import InputError
 
 DRIVE = 3.3
 ROUNDED = 1e-5  # V, of 3.3 V in single precision, in which contacts that move are solved
@@ -197,8 +197,8 @@ def test_impossible_scans_are_refused(settings, complaint):
 
 def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
     rows = simulator(disc(0.03, 0.02, velocity=(1.0, 0.0)))
-    monkeypatch.setattr("tomotactile_ros.memory.free_bytes", lambda: 1e3)
-    monkeypatch.setattr("tomotactile_ros.sheet.rows._LITTLE", 0.0)
+    monkeypatch.setattr("tomotactile_ros.support.memory.free_bytes", lambda: 1e3)
+    monkeypatch.setattr("tomotactile_ros.sheet.moving_rows._LITTLE", 0.0)
     with pytest.raises(InputError, match="^contacts: 1, in .* patches that change, would take"):
         rows.frame(0.0)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces import Cylinder, Flat, Mesh, PointGrid
 
 SIZE = (0.2, 0.15)

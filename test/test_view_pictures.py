@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import equal_grid, load_layout
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.view.colours import (
     OUTSIDE,
     Overlay,
@@ -19,7 +19,7 @@ from tomotactile_ros.view.colours import (
     palette,
     round_up,
 )
-from tomotactile_ros.view.contacts import contact_lines, pair
+from tomotactile_ros.view.contact_lines import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import picture

@@ -18,21 +18,21 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "InputError": "errors",
-    "Layout": "layout",
-    "Outline": "outline",
+    "InputError": "support.errors",
+    "Layout": "layouts.layout",
+    "Outline": "layouts.outline",
     "Pipeline": "reconstruction.pipeline",
     "Request": "optimizer.request",
     "Result": "reconstruction.settings",
-    "Scene": "scene",
+    "Scene": "scenes.scene",
     "Settings": "reconstruction.settings",
     "Simulator": "simulation",
     "best_of": "optimizer.step",
-    "equal_grid": "layout",
+    "equal_grid": "layouts.layout",
     "load_calibration": "reconstruction.calibration",
     "load_frames": "frames_file",
-    "load_layout": "layout",
-    "load_scene": "scene",
+    "load_layout": "layouts.layout",
+    "load_scene": "scenes.scene",
     "plot": "view.figure",
 }
 
@@ -56,17 +56,17 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from tomotactile_ros.errors import InputError
     from tomotactile_ros.frames_file import load_frames
-    from tomotactile_ros.layout import Layout, equal_grid, load_layout
+    from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
+    from tomotactile_ros.layouts.outline import Outline
     from tomotactile_ros.optimizer.request import Request
     from tomotactile_ros.optimizer.step import best_of
-    from tomotactile_ros.outline import Outline
     from tomotactile_ros.reconstruction.calibration import load_calibration
     from tomotactile_ros.reconstruction.pipeline import Pipeline
     from tomotactile_ros.reconstruction.settings import Result, Settings
-    from tomotactile_ros.scene import Scene, load_scene
+    from tomotactile_ros.scenes.scene import Scene, load_scene
     from tomotactile_ros.simulation import Simulator
+    from tomotactile_ros.support.errors import InputError
     from tomotactile_ros.view.figure import plot
 
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from tomotactile_ros import __version__
-from tomotactile_ros.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
+from tomotactile_ros.support.errors import InputError
 
 COMMANDS = (
     "run",
@@ -50,7 +50,9 @@ def main(argv: list[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser)
-    args = parser.parse_args(argv)
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:
+        commands.choices[args.command].error(f"unrecognized arguments: {' '.join(unknown)}")
     say_doubts(f"tomotactile {args.command}")
     try:
         stop_like_ctrl_c()

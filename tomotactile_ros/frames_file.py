@@ -17,13 +17,13 @@ from typing import IO
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import open_regular, write_atomic
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.layout_ids import matches, note_bare
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout_ids import matches, note_bare
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at
+from tomotactile_ros.support.files import open_regular, write_atomic
 
 DEFAULT_DRIVE = 3.3  # V
 MAX_BYTES = 4_000_000_000  # of all arrays together
@@ -132,6 +132,8 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
             raise InputError(f"{path}: {name}: is missing, a file of frames has it")
     grounded = arrays["grounded"]
     _, rows, electrodes = voltages.shape
+    if grounded.shape == (rows,) and np.array_equal(np.sort(grounded), 1 + np.arange(electrodes)):
+        raise InputError(f"{path}: grounded: electrodes are numbered from 0, not from 1")
     if grounded.shape != (rows,) or not np.isin(grounded, np.arange(electrodes)).all():
         raise InputError(
             f"{path}: grounded: one of the electrodes 0 ... {electrodes - 1} is needed for each of "

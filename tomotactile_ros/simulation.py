@@ -14,18 +14,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import resistance_of
+from tomotactile_ros.scenes.touches import Touches
 from tomotactile_ros.sheet import MODELS, make_sheet
-from tomotactile_ros.sheet.contacts import Patches, contact_points
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.contact_points import Patches, contact_points
 from tomotactile_ros.sheet.merge import Track
-from tomotactile_ros.sheet.rows import moving_rows
-from tomotactile_ros.sheet_field import resistance_of
-from tomotactile_ros.touches import Touches
+from tomotactile_ros.sheet.moving_rows import moving_rows
+from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tomotactile_ros.spatial import Pose
-from tomotactile_ros.yamlio import Reader
+from tomotactile_ros.support.yamlio import Reader
 
 FORMAT = "tomotactile-poses/1"
 

@@ -8,7 +8,7 @@ for package in ("launch", "launch_ros"):
 from launch_support import include, reserve_domain
 
 import launch
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 
 
 def run(arguments: dict) -> int:

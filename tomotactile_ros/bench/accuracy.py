@@ -9,9 +9,9 @@ import numpy as np
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.scoring import score
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
-from tomotactile_ros.view.contacts import pair
+from tomotactile_ros.view.contact_lines import pair
 
 _MOST = 0.8  # of all pairs that must be told apart
 

@@ -10,11 +10,11 @@ from itertools import product
 import numpy as np
 
 from tomotactile_ros.bench.trials import LAW, NOISE
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.grounding import drop_order
 from tomotactile_ros.reconstruction import Settings
+from tomotactile_ros.support.errors import InputError
 
 PROFILES = ("fast", "balanced", "accurate")
 RESOLUTIONS = (20, 40, 80)

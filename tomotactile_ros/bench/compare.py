@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.cases import Case
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 MOST = 0.1  # by which ratios may differ
 _MEASURED = ("setup", "frame", "memory")  # all else in a row of the trade is accuracy

@@ -13,16 +13,16 @@ import math
 import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, PRESSURE
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Noise
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
 
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20

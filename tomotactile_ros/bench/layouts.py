@@ -26,9 +26,9 @@ from tomotactile_ros.bench.reference_cases import Family, Sheet, pair_states, te
 from tomotactile_ros.bench.reference_data import ReferenceData, load, make, save
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.sheet_field import SheetVariation
+from tomotactile_ros.scenes.sheet_field import SheetVariation
 
 PROFILES = ("fast", "balanced", "accurate")
 EVEN, UNEVEN = "even", "random 10 %"

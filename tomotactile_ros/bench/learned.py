@@ -22,17 +22,17 @@ from tomotactile_ros.bench.reference_cases import ring, textbook_states, truth, 
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.trial import Trial, judge
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.channels import Channels, Rms, Uniform
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Defects
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.recorded import Learned, learn
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import fit_contact_law
-from tomotactile_ros.scene import Scene
-from tomotactile_ros.sheet_field import resistance_of
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import resistance_of
 from tomotactile_ros.simulation import Simulator
 
 JUDGED = 16  # touches
@@ -280,7 +280,7 @@ def save_plot(path, rows: list[dict]) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from tomotactile_ros.files import save_figure
+    from tomotactile_ros.support.files import save_figure
 
     parts = (
         ("gain", 100, "gains / %"),

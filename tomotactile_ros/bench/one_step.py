@@ -14,11 +14,11 @@ import numpy as np
 
 from tomotactile_ros.bench.extremes import CELLS, grid, voltages
 from tomotactile_ros.bench.trials import DRIVE, NOISE
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.estimate import PATCH
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.support.errors import InputError
 
 
 class OneStep:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros.bench import trade
 from tomotactile_ros.bench.cases import find_layout
-from tomotactile_ros.files import save_figure
+from tomotactile_ros.support.files import save_figure
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from tomotactile_ros.bench import report, tables
 from tomotactile_ros.bench.cases import is_default
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import write_atomic
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import write_atomic
 
 _HEADER = (
     "profile", "set-up", "frame, median", "frame, p99", "memory", "image: HWHM, PE",

@@ -33,10 +33,10 @@ from tomotactile_ros.bench.reference_mesh import (
     make_mesh,
     rim_size,
 )
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.region import Region
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.support.errors import InputError
 
 Conductance = Callable[[np.ndarray], np.ndarray]  # S (n,) or (n, 2, 2) at points (n, 2), m
 Flow = float | Callable[[np.ndarray], np.ndarray]  # S/m^2, or a function of points (n, 2) -> (n,)

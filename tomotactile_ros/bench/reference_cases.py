@@ -17,10 +17,10 @@ import shapely
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference_mesh import Ellipse, Shape, disc
 from tomotactile_ros.bench.trials import LAW
-from tomotactile_ros.layout import Layout, equal_grid
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region, regular_polygon
-from tomotactile_ros.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region, regular_polygon
+from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
 
 SIDE, RESISTANCE = 0.2, 1e4  # m, ohm/sq
 _LENGTH = 0.05  # m, correlation length of uneven sheets

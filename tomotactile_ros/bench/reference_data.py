@@ -26,12 +26,12 @@ from numpy.typing import ArrayLike
 
 from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_cases import Family, truth
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import shared_folders, write_atomic
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.sheet_field import conductance_of
-from tomotactile_ros.yamlio import plain
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.scenes.sheet_field import conductance_of
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import shared_folders, write_atomic
+from tomotactile_ros.support.yamlio import plain
 
 FOLDER = Path("benchmark/data")
 

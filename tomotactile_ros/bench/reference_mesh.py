@@ -16,9 +16,9 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.region import Region
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.support.errors import InputError
 
 _NEEDED = "python3 -m pip install gmsh scikit-fem"
 _GROWTH = 0.3  # of an element's size per distance from the next rim

@@ -25,7 +25,7 @@ from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_cases import Press, truth
 from tomotactile_ros.bench.reference_mesh import disc
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
 FOLDER = reference_data.FOLDER / "slides"

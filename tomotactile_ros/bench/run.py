@@ -27,9 +27,9 @@ from tomotactile_ros.bench.sensor.parts import PARTS as SENSOR
 from tomotactile_ros.bench.sensor.run import run as run_sensor
 from tomotactile_ros.bench.store import Store
 from tomotactile_ros.bench.trade import FULL, QUICK, Trade, blur
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.progress import Progress
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.progress import Progress
 
 FORMAT = "tomotactile-bench/5"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.bench import extremes, one_step
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 VOLTAGE, IMAGE = "voltage / drive", "image / its norm"
 CONTACTS = "contacts"  # place / side and force, of every profile

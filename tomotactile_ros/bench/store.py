@@ -9,8 +9,8 @@ from typing import Any
 
 import tomotactile_ros.bench
 from tomotactile_ros.bench import machine
-from tomotactile_ros.files import write_atomic
-from tomotactile_ros.yamlio import plain
+from tomotactile_ros.support.files import write_atomic
+from tomotactile_ros.support.yamlio import plain
 
 
 class Store:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomotactile_ros.contact import Contact, ContactLaw
-from tomotactile_ros.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)

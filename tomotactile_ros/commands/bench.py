@@ -9,7 +9,7 @@ import sys
 from math import inf
 from pathlib import Path
 
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 HELP = "measure speed, accuracy and stability on this machine"
 
@@ -93,8 +93,8 @@ def _measure_parts(args):
     from tomotactile_ros.bench.sensor import tables
     from tomotactile_ros.bench.sensor.run import run
     from tomotactile_ros.bench.sensor.trial import find_methods, profiles
-    from tomotactile_ros.files import check_out, write_atomic
-    from tomotactile_ros.yamlio import plain
+    from tomotactile_ros.support.files import check_out, write_atomic
+    from tomotactile_ros.support.yamlio import plain
 
     use_one_thread()
     out = Path(args.out)
@@ -126,8 +126,8 @@ def _measure(args):
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.run import measure, parts
     from tomotactile_ros.bench.store import Store
-    from tomotactile_ros.files import check_out, write_atomic
-    from tomotactile_ros.yamlio import plain
+    from tomotactile_ros.support.files import check_out, write_atomic
+    from tomotactile_ros.support.yamlio import plain
 
     use_one_thread()
     mode = "full" if args.full else "quick"

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from tomotactile_ros import checks
 from tomotactile_ros.devices.recording import load_recording
-from tomotactile_ros.errors import InputError, complaints_at
-from tomotactile_ros.files import YAML, check_out, check_picture
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction.calibration import (
     fit_contact_law,
@@ -17,6 +14,9 @@ from tomotactile_ros.reconstruction.calibration import (
 )
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at
+from tomotactile_ros.support.files import YAML, check_out, check_picture
 from tomotactile_ros.view.calibration import save_fit
 
 HELP = "fit the contact law to presses of known force"

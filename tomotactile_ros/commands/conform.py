@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 
 from tomotactile_ros.devices.conformance import BROKEN, KEPT, Broken, LineFault, check
 from tomotactile_ros.devices.line import open_line
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 HELP = "try whether a device keeps the wire protocol (docs/protocol.md)"
 

@@ -8,13 +8,13 @@ import time
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 
-from tomotactile_ros.command_line import positive
 from tomotactile_ros.devices import Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.stream import FrameStream
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.progress import Progress
-from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.support.command_line import positive
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.progress import Progress
 
 FRESH = 1.0  # s, age up to which readings are shown as what is now
 

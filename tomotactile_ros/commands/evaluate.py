@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 from argparse import ArgumentParser, BooleanOptionalAction, Namespace
 
-from tomotactile_ros import checks
 from tomotactile_ros.bench.tables import text
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import (
@@ -19,9 +17,11 @@ from tomotactile_ros.evaluation.point_spread import (
 from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
-from tomotactile_ros.layout import load_layout
-from tomotactile_ros.progress import track
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.progress import track
 
 HELP = "measure the resolution of a layout: HWHM and position error all over the sheet"
 _LINES = {"hwhm": "HWHM", "position_error": "position error", "blur": "blur"}

@@ -10,20 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.checks import show
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.course import course_to_dict
-from tomotactile_ros.defects import named_defects
-from tomotactile_ros.errors import InputError, printable
-from tomotactile_ros.files import find_config
 from tomotactile_ros.frames_file import contacts_of, load_arrays
-from tomotactile_ros.layout import FORMAT as LAYOUT_FORMAT
-from tomotactile_ros.layout import Layout, load_layout
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region
-from tomotactile_ros.scene import FORMAT as SCENE_FORMAT
-from tomotactile_ros.scene import load_scene
-from tomotactile_ros.yamlio import read_mapping
+from tomotactile_ros.layouts.layout import FORMAT as LAYOUT_FORMAT
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.course import course_to_dict
+from tomotactile_ros.scenes.defects import named_defects
+from tomotactile_ros.scenes.scene import FORMAT as SCENE_FORMAT
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.support.checks import show
+from tomotactile_ros.support.errors import InputError, printable
+from tomotactile_ros.support.files import find_config
+from tomotactile_ros.support.yamlio import read_mapping
 
 HELP = "show what a layout, scene, frames or result file holds"
 _WIDTH = 79  # of a line; longer ones go on in the next, between words
@@ -162,6 +162,9 @@ def _describe_arrays(path):
     for key in ("truth", "contacts"):
         if key in content:
             yield from _describe_contacts(key, contacts_of(path, key, content[key]))
+    reasons = np.ravel(content.get("reason", "")).tolist()
+    if withheld := [reason for reason in reasons if reason]:
+        yield f"  contacts withheld in {len(withheld)} of {len(reasons)}, last: {withheld[-1]}"
 
 
 def _row_times(row_period):

@@ -8,12 +8,17 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 
-from tomotactile_ros import checks
-from tomotactile_ros.arrangements import USUAL_SIZE, electrode_ring, hexagonal_grid, usual_radius
 from tomotactile_ros.commands.inspect import describe_layout
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import YAML, check_out
-from tomotactile_ros.layout import Layout, check_usual_size, equal_grid
+from tomotactile_ros.layouts.arrangements import (
+    USUAL_SIZE,
+    electrode_ring,
+    hexagonal_grid,
+    usual_radius,
+)
+from tomotactile_ros.layouts.layout import Layout, check_usual_size, equal_grid
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import YAML, check_out
 
 HELP = "write a layout file: an equal grid, a hexagonal one, or a ring"
 _FEW = 4  # rows and columns of the grid up to which electrodes are large

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.devices.recording import load_recording
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import YAML, check_out, check_picture
 from tomotactile_ros.frames_file import FramesFile
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.picture import save_picture
 from tomotactile_ros.learning.recorded import MOST, learn
-from tomotactile_ros.progress import track
 from tomotactile_ros.sheet import MODELS
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import YAML, check_out, check_picture
+from tomotactile_ros.support.progress import track
 
 HELP = "learn what is wrong with a sensor from touches of unknown place and force"
 

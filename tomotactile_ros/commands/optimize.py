@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.evaluation.posterior import NOISE, Conditions
-from tomotactile_ros.files import YAML, check_out, check_picture
 from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, Option, command_of, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS
 from tomotactile_ros.optimizer.scan import spread
 from tomotactile_ros.optimizer.step import best_of, ratio
 from tomotactile_ros.optimizer.workers import Workers
-from tomotactile_ros.progress import Progress, track
 from tomotactile_ros.simulation import ROW_PERIOD
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import YAML, check_out, check_picture
+from tomotactile_ros.support.progress import Progress, track
 
 HELP = "optimize where the electrodes are, or which of them to ground"
 

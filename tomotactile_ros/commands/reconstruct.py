@@ -14,18 +14,18 @@ import numpy as np
 
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
 from tomotactile_ros.devices.recording import open_recording
-from tomotactile_ros.errors import complaints_at
-from tomotactile_ros.files import check_out
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
-from tomotactile_ros.npz_writer import npz_writer
-from tomotactile_ros.progress import track
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD
+from tomotactile_ros.support.errors import complaints_at
+from tomotactile_ros.support.files import check_out
+from tomotactile_ros.support.npz_writer import npz_writer
+from tomotactile_ros.support.progress import track
 
 HELP = "make pressure images and contacts of frames"
 

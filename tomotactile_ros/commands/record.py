@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 
-from tomotactile_ros.command_line import positive
 from tomotactile_ros.commands.device_options import (
     add_device_arguments,
     collect,
@@ -14,9 +13,10 @@ from tomotactile_ros.commands.device_options import (
     source_of,
 )
 from tomotactile_ros.devices.recording import save_recording
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_out
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.support.command_line import positive
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import check_out
 
 HELP = "record the frames of a sensor, or all bytes of its line"
 

@@ -7,8 +7,8 @@ from argparse import ArgumentParser, Namespace
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.capture import relive
 from tomotactile_ros.devices.recording import frames_writer
-from tomotactile_ros.files import check_out
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.support.files import check_out
 
 HELP = "run parser and driver on the bytes of a raw capture again, to the bit"
 

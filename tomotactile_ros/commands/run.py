@@ -7,7 +7,6 @@ from argparse import ArgumentParser, Namespace
 from collections import deque
 from contextlib import suppress
 
-from tomotactile_ros.command_line import positive
 from tomotactile_ros.commands.device_options import (
     FRESH,
     add_device_arguments,
@@ -16,11 +15,12 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
 from tomotactile_ros.devices.stream import FrameStream
-from tomotactile_ros.files import check_picture
-from tomotactile_ros.layout import load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.support.command_line import positive
+from tomotactile_ros.support.files import check_picture
 from tomotactile_ros.view.display import Display, Shot
 
 HELP = "show a live picture of a sensor, simulated unless --port or --recording names one"

@@ -6,15 +6,15 @@ from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
-from tomotactile_ros import checks, memory
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_out
 from tomotactile_ros.frames_file import save_frames
-from tomotactile_ros.layout import load_layout
-from tomotactile_ros.progress import track
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.support import checks, memory
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import check_out
+from tomotactile_ros.support.progress import track
 
 HELP = "simulate the voltage frames of a scene"
 

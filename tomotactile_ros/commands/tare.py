@@ -17,10 +17,10 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.recording import load_recording, save_recording
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import check_out
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import check_out
 
 HELP = "measure the readings of a sensor that nothing touches"
 _FRAMES = 32

@@ -9,7 +9,6 @@ from contextlib import suppress
 
 import numpy as np
 
-from tomotactile_ros.command_line import positive
 from tomotactile_ros.commands.device_options import (
     FRESH,
     add_device_arguments,
@@ -17,7 +16,8 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.devices import Frame, Status
 from tomotactile_ros.devices.stream import FrameStream
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.support.command_line import positive
 
 HELP = "say every second how a sensor is"
 _EVERY = 1.0  # s

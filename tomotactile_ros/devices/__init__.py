@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from tomotactile_ros.devices.base import Device, Frame, Status
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.support.errors import InputError
 
 __all__ = ["Device", "DeviceSettings", "Frame", "Status", "make_device"]
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import shared_folders
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import shared_folders
 
 MESSAGE = "tomotactile_ros/msg/VoltageFrame"
 ROWS_TOPIC = "voltage_rows"

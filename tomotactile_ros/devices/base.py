@@ -15,9 +15,9 @@ from typing import Protocol
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.devices.health import Health, Trouble
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

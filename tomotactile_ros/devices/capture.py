@@ -15,12 +15,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from tomotactile_ros.checks import show
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.line import Line, LineFault
 from tomotactile_ros.devices.world import Settings, World
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import open_regular
+from tomotactile_ros.support.checks import show
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import open_regular
 
 if TYPE_CHECKING:
     from tomotactile_ros.devices.serial import SerialDevice

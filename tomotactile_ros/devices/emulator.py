@@ -17,14 +17,14 @@ from itertools import takewhile
 
 import numpy as np
 
-from tomotactile_ros.command_line import Parser
 from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
 from tomotactile_ros.devices.protocol import ALL_ADDRESSES, VERSIONS
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, load_layout
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.command_line import Parser
+from tomotactile_ros.support.errors import InputError
 
 
 class Emulator:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
+from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
-from tomotactile_ros.touches import Touch, Touches
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import termios
 import tty
 from collections.abc import Callable
 
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 
 class PtyPort:

@@ -14,10 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.devices.bag import read_bag
 from tomotactile_ros.devices.base import Frame
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import (
     DEFAULT_DRIVE,
     FramesFile,
@@ -25,11 +23,14 @@ from tomotactile_ros.frames_file import (
     load_frames,
     open_frames,
 )
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.layout_ids import matches, note_bare
-from tomotactile_ros.npz_writer import npz_writer
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout_ids import matches, note_bare
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.npz_writer import npz_writer
 
 _ABOVE, _OFTEN = 1.1, 0.1  # times the drive voltage; of the readings
+_BELOW = 0.1  # times the drive voltage: no offset, hum or drift of a working input is that large
 _WRONG_DRIVE = 10.0  # times the drive voltage, up to which that is what is wrong
 
 
@@ -64,6 +65,10 @@ def read_frames(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
+    if path.suffix == ".npy":
+        raise InputError(
+            f"{path}: an array alone; put it into a .npz with numpy.savez(voltages=..., grounded=...)"
+        )
     if path.suffix != ".npz":
         return _checked(path, _bag_frames(path, layout_id, topic), electrodes)
     if topic:
@@ -153,14 +158,24 @@ def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Ite
 def _check_unit(
     path: str | os.PathLike[str], frames: Iterable[np.ndarray], drive_voltage: float
 ) -> None:
-    """Refuse readings that are not in V: many are above what drives them."""
-    count, above, highest, whole = 0, 0, 0.0, True
+    """Refuse readings that are not in V: many are above what drives them, most below zero, or none
+    is valid."""
+    count, above, below, highest, whole = 0, 0, 0, 0.0, True
     for frame in frames:
-        valid = np.abs(frame[np.isfinite(frame)])
+        valid = frame[np.isfinite(frame)]
+        below += np.count_nonzero(valid < -_BELOW * drive_voltage)
+        valid = np.abs(valid)
         count += valid.size
         above += np.count_nonzero(valid > _ABOVE * drive_voltage)
         highest = max(highest, float(valid.max(initial=0.0)))
         whole = whole and bool((valid == np.round(valid)).all())
+    if not count:
+        raise InputError(f"{path}: voltages: none is a valid reading, all are NaN")
+    if below > count / 2:
+        raise InputError(
+            f"{path}: voltages: most are far below 0 V, and nothing drives the sheet below it: "
+            "are two inputs exchanged?"
+        )
     if above <= _OFTEN * count:
         return
     if highest < _WRONG_DRIVE * drive_voltage:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 
 from tomotactile_ros.devices.base import Device, Frame
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 10.0  # s without the first frame until it is given up
 _TICK = 0.1  # s between two looks at the device's state

@@ -20,7 +20,7 @@ from scipy.stats import norm
 
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Row, RowModel
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 HOURS, RATE = 10.0, 1000.0  # h, rows/s: noise alone shows one contact in so long
 _SUMS = 2  # sums over rows that are looked at: this row alone, and with those just before

@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Rows
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 _PER_PITCH = 4  # pixels to one spacing of the electrodes
 _PIXELS = 24, 60  # along the longer side, at least and at most

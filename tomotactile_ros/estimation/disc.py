@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tomotactile_ros.contact import Contact
+from tomotactile_ros.scenes.contact import Contact
 
 
 @lru_cache(maxsize=32)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tomotactile_ros.contact import ContactLaw
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.joining import groups
@@ -25,7 +24,8 @@ from tomotactile_ros.estimation.screening import (
 from tomotactile_ros.estimation.search import BUDGET, FULL, Effort, Search
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.contact import ContactLaw
 
 EXCLUDED = "excluded by the settings"  # why an electrode is left out
 _KEPT = 4  # operators for sets of electrodes in use

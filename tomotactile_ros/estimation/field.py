@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 # standard deviation of the logarithm: knitted and sprayed sheets, shared by both lengths
 UNEVEN = 0.15

@@ -35,7 +35,7 @@ from tomotactile_ros.estimation.tables import (
     off_electrodes,
 )
 from tomotactile_ros.estimation.uneven import Rest, Solution, solved
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.fem import FemSheet
-from tomotactile_ros.sheet_field import Anisotropy
 
 _RADIUS = 1 / 6  # spacings: of the disc whose D stands for that of contacts
 _ISOTROPIC = 1e-6  # half the logarithm of a ratio: below, there is no direction

@@ -11,8 +11,6 @@ from functools import cached_property
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.metrics import Quality, statistics
 from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
 from tomotactile_ros.evaluation.point_spread import (
@@ -23,9 +21,11 @@ from tomotactile_ros.evaluation.point_spread import (
 )
 from tomotactile_ros.evaluation.regions import Regions, layout_regions
 from tomotactile_ros.evaluation.symmetry import find_symmetry
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 MODELS = ("auto", "paper", "closed_form", "fem")
 _SLIVER = 0.01  # of a region: less of it on the sheet is none

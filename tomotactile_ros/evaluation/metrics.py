@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 _CHUNK = 256  # images at a time: bounds the memory of the temporaries
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.symmetry import Symmetry
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, softened
 from tomotactile_ros.sheet.transfer import Transfer
+from tomotactile_ros.support.errors import InputError
 
 CONTACT_RADIUS = 0.001  # m
 # in electrode radii: a contact as large as the electrode it touches is a short circuit

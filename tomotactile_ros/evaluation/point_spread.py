@@ -17,11 +17,11 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.metrics import Quality, quality
 from tomotactile_ros.evaluation.symmetry import Symmetry, find_symmetry
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.support.errors import InputError
 
 LEAST_REGULARIZATION = 1e-9  # below, J'J + lambda^2 I loses its inverse to rounding
 MOST_CELLS = 400  # contact positions along the longer side

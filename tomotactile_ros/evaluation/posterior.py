@@ -35,16 +35,16 @@ from functools import cached_property
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, contact_priors
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 NOISE = 1e-3  # V rms of a reading: 12 to 16 bits behind an analogue switch, as in the benchmarks
 DRIVE = 3.3  # V

@@ -13,20 +13,20 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.point_spread import RESOLUTION
 from tomotactile_ros.evaluation.regions import layout_regions
 from tomotactile_ros.evaluation.scoring import score_frame, summary
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.contacts import contact_points
-from tomotactile_ros.sheet.frames import frame
+from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 DRIVE_VOLTAGE = 3.3  # V
 PRESSURE = 20e3  # of the contact, Pa

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 _BLOCKS = 3
 

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 _CLOSE = 1e-9  # of the outline's size: positions that coincide
 _PAIR = np.array([1, 1, -1, -1])  # signs under the mirrors: even in x, odd in y

@@ -17,12 +17,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.state import PARTS, SensorState
-from tomotactile_ros.yamlio import Reader, write_mapping
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-sensor/1"
 MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB

@@ -7,11 +7,11 @@ import os
 
 import numpy as np
 
-from tomotactile_ros.files import save_figure
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.recorded import Learned
+from tomotactile_ros.support.files import save_figure
 
 _CELLS = 80  # of a map, along the longer side
 

@@ -6,12 +6,12 @@ import numpy as np
 from geometry_msgs.msg import Point, Point32, Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import Contact, ContactArray, SensorLayout
 from tomotactile_ros.reconstruction import ContactEstimate
+from tomotactile_ros.scenes.touches import Touch
 from tomotactile_ros.spatial import SpatialContacts
-from tomotactile_ros.touches import Touch
 
 
 def contacts_to_message(

@@ -13,9 +13,9 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.support.errors import InputError
 
 _BIG_ENDIAN = sys.byteorder == "big"
 _NANO = 1_000_000_000

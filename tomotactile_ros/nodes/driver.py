@@ -15,18 +15,18 @@ from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
+from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.touches import TouchListener
-from tomotactile_ros.scene import load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet import MODELS
+from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),

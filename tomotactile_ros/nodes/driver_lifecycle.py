@@ -1,7 +1,7 @@
 """Node `driver` as a managed node: configure, activate, deactivate, cleanup by services."""
 
 from tomotactile_ros.nodes.driver import SPECS, Driver
-from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
+from tomotactile_ros.nodes.running import AUTOSTART, ManagedNode, run
 
 
 def main(args: list[str] | None = None) -> int:

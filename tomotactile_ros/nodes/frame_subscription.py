@@ -10,9 +10,9 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_frame
+from tomotactile_ros.support.errors import InputError
 
 try:
     from rclpy.event_handler import SubscriptionEventCallbacks

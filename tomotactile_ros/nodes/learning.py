@@ -20,14 +20,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.live import KINDS, OFF, LiveLearner
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.msg import SensorState as SensorMessage
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.sensor_messages import sensor_to_message
+from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec(

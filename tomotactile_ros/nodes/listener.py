@@ -8,11 +8,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.errors import printable
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.contact_messages import message_to_contacts
 from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
+from tomotactile_ros.support.errors import printable
 from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")

@@ -9,12 +9,12 @@ import sys
 import time
 from pathlib import Path
 
-from tomotactile_ros.command_line import Parser, end_of_pipe, positive
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, load_layout
-from tomotactile_ros.processes import Child, stop_all
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES
-from tomotactile_ros.scene import Scene, load_scene
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.support.command_line import Parser, end_of_pipe, positive
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.processes import Child, stop_all
 from tomotactile_ros.view.display import Display
 
 DEFAULT_RATE = 15.625  # frames/s

@@ -15,17 +15,17 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import YAML, check_out
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.life import BAD_INPUT, PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.running import BAD_INPUT, PlainNode, run
 from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.options import OPTIONS, START, Option, request_of, start_of
 from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request
 from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import YAML, check_out
 
 GRID = 8  # rows and columns of the grid to start from, where nothing is given
 

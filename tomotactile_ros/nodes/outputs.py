@@ -16,8 +16,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import MarkerArray
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray, SensorLayout
 from tomotactile_ros.nodes.contact_messages import (
     contacts_to_message,

@@ -8,9 +8,9 @@ from rclpy.time import Time
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.skin import load_poses
 from tomotactile_ros.spatial import Pose
+from tomotactile_ros.support.errors import InputError
 
 Locate = Callable[[Header], Pose]
 

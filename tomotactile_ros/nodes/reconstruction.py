@@ -12,24 +12,24 @@ from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout, load_layout
-from tomotactile_ros.layout_ids import is_bare, matches
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout_ids import is_bare, matches
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import check_frame
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
 from tomotactile_ros.nodes.learning import Learning
-from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, SPECS, settings_of
-from tomotactile_ros.nodes.rows import Rows
+from tomotactile_ros.nodes.row_contacts import Rows
+from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
 _EVERY = 5.0  # s between two warnings of a kind

@@ -2,9 +2,9 @@
 
 import sys
 
-from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS
+from tomotactile_ros.nodes.running import AUTOSTART, ManagedNode, run
 
 
 def main(args: list[str] | None = None) -> int:

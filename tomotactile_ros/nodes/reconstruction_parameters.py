@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.nodes import learning, rows, tare
+from tomotactile_ros.nodes import learning, row_contacts, tare
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
 
 SPECS = (
@@ -39,7 +39,7 @@ SPECS = (
         "model", "auto", "Of the sheet; auto: the cheapest that the layout allows", choices=MODELS
     ),
     Spec("excluded", (), "Electrodes that are never used", low=0, high=65535),
-    *rows.SPECS,
+    *row_contacts.SPECS,
     *tare.SPECS,
     *learning.SPECS,
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),

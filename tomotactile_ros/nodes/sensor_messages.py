@@ -7,7 +7,7 @@ from geometry_msgs.msg import Point32
 from std_msgs.msg import Header
 
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.state import PARTS, SensorState
 from tomotactile_ros.msg import SensorState as SensorMessage

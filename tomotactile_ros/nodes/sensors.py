@@ -11,10 +11,10 @@ from collections.abc import Iterator
 
 from rclpy.node import Node
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.tactile import PATIENCE, make_nodes
+from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),

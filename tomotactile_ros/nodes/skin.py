@@ -13,17 +13,17 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.life import PlainNode, run
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.skin import Skin
 from tomotactile_ros.spatial import Pose, wrench_of
+from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),

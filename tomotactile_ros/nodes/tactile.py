@@ -17,9 +17,9 @@ from std_msgs.msg import Header
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.nodes.driver import SPECS as DRIVER_SPECS
 from tomotactile_ros.nodes.driver import Driver
-from tomotactile_ros.nodes.life import ManagedNode, PlainNode, run
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
+from tomotactile_ros.nodes.running import ManagedNode, PlainNode, run
 
 _MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}

@@ -3,7 +3,7 @@
 
 import sys
 
-from tomotactile_ros.nodes.life import AUTOSTART, ManagedNode, run
+from tomotactile_ros.nodes.running import AUTOSTART, ManagedNode, run
 from tomotactile_ros.nodes.tactile import PARAMETERS, PATIENCE, make_nodes
 
 

@@ -17,10 +17,10 @@ from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.tare_file import Tare, load_tare, this_boot
+from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("tare_frames", 16, "Frames that ~/tare averages", low=1, high=1000),

@@ -7,10 +7,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.contact_messages import message_to_touches
-from tomotactile_ros.touches import Touch
+from tomotactile_ros.scenes.touches import Touch
 
 _PATIENCE = 5.0  # s between two complaints
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 
 from rclpy.utilities import remove_ros_args
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.support.errors import InputError
 
 _WIDTH = 100
 

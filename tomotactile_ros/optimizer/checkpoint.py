@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import write_atomic
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import write_atomic
 
 FORMAT = "tomotactile-search/1"
 

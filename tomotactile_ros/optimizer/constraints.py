@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 _STEP = 1e-6  # of the outline's size, for the slope of distances
 _ROUNDS = 200

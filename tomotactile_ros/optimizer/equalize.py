@@ -17,13 +17,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilaterals
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
 from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6

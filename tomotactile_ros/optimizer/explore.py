@@ -12,13 +12,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from tomotactile_ros import checks
-from tomotactile_ros.arrangements import MAX_SPREAD, spread_electrodes
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.posterior import Conditions
-from tomotactile_ros.layout import Layout, equal_grid
+from tomotactile_ros.layouts.arrangements import MAX_SPREAD, spread_electrodes
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.scan import Chooser
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.support import checks
 
 FEWEST_ROWS = 2
 

@@ -15,16 +15,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import doubt
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
 from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import doubt
 
 SPACING = 2.2  # smallest distance of two centres by default, in radii
 _SAME = 1e-6  # scores closer than this are the same

@@ -23,14 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import paper_transfer
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
+from tomotactile_ros.support import checks
 
 _CHOICE_RESOLUTION = 20  # contact positions along the longer side while choosing
 _TELLING = 1e-4  # least that a combination of readings adds to J'J, in parts of lambda^2

@@ -25,8 +25,8 @@ import numpy as np
 
 from tomotactile_ros.evaluation.paper_model import Contacts, default_contact_radius
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.figures import Figures
 from tomotactile_ros.optimizer.scenes import Scenes
 from tomotactile_ros.sheet import make_sheet

@@ -12,16 +12,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tomotactile_ros import checks
-from tomotactile_ros.arrangements import MAX_SPREAD, USUAL_SIZE, spread_electrodes, usual_radius
-from tomotactile_ros.errors import InputError, doubt
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.evaluation.posterior import NOISE
-from tomotactile_ros.layout import Layout, check_usual_size, equal_grid, load_layout
+from tomotactile_ros.layouts.arrangements import (
+    MAX_SPREAD,
+    USUAL_SIZE,
+    spread_electrodes,
+    usual_radius,
+)
+from tomotactile_ros.layouts.layout import Layout, check_usual_size, equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.equalize import SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.request import Request, method_of
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, doubt
 
 _SEEDS = 2**31 - 1  # the largest integer of a parameter of 32 bits
 

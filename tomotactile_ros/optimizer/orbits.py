@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.region import Region
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region
 
 MIRRORS = np.array([[[1, 0], [0, 1]], [[-1, 0], [0, 1]], [[1, 0], [0, -1]], [[-1, 0], [0, -1]]])
 SWAP = np.array([[0, 1], [1, 0]])

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tomotactile_ros.files import save_figure
 from tomotactile_ros.optimizer.step import Step, ratio
+from tomotactile_ros.support.files import save_figure
 
 _LEGEND = (
     "Each cell of a map is a contact that was put there alone. HWHM: half width at half maximum of its "

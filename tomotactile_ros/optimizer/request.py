@@ -7,11 +7,10 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.evaluation.posterior import NOISE, Conditions, usual_apart
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import SELECTIONS, equalize
@@ -20,7 +19,8 @@ from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step, finished
 from tomotactile_ros.optimizer.touch import ROUNDS, STARTS, touch
-from tomotactile_ros.region import Region, regular_polygon
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 METHODS = ("touch", "equalize", "free")
 ALIASES = {"paper": "equalize"}

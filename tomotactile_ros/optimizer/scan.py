@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros import checks
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_layout
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation, lattice
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.support import checks
 
 PLACES = 6  # contacts along the longer side by which rows are chosen
 FEW = 4  # successive rows after which a new touch should be known

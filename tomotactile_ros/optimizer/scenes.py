@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.evaluation.point_spread import PointSpread
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.transfer import Transfer
 

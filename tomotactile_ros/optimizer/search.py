@@ -15,12 +15,12 @@ from itertools import repeat
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descent, Evolution
 from tomotactile_ros.optimizer.objective import Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
+from tomotactile_ros.support.errors import InputError
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`

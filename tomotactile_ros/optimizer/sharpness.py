@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.evaluation.metrics import HalfMaximum
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 _EDGE = 0.05  # width of the smoothed edge, in parts of the maximum
 _SHARE = 40.0  # crossings at 1 - 1/_SHARE of the largest distance count 1/e as much

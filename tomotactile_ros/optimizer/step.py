@@ -10,7 +10,7 @@ import numpy as np
 
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality
 from tomotactile_ros.evaluation.posterior import Posterior
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 
 @dataclass(frozen=True, eq=False)

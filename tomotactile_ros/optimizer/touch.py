@@ -29,16 +29,16 @@ from itertools import repeat
 import numpy as np
 from scipy.optimize import minimize
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.posterior import Conditions, Posterior, expected, usual_apart
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 ROUNDS = 2
 STARTS = 2

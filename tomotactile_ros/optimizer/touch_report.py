@@ -10,10 +10,10 @@ import numpy as np
 
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.posterior import Posterior
-from tomotactile_ros.files import save_figure
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.explore import Choice
 from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.support.files import save_figure
 
 _LARGEST = 0.6  # of the spacing of contacts: semi-axis of an ellipse of the worst tenth
 _WORDS = "mean place error", "place, worst tenth", "pairs told apart from"

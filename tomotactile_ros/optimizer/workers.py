@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children, get_context
 
-from tomotactile_ros.processes import die_with_parent
+from tomotactile_ros.support.processes import die_with_parent
 
 _ENVIRONMENT = {  # of processes that search
     "OMP_NUM_THREADS": "1",  # matrices are small

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.settings import Settings
-from tomotactile_ros.yamlio import read_mapping, write_mapping
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import read_mapping, write_mapping
 
 NODE = "/**/reconstruction"
 _FOOT = 0.01  # relative deviation of the radius of a foot that is known

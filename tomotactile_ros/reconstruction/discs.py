@@ -33,9 +33,9 @@ from scipy.linalg import lapack
 from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.special import ive
 
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
-from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.grounded_step import LocalImage
 
 _STEPS = 2  # of Gauss-Newton
 _REACH = 0.2  # of a step, in spacings of the electrodes

@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import nnls
 
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.admittance import Grounded
-from tomotactile_ros.reconstruction.contacts import Blob, find_blobs
+from tomotactile_ros.reconstruction.contacts_in_image import Blob, find_blobs
 from tomotactile_ros.reconstruction.discs import fit_discs, shares_of
-from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.grounded_step import LocalImage
 from tomotactile_ros.reconstruction.settings import ContactEstimate
 
 EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in radii

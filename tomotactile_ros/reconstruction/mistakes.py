@@ -16,11 +16,11 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.support.errors import InputError
 
 _FRAMES = 5  # the strongest, which are looked at
 _BACK, _FORTH = 0.05, 0.01  # part of the current that flows back: clearly, and as good as none

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
 from tomotactile_ros.reconstruction.basis import FrameBasis
 from tomotactile_ros.reconstruction.estimate import PATCH
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
-from tomotactile_ros.reconstruction.local import LocalImage
+from tomotactile_ros.reconstruction.grounded_step import LocalImage
 from tomotactile_ros.sheet import make_sheet
 
 _KEPT = 8  # sets of electrodes

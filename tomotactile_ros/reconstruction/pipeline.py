@@ -9,24 +9,15 @@ from functools import partial
 
 import numpy as np
 
-from tomotactile_ros import memory
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
 from tomotactile_ros.estimation.search import BOUNDED, FULL
 from tomotactile_ros.estimation.tracks import Tracks
-from tomotactile_ros.grid import Grid
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.state import SensorState
-from tomotactile_ros.reconstruction.channels import (
-    broken_channels,
-    dead_channels,
-    is_doubtful,
-    swapped_channels,
-    why_left_out,
-)
 from tomotactile_ros.reconstruction.estimate import (
     EVEN_DISC,
     Strength,
@@ -34,11 +25,20 @@ from tomotactile_ros.reconstruction.estimate import (
     described,
     disc_cells,
 )
-from tomotactile_ros.reconstruction.frames import check_drive_voltage, is_idle, ordered
+from tomotactile_ros.reconstruction.frame_checks import check_drive_voltage, is_idle, ordered
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
+from tomotactile_ros.reconstruction.unusable_electrodes import (
+    broken_channels,
+    dead_channels,
+    is_doubtful,
+    swapped_channels,
+    why_left_out,
+)
+from tomotactile_ros.support import memory
+from tomotactile_ros.support.errors import InputError
 
 # profiles whose contacts are fitted to the readings, not read from an image
 ESTIMATED = {"balanced": BOUNDED, "accurate": FULL}

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tomotactile_ros.sheet.frames import frame
 from tomotactile_ros.sheet.transfer import Transfer
+from tomotactile_ros.sheet.voltages import frame
 
 MEASURED = ("accurate", "balanced", "fast")  # most accurate first
 _ROUNDS = 15

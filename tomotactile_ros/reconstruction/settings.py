@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 PROFILES = ("fast", "balanced", "accurate", "auto")
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)

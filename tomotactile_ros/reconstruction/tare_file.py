@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.frames_file import load_arrays, save_arrays
+from tomotactile_ros.support.errors import InputError
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 

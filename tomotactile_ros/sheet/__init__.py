@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet, Resistance
 from tomotactile_ros.sheet.transfer import Sheet
-from tomotactile_ros.sheet_field import Anisotropy
+from tomotactile_ros.support.errors import InputError
 
 MODELS = ("auto", "fem", "closed_form")
 

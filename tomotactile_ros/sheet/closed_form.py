@@ -20,10 +20,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self, mutual_radius
 from tomotactile_ros.sheet.transfer import Transfer, electrode_of, make_transfer
+from tomotactile_ros.support.errors import InputError
 
 # radii between centres, below which an electrode sees more than its neighbour's dipole
 _CLOSE = 4.0

@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse.csgraph import dijkstra
 
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 
 class LevelFactor:

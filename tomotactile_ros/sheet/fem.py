@@ -28,15 +28,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
-from tomotactile_ros.sheet.kept import KeptGreen
 from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.sheet.metric import Metric
+from tomotactile_ros.sheet.solved_on_demand import KeptGreen
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
 from tomotactile_ros.sheet.triangles import at_ends, corner_angles, links, stiffness
-from tomotactile_ros.sheet_field import Anisotropy
 
 Resistance = Callable[[np.ndarray], np.ndarray]  # ohm/sq (n,) at points (n, 2), m
 _FEW = 300  # points whose mutual Green function is computed at once

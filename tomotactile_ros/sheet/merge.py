@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.outline import Outline
-from tomotactile_ros.sheet.contacts import SAME, Patches
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.sheet.contact_points import SAME, Patches
 from tomotactile_ros.sheet.green import FAR, softened
 from tomotactile_ros.sheet.metric import Metric
 

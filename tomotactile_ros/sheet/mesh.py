@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.locate import Locator
 from tomotactile_ros.sheet.placement import LocalSize, place_nodes
+from tomotactile_ros.support.errors import InputError
 
 # Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which
 # spares Qhull more than half of its time; the triangles then join the nodes where they are.

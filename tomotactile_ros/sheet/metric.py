@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.sheet_field import Anisotropy
+from tomotactile_ros.scenes.sheet_field import Anisotropy
 
 
 class Metric:

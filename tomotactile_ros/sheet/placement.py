@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.rim import Segment, curves
 
 _TINY = 1e-6  # keeps counts of elements from rounding either way

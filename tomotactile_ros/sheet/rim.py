@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomotactile_ros.outline import Outline
+from tomotactile_ros.layouts.outline import Outline
 
 
 class Segment:

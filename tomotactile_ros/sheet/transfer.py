@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support.errors import InputError
 
 MOST_STRETCH = 2.0  # no sheet survives more, and wrong units are far beyond
 _LATTICE = 129  # points a side from which the nearest one is refined

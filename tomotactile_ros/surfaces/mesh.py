@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import find_shared, read_limited
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import find_shared, read_limited
 from tomotactile_ros.surfaces.base import Surface
 from tomotactile_ros.surfaces.point_grid import PointGrid
 

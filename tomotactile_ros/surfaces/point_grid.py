@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces.base import Surface, check_stretch
 
 _SAME = 1e-6  # of a side

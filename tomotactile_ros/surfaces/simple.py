@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros import checks
-from tomotactile_ros.errors import InputError
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces.base import Surface
 
 
@@ -24,6 +24,10 @@ class Flat(Surface):
     def jacobians(self, points: np.ndarray) -> np.ndarray:
         """(P, 3, 2) derivatives by x and y."""
         return np.tile(np.eye(3, 2), (len(points), 1, 1))
+
+    def frames(self, points: np.ndarray) -> np.ndarray:
+        """(P, 3, 3) rotations: none."""
+        return np.tile(np.eye(3), (len(points), 1, 1))
 
     def nearest(self, places: np.ndarray, size: tuple[float, float]) -> np.ndarray:
         """(P, 2) x and y of (P, 3) places, on the sheet or beside it."""

@@ -7,8 +7,8 @@ import os
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tomotactile_ros.contact import ContactLaw
-from tomotactile_ros.files import save_figure
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.support.files import save_figure
 
 
 def save_fit(

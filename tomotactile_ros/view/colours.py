@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tomotactile_ros.grid import Grid
+from tomotactile_ros.layouts.grid import Grid
 
 OUTSIDE = (60, 60, 60)  # cells outside the outline
 _WHITE = (255, 255, 255)

@@ -10,10 +10,10 @@ from typing import TextIO
 
 import numpy as np
 
-from tomotactile_ros.layout import Layout
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import SteadyScale, full_scale
-from tomotactile_ros.view.contacts import contact_lines, fitting
+from tomotactile_ros.view.contact_lines import contact_lines, fitting
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomotactile_ros.errors import InputError
-from tomotactile_ros.files import save_figure
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Result
-from tomotactile_ros.view.contacts import contact_lines
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import save_figure
+from tomotactile_ros.view.contact_lines import contact_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,8 +30,8 @@ def simulated_table(layout: str, scene: str, frames: int) -> list[list[list[int]
     """Readings of simulated frames in counts; the grounded electrode reads 0."""
     import numpy as np
 
-    from tomotactile_ros.layout import load_layout
-    from tomotactile_ros.scene import load_scene
+    from tomotactile_ros.layouts.layout import load_layout
+    from tomotactile_ros.scenes.scene import load_scene
     from tomotactile_ros.simulation import Simulator
 
     simulator = Simulator(load_layout(layout), load_scene(scene))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.bench.trials import BITS, DRIVE, LAW, NOISE
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import Adc, Defects, Noise, SheetVariation
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 APART = (0.020, 0.024, 0.028, 0.032, 0.036, 0.040, 0.045, 0.050, 0.060)  # m

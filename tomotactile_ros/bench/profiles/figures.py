@@ -9,9 +9,9 @@ import numpy as np
 
 from tomotactile_ros.bench.profiles.data import APART
 from tomotactile_ros.bench.trials import DRIVE, NOISE
-from tomotactile_ros.contact import Contact
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.scoring import assign, score
+from tomotactile_ros.scenes.contact import Contact
 
 
 class Runner:

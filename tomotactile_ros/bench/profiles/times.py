@@ -10,11 +10,11 @@ from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.profiles.data import pairs_at
 from tomotactile_ros.bench.profiles.figures import Runner
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.contact import Contact
-from tomotactile_ros.defects import Noise
-from tomotactile_ros.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scene import Scene
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.defects import Noise
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 

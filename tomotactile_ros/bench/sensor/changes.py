@@ -17,7 +17,7 @@ from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.sensor.trial import VELOCITY, Trial
 from tomotactile_ros.bench.trials import DRIVE
 from tomotactile_ros.evaluation.scoring import PART
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
 _SEED = 26

@@ -17,7 +17,7 @@ from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, presses
-from tomotactile_ros.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
 _COUNT = 24  # presses of a case

@@ -9,7 +9,7 @@ import numpy as np
 
 from tomotactile_ros.bench.reference import Admittance, reference_frame
 from tomotactile_ros.bench.trials import BITS, DRIVE, NOISE
-from tomotactile_ros.channels import Channels
+from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.simulation import convert
 
 

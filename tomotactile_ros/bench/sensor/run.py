@@ -7,7 +7,7 @@ from itertools import chain
 
 from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.trial import Methods, Trial, measure, profiles
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 Watch = Callable[[Iterable[Trial]], Iterable[Trial]]
 

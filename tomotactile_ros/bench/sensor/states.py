@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tomotactile_ros.bench import reference_data
 from tomotactile_ros.bench.reference import Admittance
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 
 
 @dataclass(frozen=True, eq=False)

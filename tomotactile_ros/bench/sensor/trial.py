@@ -22,10 +22,10 @@ from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.errors import InputError
 from tomotactile_ros.evaluation.scoring import score_frame, summary
-from tomotactile_ros.layout import Layout
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.support.errors import InputError
 
 VELOCITY = "velocity"  # key of a true contact that moves: (2,) m/s
 Methods = Callable[[Layout], dict[str, Any]]

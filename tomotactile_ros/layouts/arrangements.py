@@ -1,0 +1,138 @@
+"""Arrangements of electrodes beside the equal grid (`layout.equal_grid`): hexagonal, a ring, and
+spread evenly over any outline.
+
+Positions come from sums, products and quotients alone, or are rounded to a picometre: the same
+numbers give the same file on every machine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import MAX_ELECTRODES, Layout, half_sides
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+
+USUAL_SIZE = 0.2, 0.2  # m, of a grid's sheet where nothing is said
+MAX_SPREAD = 1024  # electrodes over an outline
+_CELLS = 20  # along the longer side for each electrode along it, while electrodes are spread
+_SWEEPS = 100
+_DECIMALS = 12  # of positions on a circle, m
+
+
+def hexagonal_grid(
+    rows: int,
+    cols: int,
+    size: tuple[float, float],
+    radius: float,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Rows of ``cols - 1`` and of ``cols`` electrodes in turn over a rectangle, in each other's
+    gaps.
+
+    Parameters
+    ----------
+    rows, cols : number of rows along y, and of electrodes in the longer rows, each at least 2.
+    size : width (x) and height (y) of the sheet, m.
+    radius, sheet_resistance : as in :class:`Layout`.
+    margin : distance of the outermost centres from the rim, m.
+
+    The first row is a shorter one. The order is row by row from the lower left. Every electrode is
+    as far from all its neighbours where the rows are 0.866 times as far apart as the electrodes
+    of a row, (width - 2 margin) / (cols - 1).
+    """
+    rows = checks.integer(rows, "rows", 2, 256)
+    cols = checks.integer(cols, "cols", 2, 256)
+    width, height = checks.pair(size, "size", "length in m")
+    outline = Outline.rectangle(width, height)
+    half_width, half_height = half_sides(outline, margin)
+    y = np.arange(1 - rows, rows, 2) / (rows - 1) * half_height
+    lines = []
+    for row in range(rows):
+        gaps = cols - 1 if row % 2 else cols - 2
+        x = np.arange(-gaps, gaps + 1, 2) / (cols - 1) * half_width
+        lines.append(np.column_stack([x, np.full(len(x), y[row])]))
+    positions = np.concatenate(lines)
+    return Layout(name or f"hex-{len(positions)}", outline, sheet_resistance, radius, positions)
+
+
+def electrode_ring(
+    count: int,
+    circle: float,
+    radius: float,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Equally spaced electrodes on a circle around the centre of a round sheet.
+
+    Parameters
+    ----------
+    count : number of electrodes, at least 3.
+    circle : radius of the sheet, m.
+    radius, sheet_resistance : as in :class:`Layout`.
+    margin : distance of the centres from the rim, m.
+
+    Electrode 0 lies on the +x axis, the others follow counter-clockwise.
+    """
+    count = checks.integer(count, "ring", 3, MAX_ELECTRODES)
+    outline = Outline.circle(checks.length(circle, "circle"))
+    reach, _ = half_sides(outline, margin)
+    angle = 2 * np.pi * np.arange(count) / count
+    positions = np.round(reach * np.column_stack([np.cos(angle), np.sin(angle)]), _DECIMALS)
+    positions += 0.0  # no -0.0 in the file
+    return Layout(name or f"ring-{count}", outline, sheet_resistance, radius, positions)
+
+
+def spread_electrodes(
+    count: int,
+    outline: Outline,
+    radius: float | None,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Electrodes spread evenly over any outline: each in the middle of what is nearest to it.
+
+    Parameters
+    ----------
+    count : number of electrodes, at least 2.
+    radius : m; None: `usual_radius`. sheet_resistance : as in :class:`Layout`.
+    margin : least distance of a centre from the rim, m.
+
+    Centroidal Voronoi cells by Lloyd's method (1982) from points each as far as can be from those
+    before it: the outermost lie half a spacing inside the rim.
+    """
+    count = checks.integer(count, "electrodes", 2, MAX_SPREAD)
+    checks.not_negative(margin, "margin", "length in m")
+    cells = Grid.for_outline(outline, min(int(_CELLS * np.sqrt(count)) + _CELLS, 400)).pixels
+    cells = cells[outline.rim_distance(cells) >= margin]
+    if len(cells) < 4 * count:
+        raise InputError(f"margin: {margin:g} m leaves no room for {count} electrodes")
+    chosen = [0]
+    away = np.linalg.norm(cells - cells[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(cells - cells[chosen[-1]], axis=1))
+    places = cells[chosen]
+    for _ in range(_SWEEPS):
+        owner = cKDTree(places).query(cells)[1]
+        size = np.maximum(np.bincount(owner, minlength=count), 1)[:, None]
+        middle = np.column_stack([np.bincount(owner, c, count) for c in cells.T]) / size
+        on = outline.contains(middle) & (outline.rim_distance(middle) >= margin)
+        places = np.where(on[:, None], middle, places)  # of a bent cell it may lie in a hole
+    places = np.round(places, _DECIMALS) + 0.0
+    if radius is None:
+        radius = usual_radius(float(cKDTree(places).query(places, k=2)[0][:, 1].min()), False)
+    return Layout(name or f"spread-{count}", outline, sheet_resistance, radius, places)
+
+
+def usual_radius(pitch: float, few: bool) -> float:
+    """Radius of an electrode, m: 5 mm for ``few`` of them and 2.5 mm otherwise, as in Kojima et
+    al. 2023, but no more than a tenth of the ``pitch`` (m)."""
+    return min(0.005 if few else 0.0025, pitch / 10)

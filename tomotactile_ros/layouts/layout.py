@@ -1,0 +1,326 @@
+"""Where the electrodes are: outline, positions, radius and sheet resistance; YAML in and out."""
+
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tomotactile_ros.layouts.layout_ids import make_id
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at, doubt
+from tomotactile_ros.support.files import find_config
+from tomotactile_ros.support.yamlio import Reader, write_mapping
+from tomotactile_ros.surfaces import Cylinder, Flat, Mesh, PointGrid, Surface
+
+FORMAT = "tomotactile-layout/1"
+MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
+MAX_ROWS = 65535  # of a frame: rows are counted by a uint16
+SMALLEST, LARGEST = 0.005, 5.0  # m, longer sides of sheets that people build
+LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
+FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
+_ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A sensor's electrodes on its sheet.
+
+    Parameters
+    ----------
+    name : identifies the layout in messages, together with a hash of the geometry.
+    outline : the sheet.
+    sheet_resistance : of the probing layer, ohm/sq.
+    radius : of every electrode, m.
+    positions : (E, 2) centres, m, inside the outline or on its rim, more than 2 radius apart.
+    provenance : how the layout came about; free-form, kept in the file.
+    surface : how the sheet is bent.
+    scan : electrodes that are grounded, row after row: any of them, as often as one likes; empty
+        for all in turn. Devices that take an order scan so, simulated frames have these rows.
+    """
+
+    name: str
+    outline: Outline
+    sheet_resistance: float
+    radius: float
+    positions: np.ndarray
+    provenance: dict = field(default_factory=dict)
+    surface: Surface = field(default_factory=Flat)
+    scan: tuple[int, ...] = ()
+
+    def __post_init__(self):
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise InputError(f"name: {checks.show(self.name)} is not a text")
+        if not self.name.isprintable():
+            raise InputError(f"name: {checks.show(self.name)} has characters that nothing shows")
+        checks.positive(self.sheet_resistance, "sheet_resistance", "number in ohm/sq")
+        checks.length(self.radius, "electrodes.radius")
+        positions = checks.points(self.positions, "electrodes.positions", least=2)
+        object.__setattr__(self, "positions", positions)
+        self._check_inside()
+        self._check_apart()
+        with complaints_at("surface."):
+            self.surface.check(self.outline.size)
+        if len(self.scan):
+            order = checks.order(self.scan, "scan.order", self.electrodes)
+            if len(order) > MAX_ROWS:
+                raise InputError(f"scan.order: {len(order)} rows, a frame has at most {MAX_ROWS}")
+            object.__setattr__(self, "scan", tuple(order.tolist()))
+
+    @property
+    def electrodes(self) -> int:
+        """Number of electrodes E."""
+        return len(self.positions)
+
+    @property
+    def grounded(self) -> np.ndarray:
+        """(L,) electrode that is grounded in each row of a frame: the scan's, or all in turn."""
+        return np.array(self.scan, np.intp) if self.scan else np.arange(self.electrodes)
+
+    @cached_property
+    def id(self) -> str:
+        """What a voltage frame names to say which layout it was measured with: ``name#1a2b3c4d``.
+
+        The hash is of what the readings depend on: outline, holes, positions and radius. How the
+        sheet is bent changes none, and which rows there are stands in each frame.
+        """
+        outline = self.outline
+        rim = [outline.radius] if outline.kind == "circle" else outline.shell
+        lengths = [rim, *outline.holes, self.positions, self.radius]
+        return make_id(self.name, outline.kind, lengths)
+
+    @cached_property
+    def pitches(self) -> np.ndarray:
+        """(E,) distance from each electrode to the next one, m, between centres."""
+        return self._tree.query(self.positions, k=2)[0][:, 1]
+
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) distance, m, and (P,) number of the electrode nearest to each of (P, 2) points."""
+        return self._tree.query(points)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.positions)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the layout as YAML; an existing file is replaced whole or not at all."""
+        content = {
+            "format": FORMAT,
+            "name": self.name,
+            "outline": self.outline.to_dict(),
+            "sheet_resistance": float(self.sheet_resistance),
+            "electrodes": {"radius": float(self.radius), "positions": self.positions},
+        }
+        if self.scan:
+            content["scan"] = {"order": list(self.scan)}
+        if self.surface != Flat():
+            content["surface"] = self.surface.to_dict(Path(os.path.realpath(path)).parent)
+        if not is_usual_size(self.outline.size):
+            content["unusual_size"] = True
+        if self.provenance:
+            content["provenance"] = self.provenance
+        write_mapping(path, content)
+
+    def _check_inside(self) -> None:
+        tolerance = _ON_RIM * max(self.outline.size)
+        outside = np.flatnonzero(~self.outline.contains(self.positions, tolerance))
+        if len(outside):
+            x, y = self.positions[outside[0]]
+            a, b = self.outline.size
+            hole = ", with holes" if self.outline.holes else ""
+            raise InputError(
+                f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}] lies outside the outline "
+                f"({self.outline.kind}, {a:g} m x {b:g} m around the origin{hole})"
+                + self._what_was_meant(tolerance)
+            )
+
+    def _what_was_meant(self, tolerance: float) -> str:
+        """Which other unit or origin puts all electrodes on the sheet, if one does."""
+        middle = np.array(self.outline.size) / 2
+        if self.outline.contains(self.positions - middle, tolerance).all():
+            return "; was the origin a corner of the sheet? It is its middle"
+        far = np.abs(self.positions).max() > FAR_OFF * max(self.outline.size)
+        if far and self.outline.contains(self.positions / 1e3, tolerance).all():
+            return "; are the positions in mm? They must be in m"
+        return ""
+
+    def _check_apart(self) -> None:
+        if self.electrodes > MAX_ELECTRODES:
+            raise InputError(
+                f"electrodes.positions: {self.electrodes} electrodes, at most {MAX_ELECTRODES} work"
+            )
+        first = int(np.argmin(self.pitches))
+        nearest = self.pitches[first]
+        if nearest <= 2 * self.radius:
+            # coinciding points may each list the other or themselves first
+            neighbours = self._tree.query(self.positions[first], k=2)[1]
+            second = int(next(n for n in neighbours if n != first))
+            low, high = sorted((first, second))
+            raise InputError(
+                f"electrodes.positions: electrodes {low} and {high} overlap: {1e3 * nearest:.4g} mm"
+                f" apart, they need more than {2e3 * self.radius:.4g} mm"
+            )
+
+
+def is_usual_size(size: tuple[float, float]) -> bool:
+    """Whether a sheet of this width and height, m, is of a size that people build."""
+    return SMALLEST <= max(size) <= LARGEST
+
+
+def check_usual_size(size: tuple[float, float], key: str, remedy: str, meant: bool = False) -> None:
+    """Refuse a size, m, that was probably given in another unit, unless it is `meant`; `remedy`
+    says how to insist."""
+    if meant or is_usual_size(size):
+        return
+    a, b = size
+    instead = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
+    raise InputError(
+        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {instead} meant? If not, {remedy}"
+    )
+
+
+def load_layout(path: str | os.PathLike) -> Layout:
+    """Read a layout from a path, or by the name of an installed one."""
+    path = find_config("layouts", path)
+    reader = Reader.open(path, FORMAT)
+    reader.only(
+        "format",
+        "name",
+        "outline",
+        "sheet_resistance",
+        "electrodes",
+        "provenance",
+        "scan",
+        "surface",
+        "unusual_size",
+    )
+    electrodes = reader.section("electrodes")
+    electrodes.only("radius", "positions")
+    outline = _read_outline(reader.section("outline"))
+    surface = Flat()
+    if "surface" in reader:
+        surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
+    scan: tuple[int, ...] = ()
+    if "scan" in reader:
+        section = reader.section("scan")
+        section.only("order")
+        scan = section.integers("order")
+        if not scan:
+            section.refuse("order", [], "names no electrode; without scan all are grounded in turn")
+    if not reader.flag("unusual_size"):
+        check_usual_size(outline.size, f"{reader.place}outline", "write unusual_size: true")
+    sheet_resistance = reader.number("sheet_resistance")
+    if 0 < sheet_resistance < LOW_RESISTANCE:
+        doubt(
+            f"{reader.place}sheet_resistance: {sheet_resistance:g} ohm/sq is low for a probing "
+            f"layer; was {sheet_resistance:g} kohm/sq meant? That is {1e3 * sheet_resistance:g}"
+        )
+    return reader.build(
+        Layout,
+        name=reader.text("name"),
+        outline=outline,
+        sheet_resistance=sheet_resistance,
+        radius=electrodes.number("radius"),
+        positions=electrodes.points("positions"),
+        provenance=reader.free("provenance"),
+        surface=surface,
+        scan=scan,
+    )
+
+
+def equal_grid(
+    rows: int,
+    cols: int,
+    size: tuple[float, float],
+    radius: float,
+    sheet_resistance: float,
+    margin: float = 0.0,
+    name: str | None = None,
+) -> Layout:
+    """Electrodes on an equally spaced grid over a rectangle.
+
+    Parameters
+    ----------
+    rows, cols : number of electrodes along y and along x, each at least 2.
+    size : width (x) and height (y) of the sheet, m.
+    radius, sheet_resistance : as in :class:`Layout`.
+    margin : distance of the outermost centres from the rim, m.
+
+    The order is row by row from the lower left: electrode ``r * cols + c`` is in row ``r`` from
+    below and column ``c`` from the left.
+    """
+    rows = checks.integer(rows, "rows", 2, 256)
+    cols = checks.integer(cols, "cols", 2, 256)
+    width, height = checks.pair(size, "size", "length in m")
+    outline = Outline.rectangle(width, height)
+    half_width, half_height = half_sides(outline, margin)
+    x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
+    positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
+    return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+
+
+def half_sides(outline: Outline, margin: float) -> tuple[float, float]:
+    """Half of the width and height that a margin (m) leaves; InputError where it leaves none."""
+    margin = checks.not_negative(margin, "margin", "length in m")
+    a, b = outline.size
+    if margin >= min(a, b) / 2:
+        raise InputError(
+            f"margin: {margin:g} leaves no room, it must be below {min(a, b) / 2:g}, half the sheet"
+        )
+    return a / 2 - margin, b / 2 - margin
+
+
+def _equal_steps(count: int) -> np.ndarray:
+    """(count,) equally spaced numbers from -1 to 1, mirrored without rounding."""
+    return (2 * np.arange(count) - (count - 1)) / (count - 1)
+
+
+def _read_outline(reader: Reader) -> Outline:
+    reader.only("rectangle", "circle", "polygon", "holes")
+    kinds = [kind for kind in ("rectangle", "circle", "polygon") if kind in reader]
+    if len(kinds) != 1:
+        found = " and ".join(kinds) or "none"
+        raise InputError(
+            f"{reader.place[:-1]}: exactly one of rectangle, circle, polygon is needed; "
+            f"found {found}"
+        )
+    holes = [entry.points(key) for key, entry in reader.entries("holes")]
+    if kinds == ["rectangle"]:
+        return reader.build(Outline.rectangle, *reader.numbers("rectangle", 2), holes=holes)
+    if kinds == ["circle"]:
+        return reader.build(Outline.circle, reader.number("circle"), holes=holes)
+    return reader.build(Outline.polygon, reader.points("polygon"), holes=holes)
+
+
+def _read_surface(reader: Reader, folder: Path, size: tuple[float, float]) -> Surface:
+    kinds = ("flat", "cylinder", "grid", "mesh")
+    reader.only(*kinds)
+    named = [kind for kind in kinds if kind in reader]
+    if len(named) != 1:
+        found = " and ".join(named) or "none"
+        raise InputError(
+            f"{reader.place[:-1]}: exactly one of {', '.join(kinds)} is needed; found {found}"
+        )
+    section = reader.section(named[0])
+    if named == ["cylinder"]:
+        section.only("radius")
+        return reader.build(Cylinder, section.number("radius"))
+    if named == ["grid"]:
+        section.only("points")
+        return reader.build(PointGrid, section.grid("points", 3), size, "grid")
+    if named == ["mesh"]:
+        section.only("file", "center", "x_axis", "scale")
+        return reader.build(
+            Mesh.load,
+            section.text("file"),
+            section.numbers("center", 3),
+            section.numbers("x_axis", 3),
+            section.number("scale", 1.0),
+            folder,
+            size,
+        )
+    section.only()
+    return Flat()

@@ -1,0 +1,260 @@
+"""The life of a node: plain or managed, one or several in a process, and its clean end.
+
+What a node does is written once, as a part: it declares parameters and topics when it is made, and
+is then configured, activated, deactivated and cleaned up - at once by a plain node, on request by a
+managed one (rclpy.lifecycle).
+"""
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+
+from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.usage import asks_for_help, usage
+from tomotactile_ros.support.command_line import say_doubts
+from tomotactile_ros.support.errors import InputError
+
+BAD_INPUT = 2
+_THREADS = 4  # parameters and services, diagnostics and frames of a node; two nodes in a process
+AUTOSTART = Spec("autostart", False, "Be active from the start", read_only=True)
+
+
+class Part(Protocol):
+    """What a node does. `configure` may raise InputError; the others work in any state."""
+
+    name: str
+
+    def configure(self) -> None:
+        """Read files and prepare everything."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working; nothing is published afterwards."""
+
+    def cleanup(self) -> None:
+        """Let go of what `configure` made."""
+
+
+class PlainNode(Node):
+    """A node that works from its creation to its destruction."""
+
+    def __init__(self, make_part: Callable[[Node], Part], namespace: str | None = None):
+        with _settings_of_ros():
+            super().__init__(make_part.name, namespace=namespace)
+        self.part: Part | None = None
+        try:
+            with _settings_of_ros():
+                self.part = make_part(self)
+            self.part.configure()
+            self.part.activate()
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def destroy_node(self) -> None:
+        """Stop the work, then the node."""
+        if self.part is not None:
+            self.part.deactivate()
+            self.part.cleanup()
+            self.part = None
+        super().destroy_node()
+
+
+class ManagedNode(LifecycleNode):
+    """A node whose life is managed by services: configure, activate, deactivate, cleanup.
+
+    With the parameter `autostart` it configures and activates itself at the start, and so does not
+    depend on a manager to come back after a crash.
+    """
+
+    def __init__(self, make_part: Callable[[Node], Part]):
+        with _settings_of_ros():
+            super().__init__(make_part.name)
+            self.part = make_part(self)
+        if Parameters(self, (AUTOSTART,), _read_only)["autostart"]:
+            self._start()
+
+    def _start(self) -> None:
+        for transition in (self.trigger_configure, self.trigger_activate):
+            result = transition()
+            if result != TransitionCallbackReturn.SUCCESS:  # the reason is in the log
+                self.destroy_node()
+                if not rclpy.ok():
+                    raise ExternalShutdownException()
+                raise SystemExit(BAD_INPUT if result == TransitionCallbackReturn.FAILURE else 1)
+
+    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
+        """Refuse a transition that the state does not have, where rclpy would end the node.
+
+        The private method that this replaces has been mended since Jazzy (ros2/rclpy#1209).
+        """
+        possible = {
+            number: label for number, label, *_ in self._state_machine.available_transitions
+        }
+        if transition not in possible:
+            self.get_logger().error(
+                f"transition {transition} is not possible in state "
+                f"{self._state_machine.current_state[1]}, only "
+                + (", ".join(f"{label} ({k})" for k, label in possible.items()) or "none")
+            )
+            return TransitionCallbackReturn.FAILURE
+        return super()._LifecycleNodeMixin__change_state(transition)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
+        return self._do(self.part.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work."""
+        return self._do(self.part.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop working."""
+        return self._do(self.part.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of everything."""
+        return self._do(self.part.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and let go."""
+        return self._do(self._stop)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Back to unconfigured after an error in a transition."""
+        return self._do(self._stop)
+
+    def destroy_node(self) -> None:
+        """Stop the work, then the node."""
+        self._stop()
+        super().destroy_node()
+
+    def _stop(self) -> None:
+        self.part.deactivate()
+        self.part.cleanup()
+
+    def _do(self, work: Callable[[], None]) -> TransitionCallbackReturn:
+        """Whether it worked; if not, the log says why, which rclpy would keep to itself."""
+        try:
+            work()
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception:  # noqa: BLE001 - a defect, which must not be taken for bad input
+            if rclpy.ok():  # otherwise a stop came in between
+                self.get_logger().error(traceback.format_exc())
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+
+def run(
+    make_nodes: Callable[[], Iterable[Node]],
+    args: list[str] | None,
+    about: str,
+    specs: Mapping[str, Sequence[Spec]],
+) -> int:
+    """Run nodes until they are asked to stop (Ctrl-C, SIGTERM, shutdown).
+
+    Parameters
+    ----------
+    make_nodes : makes the nodes, one by one, once ROS is there.
+    args : command line; None for this process's own.
+    about, specs : for `--help`: what the program is, and the parameters of its nodes.
+
+    Returns
+    -------
+    Exit status: 0 after a stop, 2 after bad input, which is said in one line.
+    """
+    nodes: list[Node] = []
+    interrupt, started = _Interrupt(), False
+    say_doubts(_program())
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):  # before rclpy's own, which call these
+            signal.signal(number, interrupt)
+        if asks_for_help(sys.argv[1:] if args is None else args):
+            print(usage(_program(), about, specs))
+            return 0
+        _init(args)
+        started = True
+        if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+            signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+        executor = MultiThreadedExecutor(_THREADS)
+        for node in make_nodes():
+            nodes.append(node)
+            executor.add_node(node)
+        interrupt.wanted = False
+        executor.spin()
+    except InputError as error:
+        print(f"{_program()}: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except Exception:
+        if rclpy.ok() or not started:
+            raise
+        return 0  # stopped while the nodes were being made
+    finally:
+        # a launch file's Ctrl-C comes twice: from the terminal and from the launch process
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+class _Interrupt:
+    """A signal ends what is computed at once while it is `wanted`: while nodes are made.
+
+    Later rclpy ends the spinning. An exception there can come between the start of a thread of the
+    executor's pool and its entry in the pool's list: it would be waited for, and never told to end.
+    """
+
+    def __init__(self) -> None:
+        self.wanted = True
+
+    def __call__(self, number: int, frame: object) -> None:
+        if self.wanted:
+            raise KeyboardInterrupt
+
+
+def _program() -> str:
+    return sys.argv[0].rsplit("/", 1)[-1]
+
+
+def _init(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        raise InputError(f"ROS does not start: {_one_line(error)}") from None
+
+
+@contextmanager
+def _settings_of_ros() -> Iterator[None]:
+    """Bad input, too: use_sim_time, qos_overrides and others that ROS itself reads."""
+    try:
+        yield
+    except (ParameterException, RuntimeError) as error:
+        if not rclpy.ok():
+            raise
+        raise InputError(_one_line(error)) from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _read_only(changed: set[str], values: dict[str, Any]) -> None:
+    """Nothing changes at run time."""

@@ -1,0 +1,166 @@
+"""What is wrong with a measurement: noise, conversion, drift, hum, wiring, uneven sheet.
+
+Only the descriptions, and how they are read from a scene file; the simulation applies them.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from tomotactile_ros.scenes import channels, sheet_field
+from tomotactile_ros.scenes.channels import Channels, read_channels
+from tomotactile_ros.scenes.sheet_field import SheetField, SheetVariation, read_sheet_field
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import Reader
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Gaussian noise of every reading: ``rms`` in V, and the seed of the random numbers."""
+
+    rms: float
+    seed: int = 0
+
+    def __post_init__(self):
+        checks.not_negative(self.rms, "rms", "voltage in V")
+        _check_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Adc:
+    """Analog-digital conversion: 2^bits steps from 0 V to ``range`` V."""
+
+    bits: int
+    range: float
+
+    def __post_init__(self):
+        checks.integer(self.bits, "bits", 1, 32)
+        checks.positive(self.range, "range", "voltage in V")
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Slow wandering of the readings: ``amplitude`` in V, ``period`` in s, seed of its phases."""
+
+    amplitude: float
+    period: float
+    seed: int = 0
+
+    def __post_init__(self):
+        checks.not_negative(self.amplitude, "amplitude", "voltage in V")
+        checks.positive(self.period, "period", "time in s")
+        _check_seed(self.seed)
+
+
+@dataclass(frozen=True)
+class Hum:
+    """Mains hum on the readings: ``amplitude`` in V, ``frequency`` in Hz."""
+
+    amplitude: float
+    frequency: float
+
+    def __post_init__(self):
+        checks.not_negative(self.amplitude, "amplitude", "voltage in V")
+        checks.positive(self.frequency, "frequency", "number of Hz")
+
+
+@dataclass(frozen=True)
+class Defects:
+    """What is wrong with the sensor; each part is modelled only if it is named.
+
+    Parameters
+    ----------
+    dead : electrodes without a valid reading.
+    swapped : pairs of electrodes whose wires are exchanged.
+    drift, hum, sheet_variation : see there; None for none.
+    switch_resistance : between the grounded electrode and ground, ohm.
+    sheet, channels : what else is wrong with the sheet; with the readings, and what lies between
+        each electrode and ground. In a scene file their keys stand beside the others.
+    """
+
+    dead: tuple[int, ...] = ()
+    swapped: tuple[tuple[int, int], ...] = ()
+    drift: Drift | None = None
+    hum: Hum | None = None
+    switch_resistance: float = 0.0
+    sheet_variation: SheetVariation | None = None
+    sheet: SheetField = field(default_factory=SheetField)
+    channels: Channels = field(default_factory=Channels)
+
+    def __post_init__(self):
+        checks.not_negative(self.switch_resistance, "switch_resistance", "resistance in ohm")
+        wires = [wire for pair in self.swapped for wire in pair]
+        for key, numbers in (("dead", self.dead), ("swapped", wires)):
+            if len(set(numbers)) < len(numbers):
+                raise InputError(f"{key}: {checks.show(list(numbers))} names an electrode twice")
+            if min(numbers, default=0) < 0:
+                raise InputError(f"{key}: {min(numbers)} is not an electrode, they count from 0")
+
+
+def _check_seed(seed: int) -> None:
+    checks.integer(seed, "seed", 0, 2**32 - 1)
+
+
+def named_defects(defects: Defects) -> dict[str, object]:
+    """What a scene file says of all defects that there are."""
+    everything = {**vars(defects), **vars(defects.sheet), **vars(defects.channels)}
+    own = {key: each for key, each in everything.items() if key not in ("sheet", "channels")}
+    return {key: _content(each) for key, each in own.items() if each}
+
+
+def _content(value):
+    if isinstance(value, tuple):
+        return [_content(each) for each in value]
+    if not dataclasses.is_dataclass(value):
+        return value
+    return {key: each for key, each in dataclasses.asdict(value).items() if each is not None}
+
+
+def read_section(
+    reader: Reader, key: str, kind: type[T], numbers: tuple[str, ...], seed: bool = False
+) -> T | None:
+    """An object of numbers (and a seed) under a key, or None if the key is not there."""
+    if key not in reader:
+        return None
+    section = reader.section(key)
+    section.only(*numbers, *(["seed"] if seed else []))
+    values = {name: section.number(name) for name in numbers}
+    if seed:
+        values["seed"] = section.integer("seed", 0)
+    return section.build(kind, **values)
+
+
+def read_adc(reader: Reader) -> Adc | None:
+    """The converter of a scene file, or None if it names none."""
+    if "adc" not in reader:
+        return None
+    section = reader.section("adc")
+    section.only("bits", "range")
+    return section.build(Adc, section.integer("bits"), section.number("range"))
+
+
+def read_defects(reader: Reader) -> Defects:
+    """The defects in a mapping of a scene file."""
+    own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
+    reader.only(*own, *sheet_field.KEYS, *channels.KEYS)
+    swapped = []
+    for key, entry in reader.entries("swapped"):
+        swapped.append(entry.integers(key))
+        if len(swapped[-1]) != 2:
+            reader.refuse(key, list(swapped[-1]), "is not a pair of electrodes")
+    return reader.build(
+        Defects,
+        dead=reader.integers("dead", ()),
+        swapped=tuple(swapped),
+        drift=read_section(reader, "drift", Drift, ("amplitude", "period"), seed=True),
+        hum=read_section(reader, "hum", Hum, ("amplitude", "frequency")),
+        switch_resistance=reader.number("switch_resistance", 0.0),
+        sheet_variation=read_section(
+            reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
+        ),
+        sheet=read_sheet_field(reader),
+        channels=read_channels(reader),
+    )

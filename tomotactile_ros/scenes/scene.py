@@ -1,0 +1,176 @@
+"""What touches the sheet and what is wrong with the measurement; YAML in and out.
+
+Anything a scene does not name is not modelled.
+"""
+
+import math
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tomotactile_ros.layouts.layout import FAR_OFF, Layout
+from tomotactile_ros.scenes.contact import Contact, read_contact
+from tomotactile_ros.scenes.contact_law import ContactLaw, read_contact_law
+from tomotactile_ros.scenes.defects import (
+    Adc,
+    Defects,
+    Noise,
+    named_defects,
+    read_adc,
+    read_defects,
+    read_section,
+)
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, printable
+from tomotactile_ros.support.files import find_config
+from tomotactile_ros.support.yamlio import Reader, write_mapping
+
+FORMAT = "tomotactile-scene/1"
+MAX_CONTACTS = 1000  # over all times
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a sensor measures: contacts, drive and defects.
+
+    Parameters
+    ----------
+    name : for people.
+    drive_voltage : of the driving layer, V.
+    contacts : any number, also none; they may coincide.
+    contact_law : makes a pressure a conductance; None: all contacts are bare conductors at the
+        drive voltage and their pressure is only part of the truth.
+    live : whether contacts also come from outside while the scene is simulated, see `touches`.
+    noise, adc, defects : of the measurement.
+    own_reading : the grounded electrode is read, too: what drops between it and ground.
+    layout : name of the layout that the scene was made for, or None for any.
+    """
+
+    name: str
+    drive_voltage: float
+    contacts: tuple[Contact, ...] = ()
+    contact_law: ContactLaw | None = None
+    noise: Noise | None = None
+    adc: Adc | None = None
+    defects: Defects = field(default_factory=Defects)
+    layout: str | None = None
+    live: bool = False
+    own_reading: bool = False
+
+    def __post_init__(self):
+        checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
+        contacts = tuple(contact.under(self.contact_law) for contact in self.contacts)
+        object.__setattr__(self, "contacts", contacts)
+
+    def check(self, layout: Layout) -> None:
+        """Refuse a layout that the scene does not fit."""
+        place = f"scene {self.name}: "
+        if self.layout is not None and self.layout != layout.name:
+            raise InputError(
+                f"{place}layout: the scene is for '{self.layout}', not for '{layout.name}'"
+            )
+        for i, contact in enumerate(self.contacts):
+            if not _reaches(contact, layout):
+                far = np.abs(contact.centroid).max() > FAR_OFF * max(layout.outline.size)
+                in_mm = far and layout.outline.contains(contact.centroid[None] / 1e3).all()
+                raise InputError(
+                    f"{place}contacts[{i}]: never touches the sheet of {layout.name}"
+                    + ("; is it in mm? Lengths are in m" if in_mm else "")
+                )
+        wires = [wire for pair in self.defects.swapped for wire in pair]
+        for key, numbers in (("dead", self.defects.dead), ("swapped", wires)):
+            if max(numbers, default=0) >= layout.electrodes:
+                raise InputError(
+                    f"{place}defects.{key}: electrode {max(numbers)} does not exist, "
+                    f"{layout.name} has 0 to {layout.electrodes - 1}"
+                )
+        self.defects.channels.check(layout.electrodes, f"{place}defects.")
+
+        self.defects.sheet.check(layout, f"{place}defects.")
+
+    def truth(self, t: float) -> list[dict]:
+        """What really touches at the time ``t`` (s), in the order of the scene.
+
+        For each contact x, y (centroid, m), force (N), pressure (peak, Pa; of a punch, whose rim
+        has no finite one, the mean), area (m²) and radius (of the disc of the same area, m); force
+        and pressure are None where the scene names neither.
+        """
+        return [_describe(now) for contact in self.contacts if (now := contact.at(t)) is not None]
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the scene as YAML; an existing file is replaced whole or not at all."""
+        content = {"format": FORMAT, "drive_voltage": float(self.drive_voltage)}
+        if self.own_reading:
+            content["own_reading"] = True
+        if self.layout is not None:
+            content["layout"] = self.layout
+        if self.live:
+            content["live"] = True
+        content["contacts"] = [contact.to_dict() for contact in self.contacts]
+        if self.contact_law is not None:
+            content["contact_law"] = self.contact_law.to_dict()
+        for key in ("noise", "adc"):
+            if getattr(self, key) is not None:
+                content[key] = dict(vars(getattr(self, key)))
+        defects = named_defects(self.defects)
+        if defects:
+            content["defects"] = defects
+        write_mapping(path, content)
+
+
+def load_scene(path: str | os.PathLike) -> Scene:
+    """Read a scene from a path, or by the name of an installed one."""
+    path = find_config("scenes", path)
+    reader = Reader.open(path, FORMAT)
+    reader.only(
+        "format",
+        "drive_voltage",
+        "layout",
+        "live",
+        "contacts",
+        "contact_law",
+        "noise",
+        "adc",
+        "defects",
+        "own_reading",
+    )
+    count = len(reader.items("contacts", []))
+    if count > MAX_CONTACTS:
+        raise InputError(f"{reader.place}contacts: {count} are named, at most {MAX_CONTACTS} work")
+    return reader.build(
+        Scene,
+        name=printable(Path(path).stem),
+        drive_voltage=reader.number("drive_voltage"),
+        contacts=[read_contact(contact) for contact in reader.sections("contacts")],
+        contact_law=_read_law(reader),
+        noise=read_section(reader, "noise", Noise, ("rms",), seed=True),
+        adc=read_adc(reader),
+        defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
+        layout=reader.text("layout", None),
+        live=reader.flag("live"),
+        own_reading=reader.flag("own_reading"),
+    )
+
+
+def _read_law(reader: Reader) -> ContactLaw | None:
+    return read_contact_law(reader.section("contact_law")) if "contact_law" in reader else None
+
+
+def _reaches(contact: Contact, layout: Layout) -> bool:
+    """Whether the contact touches the sheet at any time."""
+    farthest = np.linalg.norm(contact.vertices, axis=1).max() + np.linalg.norm(layout.outline.size)
+    return any(layout.outline.is_met_by(*leg) for leg in contact.legs(2 * farthest))
+
+
+def _describe(contact: Contact) -> dict:
+    x, y = contact.centroid
+    return {
+        "x": float(x),
+        "y": float(y),
+        "force": contact.total_force,
+        "pressure": contact.peak_pressure,
+        "area": contact.area,
+        "radius": math.sqrt(contact.area / math.pi),
+    }

@@ -1,0 +1,133 @@
+"""Writes `.npz` files of any length in little memory: arrays grow entry by entry on the disk.
+
+An `.npz` is a zip of `.npy` files, whose header says how many entries there are. That is known at
+the end only: until then each array is a temporary file of bare numbers beside the result.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import atomic_file, check_folder
+
+_PIECE = 1 << 20
+
+
+@contextmanager
+def npz_writer(path: str | os.PathLike) -> Iterator[NpzWriter]:
+    """A writer whose file is there at the end, whole or, where something was raised, not at all.
+
+    Raises
+    ------
+    InputError
+        It cannot be written there.
+    """
+    check_folder(path)
+    writer = NpzWriter(path)
+    try:
+        yield writer
+        writer.finish()
+    finally:
+        writer.close()
+
+
+class NpzWriter:
+    """Arrays on their way into a file, see `npz_writer`."""
+
+    def __init__(self, path: str | os.PathLike) -> None:
+        self._path = path
+        self._grown: dict[str, _Growing | _Text] = {}
+        self._whole: dict[str, np.ndarray] = {}
+
+    def append(self, **entries: object) -> None:
+        """Add one entry to each of these arrays; all entries of one have one shape and type."""
+        for name, entry in entries.items():
+            self._add(name, np.asarray(entry), _Growing)
+
+    def append_text(self, **pieces: str) -> None:
+        """Go on with each of these texts, which are arrays of one entry in the file."""
+        for name, piece in pieces.items():
+            self._add(name, piece, _Text)
+
+    def _add(self, name, entry, kind) -> None:
+        try:
+            if name not in self._grown:
+                self._grown[name] = kind(entry, Path(os.path.realpath(self._path)).parent)
+            self._grown[name].append(entry)
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
+
+    def put(self, **arrays: object) -> None:
+        """Add whole arrays."""
+        self._whole.update({name: np.asarray(array) for name, array in arrays.items()})
+
+    def close(self) -> None:
+        """Remove what was kept on the way."""
+        for grown in self._grown.values():
+            grown.file.close()
+
+    def finish(self) -> None:
+        """Write the file."""
+        with (
+            atomic_file(self._path) as file,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            for name, array in self._whole.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, array, allow_pickle=False)
+            for name, grown in self._grown.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    grown.write_to(member)
+
+
+class _Growing:
+    """An array whose entries are in a file."""
+
+    def __init__(self, first: np.ndarray, folder: Path) -> None:
+        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by the writer
+        self._dtype, self._shape = first.dtype, first.shape
+        self._length = 0
+
+    def append(self, array: np.ndarray) -> None:
+        if array.shape != self._shape:
+            raise ValueError(f"an entry of shape {array.shape} among those of {self._shape}")
+        self.file.write(np.ascontiguousarray(array, self._dtype).tobytes())
+        self._length += 1
+
+    def write_to(self, member: IO[bytes]) -> None:
+        _write(member, self.file, self._dtype, (self._length, *self._shape))
+
+
+class _Text:
+    """A text in a file, four bytes a character as numpy has it."""
+
+    def __init__(self, first: str, folder: Path) -> None:
+        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by the writer
+        self._length = 0
+
+    def append(self, piece: str) -> None:
+        self.file.write(piece.encode("utf-32-le"))
+        self._length += len(piece)
+
+    def write_to(self, member: IO[bytes]) -> None:
+        _write(member, self.file, np.dtype(f"<U{max(self._length, 1)}"), ())
+
+
+def _write(member: IO[bytes], file: IO[bytes], dtype: np.dtype, shape: tuple[int, ...]) -> None:
+    """An array in the format of numpy whose bytes are in `file`."""
+    header = {
+        "descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape,
+    }  # fmt: skip
+    np.lib.format.write_array_header_1_0(member, header)
+    file.seek(0)
+    shutil.copyfileobj(file, member, _PIECE)

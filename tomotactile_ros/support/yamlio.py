@@ -1,0 +1,333 @@
+"""Strict reading and safe writing of the project's YAML files.
+
+A :class:`Reader` wraps one mapping of a file and knows where it is, so that every complaint names
+file and key: ``scene.yaml: contacts[1].radius: 'big' is not a number``. It checks types; what a
+value may be is checked by the class that is built from it (see :meth:`Reader.build`).
+"""
+
+import difflib
+import math
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from tomotactile_ros.support.checks import show
+from tomotactile_ros.support.errors import InputError, complaints_at
+from tomotactile_ros.support.files import read_limited, write_atomic
+
+MAX_BYTES = 1_000_000
+MAX_VALUES = 300_000  # seconds of work; 65535 positions have 200,000
+MAX_DEPTH = 50
+MAX_DIGITS = 10_000  # what takes the square of its length: 1:2:3 is a number in YAML 1.1
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_OURS = re.compile(r"^[\"']?format[\"']?\s*:\s*[\"']?tomotactile-", re.MULTILINE)
+_REQUIRED: Any = object()
+T = TypeVar("T")
+
+
+class _SlowParser(yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser):
+    """The parser in Python, where PyYAML was built without libyaml."""
+
+    def __init__(self, stream):
+        yaml.reader.Reader.__init__(self, stream)
+        yaml.scanner.Scanner.__init__(self)
+        yaml.parser.Parser.__init__(self)
+
+
+_Parser = yaml.cyaml.CParser if yaml.__with_libyaml__ else _SlowParser
+
+
+class _Loader(
+    yaml.composer.Composer, _Parser, yaml.constructor.SafeConstructor, yaml.resolver.Resolver
+):
+    """Safe YAML without what only hides mistakes or bombs: repeated keys, aliases, depth."""
+
+    def __init__(self, stream):
+        _Parser.__init__(self, stream)
+        yaml.composer.Composer.__init__(self)
+        yaml.constructor.SafeConstructor.__init__(self)
+        yaml.resolver.Resolver.__init__(self)
+        self._values = self._depth = 0
+
+    def compose_node(self, parent, index):
+        if self.check_event(yaml.AliasEvent):
+            self._refuse("aliases (*name) are not allowed")
+        self._values += 1
+        self._depth += 1
+        if self._values > MAX_VALUES:
+            self._refuse(f"more than {MAX_VALUES} values")
+        if self._depth > MAX_DEPTH:
+            self._refuse("nested too deeply")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        scalar = isinstance(node, yaml.ScalarNode)
+        if scalar and len(node.value) > MAX_DIGITS and not node.tag.endswith(":str"):
+            raise yaml.MarkedYAMLError(
+                problem=f"a number of {len(node.value)} characters", problem_mark=node.start_mark
+            )
+        return node
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key, _ in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else None
+            if name in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {show(name)} appears twice", problem_mark=key.start_mark
+                )
+            if name is not None:
+                seen.add(name)
+        return super().construct_mapping(node, deep)
+
+    def _refuse(self, problem: str) -> None:
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
+
+
+def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
+    """The mapping at the top of a YAML file of at most `most` bytes; InputError for anything else.
+
+    What stands in a file that is none of this package is not repeated in the complaint: its path
+    may have been given by somebody who must not read it.
+    """
+    path = Path(path)
+    try:
+        text = read_limited(path, most).decode()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file in UTF-8") from None
+    ours = _OURS.search(text) is not None
+    try:
+        content = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        problem = error.problem if ours else re.sub(r"'.*'", "'...'", error.problem)
+        raise InputError(f"{path}: {line}not valid YAML: {problem}") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply") from None
+    except (yaml.YAMLError, ValueError) as error:
+        reason = ": " + " ".join(str(error).split()) if ours else ""
+        raise InputError(f"{path}: not valid YAML{reason}") from None
+    if content is None:
+        raise InputError(f"{path}: the file is empty")
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: is not a mapping of keys to values")
+    return content
+
+
+class Reader:
+    """One mapping of a YAML file, read key by key.
+
+    Parameters
+    ----------
+    mapping : the keys and values.
+    place : where it is, the start of every error: ``"scene.yaml: "`` or ``"scene.yaml: adc."``.
+    """
+
+    def __init__(self, mapping: dict, place: str):
+        self.mapping = mapping
+        self.place = place
+
+    @classmethod
+    def open(cls, path: str | os.PathLike, file_format: str, most: int = MAX_BYTES) -> "Reader":
+        """Read a file of at most ``most`` bytes whose key ``format`` must be ``file_format``."""
+        reader = cls(read_mapping(path, most), f"{path}: ")
+        found = reader.mapping.get("format")
+        if found != file_format:
+            ours = isinstance(found, str) and found.startswith("tomotactile-")
+            was = "is missing" if found is None else "is not known here"
+            was = f"{show(found)} {was}" if ours else was
+            raise InputError(f"{path}: format: {was}, the file must say 'format: {file_format}'")
+        return reader
+
+    def __contains__(self, key: str) -> bool:
+        return self.mapping.get(key) is not None
+
+    def only(self, *allowed: str) -> None:
+        """Refuse every key that is not in ``allowed``."""
+        for key in self.mapping:
+            if key not in allowed:
+                close = difflib.get_close_matches(str(key), allowed, n=1)
+                hint = f"did you mean '{close[0]}'? " if close else ""
+                raise InputError(
+                    f"{self.place}{show(key).strip(chr(39))}: unknown key; {hint}"
+                    f"allowed are {', '.join(allowed)}"
+                )
+
+    def number(self, key: str, default: float | None = _REQUIRED, infinite: bool = False) -> float:
+        """A finite number (or, if ``infinite``, also an infinite one)."""
+        value = self._value(key, default)
+        return value if value is default else self._number(value, key, infinite)
+
+    def integer(self, key: str, default: int | None = _REQUIRED) -> int:
+        """A whole number."""
+        value = self._value(key, default)
+        return value if value is default else self._integer(value, key)
+
+    def flag(self, key: str) -> bool:
+        """true or false; false if the key is not there."""
+        value = self._value(key, False)
+        if not isinstance(value, bool):
+            self.refuse(key, value, "is neither true nor false")
+        return value
+
+    def text(self, key: str, default: str | None = _REQUIRED) -> str:
+        """A text that is not blank."""
+        value = self._value(key, default)
+        if value is not default and not (isinstance(value, str) and value.strip()):
+            self.refuse(key, value, "is not a text")
+        return value
+
+    def choice(self, key: str, options: Sequence[str]) -> str:
+        """One of a few words."""
+        value = self._value(key, _REQUIRED)
+        if value not in options:
+            self.refuse(key, value, f"is none of {', '.join(options)}")
+        return value
+
+    def numbers(self, key: str, length: int, default: Any = _REQUIRED) -> tuple[float, ...]:
+        """A list of ``length`` finite numbers."""
+        value = self._value(key, default)
+        return value if value is default else self._numbers(value, key, length)
+
+    def integers(self, key: str, default: Any = _REQUIRED) -> tuple[int, ...]:
+        """A list of whole numbers of any length."""
+        value = self._value(key, default)
+        if value is default:
+            return value
+        return tuple(self._integer(v, f"{key}[{i}]") for i, v in enumerate(self._list(key, value)))
+
+    def points(self, key: str) -> np.ndarray:
+        """A list of points [x, y]: ``(N, 2)`` float64."""
+        value = self._list(key, self._value(key, _REQUIRED))
+        rows = [self._numbers(point, f"{key}[{i}]", 2) for i, point in enumerate(value)]
+        return np.array(rows, dtype=np.float64).reshape(-1, 2)
+
+    def grid(self, key: str, length: int) -> np.ndarray:
+        """A list of equally long lists of points: (R, C, length) float64."""
+        rows = [
+            [self._numbers(point, f"{key}[{i}][{j}]", length) for j, point in enumerate(row)]
+            for i, row in enumerate(
+                self._list(f"{key}[{k}]", row)
+                for k, row in enumerate(self._list(key, self._value(key, _REQUIRED)))
+            )
+        ]
+        for i, row in enumerate(rows):
+            if len(row) != len(rows[0]):
+                self.refuse(f"{key}[{i}]", len(row), f"points, {key}[0] has {len(rows[0])}")
+        return np.array(rows, dtype=np.float64).reshape(len(rows), -1, length)
+
+    def items(self, key: str, default: Any = _REQUIRED) -> list:
+        """A list of anything."""
+        value = self._value(key, default)
+        return value if value is default else self._list(key, value)
+
+    def entries(self, key: str) -> list[tuple[str, "Reader"]]:
+        """The list under a key, if any: each entry's name, and a reader that knows it by that."""
+        named = [(f"{key}[{i}]", value) for i, value in enumerate(self.items(key, []))]
+        return [(name, Reader({name: value}, self.place)) for name, value in named]
+
+    def free(self, key: str) -> dict:
+        """A mapping of anything; empty if the key is not there."""
+        value = self._value(key, {})
+        if not isinstance(value, dict):
+            self.refuse(key, value, "is not a mapping of keys to values")
+        return value
+
+    def section(self, key: str) -> "Reader":
+        """The mapping under a key."""
+        return self._reader(self._value(key, _REQUIRED), key)
+
+    def sections(self, key: str) -> list["Reader"]:
+        """The mappings in the list under a key; none if the key is not there."""
+        return [self._reader(v, f"{key}[{i}]") for i, v in enumerate(self.items(key, []))]
+
+    def build(self, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+        """``make(...)``, with this mapping's place put before the complaint of a failure."""
+        with complaints_at(self.place):
+            return make(*args, **kwargs)
+
+    def refuse(self, key: str, value: object, reason: str) -> None:
+        """Raise the InputError for a value."""
+        raise InputError(f"{self.place}{key}: {show(value)} {reason}")
+
+    def _value(self, key: str, default: Any) -> Any:
+        value = self.mapping.get(key)
+        if value is not None:
+            return value
+        if default is _REQUIRED:
+            raise InputError(f"{self.place}{key}: is missing")
+        return default
+
+    def _number(self, value: object, key: str, infinite: bool = False) -> float:
+        is_text = isinstance(value, str) and _NUMBER.fullmatch(value)  # YAML 1.1 on 1e-3
+        if not (is_text or isinstance(value, (int, float))) or isinstance(value, bool):
+            self.refuse(key, value, "is not a number")
+        try:
+            result = float(value)
+        except OverflowError:
+            result = math.inf
+        if math.isnan(result) or (math.isinf(result) and not infinite):
+            self.refuse(key, value, "is not a finite number")
+        return result
+
+    def _integer(self, value: object, key: str) -> int:
+        if not isinstance(value, int) or isinstance(value, bool):
+            self.refuse(key, value, "is not a whole number")
+        return value
+
+    def _list(self, key: str, value: object) -> list:
+        if not isinstance(value, list):
+            self.refuse(key, value, "is not a list")
+        return value
+
+    def _numbers(self, value: object, key: str, length: int) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != length:
+            self.refuse(key, value, f"is not a list of {length} numbers")
+        return tuple(self._number(v, f"{key}[{i}]") for i, v in enumerate(value))
+
+    def _reader(self, value: object, key: str) -> "Reader":
+        if not isinstance(value, dict):
+            self.refuse(key, value, "is not a mapping of keys to values")
+        return Reader(value, f"{self.place}{key}.")
+
+
+def plain(value: Any) -> Any:
+    """The same value in plain Python types (numpy arrays as lists, tuples as lists)."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes every value in full where it is used (aliases are not read back)."""
+
+    def ignore_aliases(self, data):
+        return True
+
+
+def write_mapping(path: str | os.PathLike, content: dict) -> None:
+    """Write a mapping as YAML, whole or not at all: a reader never sees half a file."""
+    try:
+        text = yaml.dump(
+            plain(content),
+            Dumper=_Dumper,
+            default_flow_style=None,
+            sort_keys=False,
+            allow_unicode=True,
+            width=100,
+        )
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: cannot be written as YAML: {error.args[0]}") from None
+    write_atomic(path, text.encode())
