@@ -96,7 +96,8 @@ def test_a_contact_over_the_rim(exponent):
     voltages = Simulator(layout, Scene("rim", DRIVE, (disc,), law)).frame(0.0)
     (found,) = process(layout, voltages, contact_law=law).contacts
     assert np.hypot(found.x - 0.1, found.y - 0.02) < 0.004
-    assert found.force == pytest.approx(FORCE / 2, rel=0.4)
+    # on an electrode the width hardly shows; with a square root the force goes with its square
+    assert abs(found.force - FORCE / 2) < max(0.4 * FORCE / 2, found.force_std)
 
 
 @pytest.mark.parametrize("settings, layout, complaint", [
