@@ -56,10 +56,10 @@ CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 # half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
-_CERTAIN = (
-    4.0  # times the threshold: a contact that a linear test is so sure of is not tried without
-)
-_MOSTLY = 0.75  # of the cost: what one step from the last frame's contacts explains if they are still there
+# times the threshold: a contact that a linear test is so sure of is not tried without
+_CERTAIN = 4.0
+# of the cost: what one step from the last frame's contacts explains if they are still there
+_MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than

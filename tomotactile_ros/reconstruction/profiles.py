@@ -14,15 +14,16 @@ from tomotactile_ros.sheet.voltages import frame
 MEASURED = ("accurate", "balanced", "fast")  # most accurate first
 _ROUNDS = 15
 _LONG = 0.5  # s of measurements, after which there are no more of a profile
-_CONTACTS = 4
+_PLACES = (0.3, 0.65), (0.75, 0.3)  # of the contacts, in parts of the sheet's size
 _STRENGTH = 1.0  # conductance of each contact, times the sheet resistance
 
 
 def trial_frame(transfer: Transfer, resistance: float, noise: float, drive_voltage: float = 3.3):
-    """(E, E) frame of a few contacts spread over the pixels of `transfer`, V, with `noise` (V
-    rms)."""
-    count = len(transfer.points)
-    chosen = np.unique(np.linspace(0, count - 1, _CONTACTS + 2).astype(int)[1:-1])
+    """(E, E) frame of two contacts on pixels of `transfer`, V, with `noise` (V rms)."""
+    low, high = transfer.points.min(axis=0), transfer.points.max(axis=0)
+    wanted = low + np.array(_PLACES) * (high - low)
+    apart = ((transfer.points[:, None] - wanted) ** 2).sum(axis=-1)
+    chosen = np.unique(apart.argmin(axis=0))
     voltages = frame(
         transfer.at(chosen), np.full(len(chosen), resistance / _STRENGTH), drive_voltage
     )
