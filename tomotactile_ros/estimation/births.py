@@ -15,11 +15,12 @@ the number of places and of sums over rows that are looked at (Bonferroni), one-
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 from scipy.stats import norm
 
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Row, RowModel
+from tomotactile_ros.estimation.row_shares import even_shares
 from tomotactile_ros.layouts.grid import Grid
 
 HOURS, RATE = 10.0, 1000.0  # h, rows/s: noise alone shows one contact in so long
@@ -38,7 +39,8 @@ class Births:
         self._operator = operator
         across = int(np.ceil(max(operator.layout.outline.size) / operator.pitch * _PER_PITCH))
         self.places = Grid.for_outline(operator.layout.outline, max(across, 2)).pixels
-        self._radii = np.full(len(self.places), radius)
+        self._even = even_shares(operator, self.places, np.full(len(self.places), radius))
+        self._stencil = operator.lattice.stencil(self.places)
         false_alarms = 1 / (HOURS * 3600 * RATE)
         self.threshold = float(norm.isf(false_alarms / (_SUMS * len(self.places))) ** 2)
         self._limit = float(operator.admittance.diagonal().max())
@@ -56,7 +58,7 @@ class Births:
             of channels
         """
         if self._model is not model:
-            self._shares = model.shares(self.places, self._radii)[0]
+            self._shares = self._even + model.shares.added(self._stencil)
             self._spread = model.impedance @ self._shares
             self._model = model
         share, spread = self._shares, self._spread
@@ -65,13 +67,11 @@ class Births:
             z = model.impedance[ground]
             shape = spread - z[:, None] - z @ share + z[ground]
         else:
-            change = row.inner @ (row.solved.T @ share)
-            shape = spread - row.solved @ change - np.outer(row.ratio, row.z @ share)
-            shape += np.outer(row.lifted, row.lifted @ share)
+            shape = spread - row.others.T @ (row.ones @ share)
         own = np.einsum("nk,nk->k", share, shape)
         driven = row.ratio @ share
-        white = solve_triangular(root, shape * gain[:, None], lower=True, check_finite=False)
-        left = solve_triangular(root, misfit, lower=True, check_finite=False)
+        white = dtrtrs(root, np.column_stack([shape * gain[:, None], misfit]), lower=1)[0]
+        white, left = white[:, :-1], white[:, -1]
         along, power = left @ white, np.maximum(np.einsum("nk,nk->k", white, white), 1e-300)
         most = np.maximum(driven / np.maximum(own, 1e-12), 0.0)  # of a bare conductor
         alpha = np.clip(along / power, 0.0, most)

@@ -11,11 +11,12 @@ noise does anywhere on the lattice (`births`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.births import Births
@@ -41,20 +42,46 @@ _SETTLED = 0.05  # standard deviations that a last step moves a contact
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
 _BESIDE = 1.0  # spacings from the rim of a wide contact within which nothing begins
+_RESTED, _MOVING = 128, 0.02  # rows; m/s: others' rows tell of the sensor
+_PART, _PATTERN = 0.25, 0.6180339887  # of other rows that do; golden section: all electrodes' in turn
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """A belief after a row, and how likely the row was: cost -2 ln(likelihood), chi-squared, what
-    is left, its factor."""
+class _Fit(NamedTuple):
+    """How likely a row was, and what the belief is after it.
 
-    belief: Belief
+    prior, mean : the belief before the row, and the mean after it
+    cost : -2 ln(likelihood); chi_squared, row, misfit (n,) what is left of the readings, root (n, n)
+        lower Cholesky factor of its covariance S
+    spread (S, n) covariance of the state with the readings; shares (m, n) those of its first m
+        numbers times root^-T: of all, or of contacts alone where the row tells nothing of the
+        sensor; None where nothing was learned at all
+    """
+
+    prior: Belief
+    mean: np.ndarray
     cost: float
     chi_squared: float
     row: Row
     misfit: np.ndarray
     root: np.ndarray
+    spread: np.ndarray | None = None
+    shares: np.ndarray | None = None
+
+    @property
+    def belief(self) -> Belief:
+        """After the row."""
+        if self.shares is None:
+            return self.prior
+        shares, rows = self.shares, tuple(each + 1 for each in self.prior.rows)
+        if len(shares) == len(self.mean):
+            return self.prior.after(self.mean, self.prior.covariance - shares @ shares.T, rows)
+        own, covariance = len(shares), self.prior.covariance.copy()
+        covariance[:own, :own] -= shares @ shares.T
+        told = dtrtrs(self.root, shares.T, lower=1, trans=1)[0].T @ self.spread[own:].T
+        covariance[:own, own:] -= told
+        covariance[own:, :own] -= told.T
+        return self.prior.after(self.mean, covariance, rows)
 
 
 class Follower:
@@ -69,7 +96,7 @@ class Follower:
         self.operator = operator
         self._size = np.array([np.log(radius), spread**2])
         self.births = Births(operator, radius)
-        self._half = np.array(operator.layout.outline.size) / 2
+        self._half = tuple(side / 2 for side in operator.layout.outline.size)
         self._least = float(np.log(1e-6 * operator.admittance.diagonal().max()))
         self._most = float(np.log(10 * operator.admittance.diagonal().max()))
 
@@ -91,7 +118,8 @@ class Follower:
         expected = state.belief.later(lasts, state.model.known.shift_deviation)
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
-        fit = self._fit(state.model, expected, read, ground, 1)
+        learns = self._learns(expected, state.read)
+        fit = self._fit(state.model, expected, read, ground, 1, learns=learns)
         surprising, confusing, unexplained = _limits(max(count, 1))
         state.confused *= _CALMING
         if fit.chi_squared > surprising:
@@ -111,6 +139,14 @@ class Follower:
             state.confused = 0.0
         state.touched_at_once |= not state.read and not np.isinf(fit.row.own)
         state.read += 1
+
+    def _learns(self, belief: Belief, number: int) -> bool:
+        """Whether a row is to tell of the sensor: those of contacts that have come or move do, of
+        resting ones each fourth, in a pattern that meets all electrodes."""
+        fast = any(
+            vx**2 + vy**2 > _MOVING**2 for _, _, vx, vy, _ in _each(belief.mean, belief.count)
+        )
+        return fast or min(belief.rows, default=0) < _RESTED or (number * _PATTERN) % 1 < _PART
 
     def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
         """The likeliest of what may have happened."""
@@ -140,7 +176,7 @@ class Follower:
         for fit in self._born(model, expected, plain, read, ground, state, names):
             offer(fit, 1)
         best = min(tried, key=lambda each: each[0])[1]
-        if names[0] in best.belief.numbers:
+        if names[0] in best.prior.numbers:
             state.last += 1
             state.sums = self.births.nothing()
         return best
@@ -161,7 +197,8 @@ class Follower:
             state.sums = sums
         if gains.max() < self.births.threshold:
             return
-        variances = [*(2 * self._half) ** 2, RATES[0] ** 2, RATES[0] ** 2, _NEW_STRENGTH**2]
+        deviations = [*(2 * side for side in self._half), RATES[0], RATES[0], _NEW_STRENGTH]
+        variances = np.square(deviations)
         fits = []
         for x, y, strength in self.births.starts(gains, conductances):
             if self._within(belief, x, y) or self._beside(model.known.wide, x, y):
@@ -171,7 +208,7 @@ class Follower:
             fits.append((begun, self._fit(model, begun, read, ground, _FIRST_STEPS)))
         if fits:
             begun, first = min(fits, key=lambda each: each[1].cost)
-            yield self._fit(model, begun, read, ground, _STEPS, first.belief.mean)
+            yield self._fit(model, begun, read, ground, _STEPS, first.mean)
 
     def _beside(self, wide, x, y) -> bool:
         """Whether what is new there may be a change of a wide contact: frames tell them apart."""
@@ -189,51 +226,45 @@ class Follower:
         return bool((apart < _CLOSE * (np.exp(contacts[:, 3]) + np.exp(self._size[0]))).any())
 
     def _fit(
-        self, model: RowModel, prior: Belief, read, ground: int, steps: int, start=None
+        self, model: RowModel, prior: Belief, read, ground: int, steps: int, start=None, learns=True
     ) -> _Fit:
-        """The belief after the row, linearised `steps` times at the most, about `start` first."""
+        """The belief after the row, linearised `steps` times at the most, about `start` first; of
+        the contacts alone where the row is not to tell of the sensor."""
         readings, valid = read
         if not prior.count and model.known.wide is None:
             return self._idle(model, prior, readings, valid, ground)
-        mean, best = prior.mean if start is None else start, None
-        ours = slice(0, STATE * prior.count)
-        mutual = model.mutual(prior.contacts()) if prior.count > 1 else 0.0
-        by_sensor = slice(STATE * prior.count, None)
-        modes = len(prior.mean) - len(readings)  # each gain changes its own reading alone
+        mean, count, n = prior.mean if start is None else start, prior.count, len(readings)
+        mutual = model.mutual(prior.contacts()) if count > 1 else None
+        sensor, gains = STATE * count, len(mean) - n  # each gain changes its own reading alone
         unread = np.where(valid, 0.0, _NOT_READ)
-        both = np.outer(valid, valid)
+        covariance = prior.covariance
         for step in range(steps):
-            row = model.row(prior.contacts(mean), ground, mean[by_sensor], mutual)
-            slopes = np.zeros((len(readings), modes))
-            for i in range(prior.count):
-                slopes[:, STATE * i : STATE * i + 2] = row.by_contact[:, 3 * i : 3 * i + 2]
-                slopes[:, STATE * i + STRENGTH] = row.by_contact[:, 3 * i + 2]
-            slopes[:, STATE * prior.count :] = row.by_sheet
-            slopes *= valid[:, None]
-            driven = np.where(valid, row.driven, 0.0)
+            row = model.row(prior.contacts(mean), ground, mean[sensor:], mutual, valid)
+            changes, driven, common = row.changes, row.driven * valid, row.common * valid
             way = prior.mean - mean
-            left = np.where(valid, readings - row.readings, 0.0)
-            left -= slopes @ way[:modes] + driven * way[modes:]
-            spread = prior.covariance[:, :modes] @ slopes.T + prior.covariance[:, modes:] * driven
-            scatter = slopes @ spread[:modes] + driven[:, None] * spread[modes:]
-            scatter += np.outer(row.common, row.common) * both
-            scatter[np.diag_indices(len(scatter))] += np.where(valid, row.variance, unread)
-            root = np.linalg.cholesky(scatter)
-            white = _solved(root, np.column_stack([left, spread.T]))
-            white, shares = white[:, 0], white[:, 1:]
-            chi_squared = float(white @ white)
+            misfit = (readings - row.readings) * valid
+            if step or start is not None:
+                misfit -= way[:gains] @ changes + driven * way[gains:]
+            spread = covariance[:, :gains] @ changes
+            spread += covariance[:, gains:] * driven
+            scatter = changes.T @ spread[:gains]
+            scatter += driven[:, None] * spread[gains:]
+            scatter += common[:, None] * common
+            scatter.reshape(-1)[:: n + 1] += row.variance + unread
+            root = _root(scatter)
+            along, shares = _whitened(root, misfit, spread if learns else spread[:sensor])
+            chi_squared = float(along @ along)
             cost = chi_squared + 2 * float(np.log(root.diagonal()).sum())
-            best = _Fit(prior, cost, chi_squared, row, left, root)
-            step_to = prior.mean + white @ shares
-            taken = self._limited(mean, step_to, prior.count)
-            moved, mean = (taken - mean)[ours], taken
-            known = prior.covariance.diagonal()[ours] - (shares[:, ours] ** 2).sum(axis=0)
+            wanted = prior.mean.copy()
+            wanted[: len(shares)] += shares @ along
+            taken = self._limited(mean, wanted, count)
+            moved, mean = (taken - mean)[:sensor], taken
+            if step == steps - 1:
+                break
+            known = covariance.diagonal()[:sensor] - (shares[:sensor] ** 2).sum(axis=1)
             if (moved**2 <= _SETTLED**2 * known).all():
                 break
-        covariance = prior.covariance - shares.T @ shares
-        rows = tuple(each + 1 for each in prior.rows)
-        belief = replace(prior, mean=mean, covariance=covariance, rows=rows)
-        return replace(best, belief=belief)
+        return _Fit(prior, mean, cost, chi_squared, row, misfit, root, spread, shares)
 
     def _idle(self, model, prior, readings, valid, ground) -> _Fit:
         """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
@@ -243,21 +274,22 @@ class Follower:
         deviation = np.sqrt(np.where(valid, row.variance, _NOT_READ))
         chi_squared = float(((left / deviation) ** 2).sum())
         cost = chi_squared + 2 * float(np.log(deviation).sum())
-        return _Fit(prior, cost, chi_squared, row, left, np.diag(deviation))
+        return _Fit(prior, prior.mean, cost, chi_squared, row, left, np.diag(deviation))
 
     def _limited(self, now, wanted, count):
         """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet."""
-        way = (wanted - now)[: STATE * count].reshape(-1, STATE)
-        reach = REACH * self.operator.pitch
-        longest = max(
-            np.abs(way[:, PLACE]).max(initial=0.0) / reach,
-            np.abs(way[:, STRENGTH]).max(initial=0.0) / REACH_STRENGTH,
-            1.0,
-        )
-        out = now + (wanted - now) / longest
-        each = out[: STATE * count].reshape(-1, STATE)
-        each[:, PLACE] = np.clip(each[:, PLACE], -self._half, self._half)
-        each[:, STRENGTH] = np.clip(each[:, STRENGTH], self._least, self._most)
+        reach, longest = REACH * self.operator.pitch, 1.0
+        for x, y, _, _, strength in _each(wanted - now, count):
+            longest = max(
+                longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH
+            )
+        out = wanted if longest == 1 else now + (wanted - now) / longest
+        width, height = self._half
+        for i, (x, y, _, _, strength) in enumerate(_each(out, count)):
+            if abs(x) > width or abs(y) > height or not self._least < strength < self._most:
+                out[STATE * i] = min(max(x, -width), width)
+                out[STATE * i + 1] = min(max(y, -height), height)
+                out[STATE * i + STRENGTH] = min(max(strength, self._least), self._most)
         return out
 
     def _tidied(self, belief: Belief) -> Belief:
@@ -267,13 +299,19 @@ class Follower:
             at = STATE * i + STRENGTH
             if belief.covariance[at, at] > _GONE**-2 and belief.rows[i] > 1:
                 belief = belief.without(i)
-        if belief.count > 1:
-            contacts = belief.contacts()
-            for i in reversed(range(1, belief.count)):
-                apart = np.hypot(*(contacts[:i, :2] - contacts[i, :2]).T)
-                if (apart < _CLOSE * np.exp(contacts[:i, 3])).any():
+        contacts = _each(belief.mean, belief.count)
+        for i in reversed(range(1, belief.count)):
+            x, y = contacts[i][:2]
+            for (other_x, other_y, *_), size in zip(contacts[:i], belief.sizes):
+                if np.hypot(other_x - x, other_y - y) < _CLOSE * np.exp(size[0]):
                     belief = belief.without(i)
+                    break
         return belief
+
+
+def _each(mean: np.ndarray, count: int) -> list[list[float]]:
+    """The numbers of each of `count` contacts of a state."""
+    return mean[: STATE * count].reshape(count, STATE).tolist()
 
 
 @cache
@@ -282,6 +320,18 @@ def _limits(count: int) -> tuple[float, ...]:
     return tuple(float(chi2.isf(p, count)) for p in (_SURPRISING, _CONFUSING, _UNEXPLAINED))
 
 
-def _solved(root: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of root x = right with the lower triangle `root`: a row has no time for checks."""
-    return dtrtrs(root, right, lower=1)[0]
+def _root(scatter: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of (n, n) `scatter`, which is lost; above its diagonal is what was
+    there. A row has no time for checks of what comes from a model."""
+    root, failed = dpotrf(scatter.T, lower=1, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the covariance of a row is not positive definite")
+    return root
+
+
+def _whitened(root: np.ndarray, misfit: np.ndarray, spread: np.ndarray):
+    """root^-1 misfit (n,), and root^-1 of each of `spread` (m, n); `root` a lower triangle."""
+    rows = np.empty((len(spread) + 1, len(misfit)))
+    rows[0], rows[1:] = misfit, spread
+    solved = dtrtrs(root, rows.T, lower=1, overwrite_b=1)[0].T
+    return solved[0], solved[1:]

@@ -9,6 +9,7 @@ it is taken in before the next row.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 
@@ -157,7 +158,7 @@ class RowEstimator:
         if at >= 0 and valid.any():
             readings = voltages[follower.operator.used] / drive_voltage
             follower.follow(state.rows, readings, valid, at, time)
-        state.past.append((time, _places(state.rows)))
+        state.past.append((time, state.rows.belief.places()))
         if not (state.waits and self._frames):
             return
         state.read.append(voltages)
@@ -254,7 +255,8 @@ class RowEstimator:
             return Followed([], "withheld", reason)
         found = [(number, rows.time - begun, contact) for number, begun, contact in rows.wide]
         belief, contacts = rows.belief, rows.belief.contacts()
-        state.means = {n: each for n, each in state.means.items() if n in belief.numbers}
+        if state.means.keys() - belief.numbers:
+            state.means = {n: each for n, each in state.means.items() if n in belief.numbers}
         for i, number in enumerate(belief.numbers):
             own = slice(STATE * i, STATE * (i + 1))
             mean, covariance = belief.mean[own], belief.covariance[own, own]
@@ -274,20 +276,24 @@ class RowEstimator:
         belief = state.rows.belief
         if belief.count < 2:
             return False
+        new = [begun > state.confirmed for begun in belief.begun]
+        if not any(new):
+            return False
         places = belief.contacts()[:, :2]
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
         near = apart < CLOSE * self._follower(state.used, state.drive).operator.pitch
         np.fill_diagonal(near, False)
-        return bool(near[np.array(belief.begun) > state.confirmed].any())
+        return bool(near[new].any())
 
     def _touches(self, state: RowsState, number: int, contact: np.ndarray) -> tuple[Touches, float]:
         """The contact (4,) x, y, ln c, ln a on the sheet, taken anew only where it has moved; and
         how much larger ln a is, as one that conducts more than a bare one of its size is wider."""
         follower = self._follower(state.used, state.drive)
+        x, y, strength, size = contact.tolist()
         pitch = follower.operator.pitch
-        here = contact / [pitch, pitch, 10.0, 10.0]
+        here = x / pitch, y / pitch, strength / 10, size / 10
         kept = state.means.get(number)
-        if kept is None or np.abs(kept[0] - here).max() > SIMILAR:
+        if kept is None or any(abs(a - b) > SIMILAR for a, b in zip(kept[0], here)):
             sheet, grown = state.rows.model.known.sheet, 0.0
             touches = _on_sheet(follower.operator, contact, sheet)
             lacks = touches.mean[0] - FILLED * float(np.exp(-contact[2]))
@@ -301,31 +307,31 @@ class RowEstimator:
     def _contact(self, touches: Touches, contact, size_variance, mean, covariance) -> Contact:
         touches.contacts[0, 2] = contact[2]
         g, by_strength, by_mean = touches.conductance(0)
-        operator, law = touches.operator, self.estimator.law
-        area = np.pi * float(np.exp(2 * contact[3])) * float(touches.covered[0])
-        g = g * float(touches.covered[0])
+        operator, law, covered = touches.operator, self.estimator.law, float(touches.covered[0])
+        area = math.pi * math.exp(2 * contact[3]) * covered
+        g = g * covered
         pressure = float(law.pressure(g / area))
         force, m = pressure * area, law.exponent
-        by_size = 2 * (1 - 1 / m) - by_mean * operator.resistance / (2 * np.pi) / m
-        relative = (
-            by_strength**2 * covariance[STRENGTH, STRENGTH] / m**2 + by_size**2 * size_variance
-        )
-        place = covariance[:2, :2] + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
-        certainty = 1 / max(float(covariance[STRENGTH, STRENGTH]), 1e-12)
-        radius = float(np.sqrt(area / np.pi))
+        by_size = 2 * (1 - 1 / m) - by_mean * operator.resistance / (2 * math.pi) / m
+        strength = float(covariance[STRENGTH, STRENGTH])
+        relative = by_strength**2 * strength / m**2 + by_size**2 * size_variance
+        floor = (PLACE_FLOOR * operator.pitch) ** 2
+        (xx, xy), (yx, yy) = covariance[:2, :2].tolist()
+        x, y, vx, vy = mean[:4].tolist()
+        radius = math.sqrt(area / math.pi)
         return Contact(
-            float(mean[0]),
-            float(mean[1]),
+            x,
+            y,
             force,
             pressure,
             area,
             radius,
             g,
-            tuple(float(each) for each in place.ravel()),
-            force * min(float(np.sqrt(relative + FORCE_FLOOR**2)), 10.0),
-            radius * float(np.sqrt(size_variance)),
-            float(1 - np.exp(-certainty / 2)),
-            (float(mean[2]), float(mean[3])),
+            (xx + floor, xy, yx, yy + floor),
+            force * min(math.sqrt(relative + FORCE_FLOOR**2), 10.0),
+            radius * math.sqrt(size_variance),
+            1 - math.exp(-0.5 / max(strength, 1e-12)),
+            (vx, vy),
         )
 
 
@@ -338,10 +344,6 @@ def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
 
 def _same(fit, used) -> bool:
     return tuple(int(each) for each in fit.operator.used) == tuple(used)
-
-
-def _places(rows: RowState) -> dict[int, np.ndarray]:
-    return dict(zip(rows.belief.numbers, rows.belief.contacts()[:, :2]))
 
 
 def _is_broken(state: RowsState, time: float) -> bool:

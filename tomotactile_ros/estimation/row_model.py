@@ -13,21 +13,29 @@ Without wide contacts the sheet floats, Y0 1 = 0, and Zb is infinite along 1. An
 inverse then serves as Zb if M and z are given what a potential of all electrodes adds, p p^T / s
 with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb with as many columns
 as there are unknowns. The share of a disc in an electrode is that of its centre but for the
-logarithm of their distance, which is averaged over the disc where it reaches the electrode.
+logarithm of their distance, which is averaged over the disc where it reaches the electrode
+(`row_shares`). Matrices of few columns lie in memory as their transposes.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
+from tomotactile_ros.estimation.row_shares import Shares
+from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH
 from tomotactile_ros.estimation.solver import Prior
 
 # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 INEXACT = 0.01
+# spacings, and of ln c, that contacts change before derivatives by the sheet are taken anew
+_ALIKE, _AS_STRONG = 0.01, 0.1
 
 
 @dataclass(frozen=True)
@@ -76,37 +84,33 @@ class Known:
         return replace(self, sheet=sheet, gain=gain, wide=wide)
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row as predicted.
+class Row(NamedTuple):
+    """A row as predicted, of k contacts.
 
-    readings (n,) parts of V0; by_contact (n, 3 k) derivatives by x, y, ln c of each contact;
-        by_sheet (n, J)
+    readings (n,) parts of V0
+    changes (5 k + J, n) derivatives by the numbers of each contact (`row_state.STATE`) and by the
+        sheet's coefficients, 0 for readings that are not valid
     driven (n,) 1 - rho, derivatives by gains
     variance (n,) of what is not known of single readings; common (n,) standard deviation that all
         share (R_l)
-    ratio (n,) rho; own : N, ohm; z (n,), solved (n, k) Q, inner (k, k) A^-1, lifted (n,) p /
-        s^(1/2): see the module
+    ratio (n,) rho; own : N, ohm; ones, others (k + 2, n) : M = Zb - ones^T others, see the module
     """
 
     readings: np.ndarray
-    by_contact: np.ndarray
-    by_sheet: np.ndarray
+    changes: np.ndarray
     driven: np.ndarray
     variance: np.ndarray
     common: np.ndarray
     ratio: np.ndarray
     own: float
-    z: np.ndarray
-    solved: np.ndarray
-    inner: np.ndarray
-    lifted: np.ndarray
+    ones: np.ndarray
+    others: np.ndarray
 
 
 class RowModel:
     """Predicts rows of a sensor that is `known`.
 
-    impedance (n, n) Zb, ohm
+    impedance (n, n) Zb, ohm; shares : of small contacts in the electrodes
     """
 
     def __init__(self, operator: SheetOperator, known: Known, background: np.ndarray | None = None):
@@ -117,114 +121,117 @@ class RowModel:
         self.impedance = (impedance + impedance.T) / 2
         change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
         self._change = change.astype(np.float32)  # memory is what it costs, once a row
-        self._moved = operator.share_table
-        self._added = None
-        if known.sheet.any():
-            self._added = np.matmul(known.sheet.astype(np.float32), self._moved)
+        self.shares = Shares(operator, known.sheet)
         self._inverse = operator.bordered[:-1]
+        self._alone = known.variance + known.deviations[1] ** 2
+        self._none = np.zeros((0, operator.count))
+        self._kept: dict[int, tuple] = {}
 
-    def shares(self, places: np.ndarray, radii: np.ndarray):
-        """H (n, k) of discs, its slopes (2, n, k), 1/m, and the stencil of `operator.lattice` at
-        their places."""
-        inverse = self._inverse
-        potentials, steep = self.operator.potentials(places, radii)
-        share = inverse[:, :-1] @ potentials.T + inverse[:, -1:]
-        slopes = inverse[:, :-1] @ steep.transpose(0, 2, 1)
-        points, weights, slants = self.operator.lattice.stencil(places)
-        if self._added is not None:
-            around = self._added[points]
-            share = share + np.einsum("qi,qin->nq", weights, around)
-            slopes = slopes + np.einsum("dqi,qin->dnq", slants, around)
-        return share, slopes, points, weights
-
-    def row(self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=0.0) -> Row:
+    def row(self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=1) -> Row:
         """The row with electrode `ground` (of those in use) grounded.
 
-        contacts (k, 4) x, y, ln c, ln a; mutual (k, k) D, ohm
+        contacts (k, 4) x, y, ln c, ln a; mutual (k, k) D, ohm, None: none
         shift (J + n,) of the sheet's coefficients and of gains from those known
+        valid (n,) of the readings
         """
-        count, known = len(contacts), self.known
-        if not count and known.wide is None:
+        known, zb = self.known, self.impedance
+        if not len(contacts) and known.wide is None:
             return self._idle()
-        zb, gain = self.impedance, known.gain
-        share, slopes, points, weights = self.shares(contacts[:, :2], np.exp(contacts[:, 3]))
-        way = np.diag(np.exp(-contacts[:, 2])) + mutual
-        strength = np.linalg.inv(way)
-        solved = zb @ share
-        inner = np.linalg.inv(way + share.T @ solved)
-        z = zb[ground] - solved @ (inner @ solved[ground])
-        lifted = np.zeros(len(z))  # p over the root of s
+        share, slopes, moved = self._placed(contacts)
+        way, count = np.exp(-contacts[:, 2]), len(contacts)
+        between = np.diag(way) if mutual is None else np.diag(way) + mutual
+        # of the rank that contacts, the grounded electrode and the floating sheet add to Zb
+        ones, others = np.empty((2, count + 2, len(share.T)))
+        spread, shown, z, lifted = ones[:count], others[:count], ones[-2], ones[-1]
+        np.matmul(share, zb, out=spread)
+        solved = _solved(between + spread @ share.T, spread)
+        shown[:] = solved[:, :-1]
+        np.subtract(zb[ground], spread[:, ground] @ shown, out=z)
+        lifted[:] = 0.0  # p over the root of s
         if known.wide is None:
-            weight = inner.sum(axis=1)
-            lifted = (1 - solved @ weight) / np.sqrt(weight.sum())
-        z = z + lifted * lifted[ground]
+            lifted[:] = (1 - shown.sum(axis=0)) / math.sqrt(solved[:, -1].sum())
+            z += lifted * lifted[ground]
         own = float(z[ground] + known.resistance[ground])
-        ratio = z / own
-        fed = share @ strength
-        current = strength @ (share.T @ ratio)
-        modes = len(known.sheet)
-        changes = np.empty((len(z), 3 * count + modes))
-        by_sheet = changes[:, 3 * count :]
-        by_sheet[:] = (self._change @ ratio.astype(np.float32)).reshape(modes, -1).T
-        for i in range(count):
-            slope = slopes[:, :, i].T
-            changes[:, 3 * i : 3 * i + 2] = slope * current[i] + np.outer(fed[:, i], ratio @ slope)
-            changes[:, 3 * i + 2] = fed[:, i] * (way[i, i] * current[i])
-            around = self._moved[points[i]].reshape(len(points[i]), -1)
-            moved = (weights[i].astype(np.float32) @ around).reshape(modes, -1)
-            by_sheet += moved.T * current[i] + np.outer(fed[:, i], moved @ ratio)
-        fell = solved @ (inner @ (solved.T @ changes)) + np.outer(ratio, z @ changes)
-        changes = zb @ changes - fell + np.outer(lifted, lifted @ changes)
-        changes *= gain[:, None]
+        ratio = others[-2] = z / own
+        np.negative(lifted, out=others[-1])
+        impedance = zb - ones.T @ others
         driven = 1 - ratio
-        readings = (gain + shift[modes:]) * driven + known.offset
-        readings += changes[:, 3 * count :] @ shift[:modes]
-        variance = known.variance + known.deviations[1] ** 2
-        variance = variance + INEXACT**2 * driven**2
-        common = gain * ratio / own * known.deviations[2][ground]
+        if mutual is None:
+            fed, current = share / way[:, None], (share @ ratio) / way
+        else:
+            fed = np.linalg.solve(between, share)
+            current = fed @ ratio
+        modes, sensor = len(known.sheet), STATE * count
+        changes = np.empty((sensor + modes, len(z)))
+        by_contact = _by_contact(slopes, ratio, fed, current, way * current)
+        np.matmul(by_contact, impedance, out=changes[:sensor])
+        changes[sensor:] = self._by_sheet(contacts, ground, moved, ratio, fed, current, impedance)
+        changes *= known.gain * valid
+        readings = (known.gain + shift[modes:]) * driven + known.offset
+        readings += shift[:modes] @ changes[sensor:]
+        variance = self._alone + INEXACT**2 * driven**2
+        common = known.gain * ratio * (known.deviations[2][ground] / own)
         return Row(
-            readings,
-            changes[:, : 3 * count],
-            changes[:, 3 * count :],
-            driven,
-            variance,
-            common,
-            ratio,
-            own,
-            z,
-            solved,
-            inner,
-            lifted,
+            readings, changes, driven, variance, common, ratio, own, ones, others
+        )
+
+    def _placed(self, contacts: np.ndarray):
+        if len(contacts):
+            return self.shares.at(contacts)
+        count, modes = self.operator.count, len(self.known.sheet)
+        none = np.empty((0, modes, count), np.float32)
+        return self._none, np.empty((0, 2, count)), none
+
+    def _by_sheet(self, contacts, ground, moved, ratio, fed, current, impedance):
+        """(J, n) derivatives by the sheet's coefficients, for gains of 1: those of the last row of
+        the same electrode where contacts are nearly as they were then.
+
+        moved (k, J, n) of shares; fed (k, n), current (k,), impedance M: see `row`
+        """
+        here, kept = contacts.tolist(), self._kept.get(ground)
+        if kept is not None and self._alike(kept[0], here):
+            return kept[1]
+        single, n = ratio.astype(np.float32), len(ratio)
+        currents = (self._change @ single).reshape(-1, n)
+        if here:
+            currents += (current.astype(np.float32) @ moved.reshape(len(here), -1)).reshape(-1, n)
+            currents += (moved @ single).T @ fed.astype(np.float32)
+        found = currents @ impedance.astype(np.float32)
+        self._kept[ground] = here, found
+        return found
+
+    def _alike(self, ones: list, others: list) -> bool:
+        """Whether contacts x, y, ln c, ln a are nearly the same."""
+        near = _ALIKE * self.operator.pitch
+        return len(ones) == len(others) and all(
+            abs(x - u) < near and abs(y - v) < near and abs(c - d) < _AS_STRONG and a == b
+            for (x, y, c, a), (u, v, d, b) in zip(ones, others)
         )
 
     def _idle(self) -> Row:
-        known, none = self.known, np.zeros((self.operator.count, 0))
-        count = self.operator.count
+        known, count, none = self.known, self.operator.count, np.zeros(self.operator.count)
         return Row(
             known.offset,
+            np.zeros((len(known.sheet), count)),
             none,
-            np.zeros((count, len(known.sheet))),
-            np.zeros(count),
-            known.variance + known.deviations[1] ** 2,
-            np.zeros(count),
+            self._alone,
+            none,
             np.ones(count),
             np.inf,
-            np.zeros(count),
-            none,
-            np.zeros((0, 0)),
-            np.zeros(count),
+            self._none,
+            self._none,
         )
 
-    def mutual(self, contacts: np.ndarray) -> np.ndarray:
+    def mutual(self, contacts: np.ndarray) -> np.ndarray | None:
         """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
-        them."""
+        them; None where they do everywhere."""
+        if not _near(contacts[:, :2].tolist(), SCREENED * self.operator.pitch):
+            return None
         count = len(contacts)
         out = np.zeros((count, count))
         apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
         close = (apart < SCREENED * self.operator.pitch) & ~np.eye(count, dtype=bool)
         chosen = np.flatnonzero(close.any(axis=1))
-        if not len(chosen):
-            return out
         places, radii = contacts[chosen, :2], np.exp(contacts[chosen, 3])
         block = self.operator.mutual(places, radii, np.arange(len(chosen)))
         potentials = self.operator.potentials(places)[0]
@@ -235,3 +242,35 @@ class RowModel:
         block = np.maximum((block + block.T) / 2, 0.0)
         out[np.ix_(chosen, chosen)] = block
         return np.where(close, out, 0.0)
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(k, n + 1) solution with a small positive definite `matrix` of `right` (k, n), and of ones."""
+    both = np.empty((len(matrix), right.shape[1] + 1))
+    both[:, :-1], both[:, -1] = right, 1.0
+    if len(matrix):
+        _, found, failed = dposv(matrix, both)
+        both = found if not failed else np.linalg.solve(matrix, both)
+    return both
+
+
+def _by_contact(slopes, ratio, fed, current, by_strength) -> np.ndarray:
+    """(5 k, n) currents dY rho into the electrodes by the numbers of each contact.
+
+    slopes (k, 2, n) of shares; fed (k, n), current, by_strength (k,) see `RowModel.row`
+    """
+    count, n = fed.shape
+    out = np.zeros((count, STATE, n))
+    np.multiply(slopes, current[:, None, None], out=out[:, PLACE])
+    out[:, PLACE] += (slopes @ ratio)[:, :, None] * fed[:, None]
+    np.multiply(fed, by_strength[:, None], out=out[:, STRENGTH])
+    return out.reshape(-1, n)
+
+
+def _near(places: list, reach: float) -> bool:
+    """Whether some two of few places are within `reach`, m."""
+    return any(
+        (x - places[j][0]) ** 2 + (y - places[j][1]) ** 2 < reach**2
+        for i, (x, y) in enumerate(places)
+        for j in range(i)
+    )

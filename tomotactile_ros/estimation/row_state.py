@@ -3,7 +3,8 @@ numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,15 @@ class Belief:
     def contacts(self, mean=None) -> np.ndarray:
         """(k, 4) x, y, ln c, ln a of the `mean`."""
         each = (self.mean if mean is None else mean)[: STATE * self.count].reshape(-1, STATE)
-        return np.column_stack([each[:, PLACE], each[:, STRENGTH], self.sizes[:, 0]])
+        out = np.empty((self.count, 4))
+        out[:, :2], out[:, 2], out[:, 3] = each[:, PLACE], each[:, STRENGTH], self.sizes[:, 0]
+        return out
+
+    def places(self) -> dict[int, np.ndarray]:
+        """{number: place (2,), m} of the contacts."""
+        return {
+            number: self.mean[STATE * i : STATE * i + 2] for i, number in enumerate(self.numbers)
+        }
 
     def later(self, lasts: float, deviation: np.ndarray) -> Belief:
         """What is expected `lasts` s later: contacts go on, with an acceleration of which only the
@@ -59,34 +68,29 @@ class Belief:
         """
         if not self.count or lasts <= 0:
             return self
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        sensor, kept = STATE * self.count, np.exp(-lasts / _FORGETTING)
-        mean[sensor:] *= kept
-        covariance[sensor:] *= kept
-        covariance[:, sensor:] *= kept
-        own = np.arange(sensor, len(mean))
-        covariance[own, own] += (1 - kept**2) * deviation**2
-        for i in range(self.count):
-            for axis in range(2):
-                at, by = STATE * i + axis, STATE * i + 2 + axis
-                mean[at] += lasts * mean[by]
-                covariance[at] += lasts * covariance[by]
-                covariance[:, at] += lasts * covariance[:, by]
-                q = _ENDURING**2 / _WITHIN * lasts
-                covariance[by, by] += q
-                covariance[at, by] += q * lasts / 2
-                covariance[by, at] += q * lasts / 2
-                covariance[at, at] += q * lasts**2 / 3
-            strength = STATE * i + STRENGTH
-            covariance[strength, strength] += _PRESSING**2 * lasts / 1e-3
-        return replace(self, mean=mean, covariance=covariance)
+        kept, both, moved, added = _lasting(self.count, len(deviation), lasts)
+        contacts = STATE * self.count
+        mean = kept * self.mean
+        mean[:contacts] = moved @ self.mean[:contacts]
+        covariance = self.covariance * both
+        covariance[:contacts] = moved @ covariance[:contacts]
+        covariance[:, :contacts] = covariance[:, :contacts] @ moved.T
+        covariance[:contacts, :contacts] += added
+        own = covariance.reshape(-1)[contacts * (len(mean) + 1) :: len(mean) + 1]
+        own += (1 - kept[contacts:] ** 2) * deviation**2
+        return self.after(mean, covariance)
+
+    def after(self, mean, covariance, rows=None) -> Belief:
+        """The same contacts with another mean and covariance, and `rows` (k,) read since."""
+        rows = self.rows if rows is None else rows
+        return Belief(mean, covariance, self.sizes, self.numbers, self.begun, rows)
 
     def loosened(self, variances) -> Belief:
         """The same with `variances` (5,) added to those of each contact."""
         covariance = self.covariance.copy()
         own = np.arange(STATE * self.count)
         covariance[own, own] += np.tile(variances, self.count)
-        return replace(self, covariance=covariance)
+        return self.after(self.mean, covariance)
 
     def without(self, which: int) -> Belief:
         """The belief of all contacts but one, whatever that one was."""
@@ -120,6 +124,25 @@ class Belief:
             (*self.begun, begun),
             (*self.rows, 0),
         )
+
+
+@lru_cache(maxsize=16)
+def _lasting(count: int, sensor: int, lasts: float):
+    """What `lasts` s do to `count` contacts and `sensor` numbers: (5 count + sensor,) parts of all
+    that are kept, their products, (5 count, 5 count) motion of contacts, and what it adds to their
+    covariance."""
+    kept = np.ones(STATE * count + sensor)
+    kept[STATE * count :] = np.exp(-lasts / _FORGETTING)
+    moved, added = np.eye(STATE), np.zeros((STATE, STATE))
+    q = _ENDURING**2 / _WITHIN * lasts
+    for at, by in ((0, 2), (1, 3)):
+        moved[at, by] = lasts
+        added[by, by] = q
+        added[at, by] = added[by, at] = q * lasts / 2
+        added[at, at] = q * lasts**2 / 3
+    added[STRENGTH, STRENGTH] = _PRESSING**2 * lasts / 1e-3
+    each = np.eye(count)
+    return kept, kept[:, None] * kept, np.kron(each, moved), np.kron(each, added)
 
 
 @dataclass

@@ -34,6 +34,7 @@ class Lattice:
         self.step = size / (counts - 1)
         self._start = -size / 2 - self.step
         self._counts = counts + 2
+        self._offsets = np.add.outer(np.arange(4) * self._counts[1], np.arange(4)).ravel()
         axes = [s + h * np.arange(n) for s, h, n in zip(self._start, self.step, self._counts)]
         self.points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
@@ -46,12 +47,30 @@ class Lattice:
         weights, slopes = _convolution(part)
         slopes = slopes / self.step[:, None]
         first = (low[:, 0] - 1) * self._counts[1] + low[:, 1] - 1
-        offsets = np.add.outer(np.arange(4) * self._counts[1], np.arange(4)).ravel()
         x, y = weights[:, 0], weights[:, 1]
         dx, dy = slopes[:, 0], slopes[:, 1]
         both = np.einsum("kqi,kqj->kqij", np.array([x, dx, x]), np.array([y, y, dy]))
         both = both.reshape(3, len(places), 16)
-        return first[:, None] + offsets, both[0], both[1:]
+        return first[:, None] + self._offsets, both[0], both[1:]
+
+    def around(self, x: float, y: float):
+        """Points (16,) around one place, m, and weights (3, 16) of the value and of both slopes, 1/m:
+        `stencil` of a single place, for who has no time for arrays."""
+        along = []
+        first = 0
+        for at, start, step, count in zip((x, y), self._start, self.step, self._counts):
+            at = (at - start) / step
+            low = min(max(int(at), 1), count - 3)
+            part = min(max(at - low, 0.0), 1.0)
+            powers = np.array([[1, part, part**2, part**3], [0, 1, 2 * part, 3 * part**2]])
+            weights = powers @ _KEYS
+            weights[1] /= step
+            along.append(weights)
+            first = first * count + low - 1
+        (x_value, x_slope), (y_value, y_slope) = along
+        left = np.array([x_value, x_slope, x_value])
+        right = np.array([y_value, y_value, y_slope])
+        return first + self._offsets, (left[:, :, None] * right[:, None]).reshape(3, 16)
 
 
 class Around:
@@ -134,6 +153,22 @@ class PotentialTable:
             self._averaged(apart, radii, values, rate)
         steep = rate[..., None] * apart
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+
+    def at(self, x: float, y: float, radius: float) -> np.ndarray:
+        """(3, n) mean potential of one disc, ohm, and its slopes, ohm/m: `__call__` of a single
+        place, m, for who has no time for arrays."""
+        points, weights = self.lattice.around(x, y)
+        out = weights @ self._values[points]
+        apart = [x, y] - self._centres
+        squared = np.einsum("nd,nd->n", apart, apart)
+        reaches = squared.min() < (radius + self._radius) ** 2
+        squared = np.maximum(squared, self._radius**2)
+        out[0] -= 0.5 * self._scale * np.log(squared)
+        rate = -self._scale / squared
+        if reaches:
+            self._averaged(apart[None], np.array([radius]), out[:1], rate[None])
+        out[1:] += (rate[:, None] * apart).T
+        return out
 
     def _averaged(self, apart, radii, values, rate):
         """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart`

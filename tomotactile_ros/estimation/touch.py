@@ -20,6 +20,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+import math
+
 import numpy as np
 
 from tomotactile_ros.estimation.disc import unit_patches
@@ -195,10 +197,11 @@ class Touches:
     def conductance(self, i: int) -> tuple[float, float, float]:
         """g of contact i as a whole, S, and the derivatives of ln g by ln c and by the mean of D
         (1/ohm)."""
-        way, mean = np.exp(-self.contacts[i, CONDUCTANCE]), self.mean[i]
+        way, mean = math.exp(-self.contacts[i, CONDUCTANCE]), float(self.mean[i])
         rest = (way - mean) / (_BOUND * way)
-        slope = 1 / (1 + np.exp(-np.clip(rest, -500, 500)))
-        left = way * (_BOUND * np.logaddexp(0.0, rest) + _BARE)
+        small = math.exp(-abs(rest))
+        slope = (1.0 if rest > 0 else small) / (1 + small)
+        left = way * (_BOUND * (max(rest, 0.0) + math.log1p(small)) + _BARE)
         return 1 / left, 1 + slope * mean / left, slope / left
 
 

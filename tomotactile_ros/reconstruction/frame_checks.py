@@ -46,6 +46,17 @@ def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
     return frame
 
 
+def ordered_row(layout: Layout, voltages, grounded: int) -> np.ndarray:
+    """(E,) float64 readings of one row, V; NaN where nothing valid was read. As `ordered`, for who
+    has no time for a frame of it."""
+    row = np.array(voltages, float) if np.asarray(voltages).dtype.kind in "fiu" else None
+    if row is None or row.shape != (layout.electrodes,) or not 0 <= grounded < len(row):
+        return ordered(layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[grounded]
+    row[grounded] = np.nan
+    row[np.abs(row) > LARGEST_VOLTAGE] = np.nan
+    return row
+
+
 def check_drive_voltage(value) -> float:
     """The drive voltage, V, positive and finite."""
     value = checks.positive(value, "drive_voltage", "voltage in V")

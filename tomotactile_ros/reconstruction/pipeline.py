@@ -25,7 +25,7 @@ from tomotactile_ros.reconstruction.estimate import (
     described,
     disc_cells,
 )
-from tomotactile_ros.reconstruction.frame_checks import check_drive_voltage, is_idle, ordered
+from tomotactile_ros.reconstruction.frame_checks import check_drive_voltage, is_idle, ordered, ordered_row
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
@@ -245,7 +245,7 @@ class Pipeline:
     ) -> None:
         """Take a row into `state` and ask for nothing; see `process_row`."""
         drive_voltage = check_drive_voltage(drive_voltage)
-        row = ordered(self.layout, np.atleast_2d(voltages), np.atleast_1d(grounded))[int(grounded)]
+        row = ordered_row(self.layout, voltages, int(grounded))
         row = self._expected_zero(row, int(grounded))
         self._row_estimator().follow(row, int(grounded), drive_voltage, float(time), state)
 
@@ -254,8 +254,7 @@ class Pipeline:
         followed = self._row_estimator().report(state)
         self._tracks.last = max(self._tracks.last, state.highest)
         contacts = [
-            replace(_reported(contact), id=number, age=age)
-            for number, age, contact in followed.contacts
+            _reported(contact, number, age) for number, age, contact in followed.contacts
         ]
         none = np.empty((0, 0))
         bad = np.zeros(self.layout.electrodes, bool)
@@ -572,7 +571,7 @@ def _check_size(layout: Layout, settings: Settings) -> None:
     memory.check(needed, f"layout: {count} electrodes at resolution {resolution}")
 
 
-def _reported(contact) -> ContactEstimate:
+def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
     """The estimator's contact as a result shows it."""
     return ContactEstimate(
         contact.x,
@@ -584,7 +583,9 @@ def _reported(contact) -> ContactEstimate:
         contact.covariance,
         contact.force_std,
         contact.probability,
-        velocity=contact.velocity,
+        number,
+        age,
+        contact.velocity,
     )
 
 

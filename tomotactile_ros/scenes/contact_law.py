@@ -121,9 +121,18 @@ class ContactLaw:
 
     def pressure(self, conductance: np.ndarray | float) -> np.ndarray:
         """Pressure in Pa that belongs to g in S/m²; 0 where g is not above 0."""
+        if isinstance(conductance, float):  # rows ask a thousand times a second
+            return self._pressure(conductance)
         with np.errstate(over="ignore"):
             p = (np.maximum(conductance, 0.0) / self.coefficient) ** (1 / self.exponent)
         return np.minimum(p, checks.LARGEST)
+
+    def _pressure(self, conductance: float) -> float:
+        try:
+            p = (max(conductance, 0.0) / self.coefficient) ** (1 / self.exponent)
+        except OverflowError:
+            return checks.LARGEST
+        return min(p, checks.LARGEST)
 
     def to_dict(self) -> dict:
         """The law as in a scene file."""
