@@ -26,6 +26,7 @@ import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Noise
@@ -34,6 +35,7 @@ from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT, DRIVE, NOISE, LAW = load_layout("equal-8x8"), 3.3, 1e-3, ContactLaw(1e-4, 1.0)
 ROWS = LAYOUT.electrodes  # of a frame
+JUMPING = spread(LAYOUT.positions, range(ROWS))
 RADIUS, FORCE = 0.005, 1.0  # m, N
 NEAR, APART, GRACE = 0.010, 0.045, 3  # m, m, rows
 INSIDE = 0.085  # m: centres are at most so far from the middle along each side
@@ -77,37 +79,49 @@ class Tally:
 class Sensor:
     """Scenes in, what is said of every row out."""
 
-    def __init__(self, late: int):
-        self.late = late
+    def __init__(self, late: int, order: str = "jumping"):
+        self.late, self.order = late, order
         self.pipeline = Pipeline(LAYOUT, Settings("accurate", noise=NOISE, contact_law=LAW))
 
     def rows(self, contacts: list[Contact], frames: int, seed: int, costs: list) -> Iterator[Row]:
         """What is said of each row of a scene."""
         scene = Scene("rows", DRIVE, contacts, LAW, Noise(NOISE, seed), Adc(12, DRIVE))
         simulator = Simulator(LAYOUT, scene, row_period=ROW_PERIOD)
-        state, due = self.pipeline.rows(waits=False), {}
+        state, due, read = self.pipeline.rows(waits=False), {}, []
         self.pipeline.untare()  # and forgets the frames of the scene before
-        for k in range(frames):
-            begun = k * ROWS * ROW_PERIOD
-            frame = simulator.frame(begun, k)
-            for i, readings in enumerate(frame):
-                now, number = begun + i * ROW_PERIOD, k * ROWS + i
+        adaptive, places = AdaptiveOrder(LAYOUT.positions), np.empty((0, 2))
+        number, whole, begun = 0, 0, 0.0
+        while number < frames * ROWS:
+            simulator.grounded = grounded = self._order(adaptive, places)
+            for readings, ground in zip(simulator.frame(number * ROW_PERIOD, whole), grounded):
+                now = number * ROW_PERIOD
                 if number in due:
                     self._tell(state, *due.pop(number))
                 start = time.thread_time()
-                self.pipeline.follow_row(readings, i, DRIVE, now, state)
+                self.pipeline.follow_row(readings, int(ground), DRIVE, now, state)
                 followed = time.thread_time()
                 result = self.pipeline.after_row(state)
                 costs.append((followed - start, time.thread_time() - followed))
                 true = [c.at(now) for c in contacts if c.start <= now < c.end]
                 yield Row(now, result.contacts, bool(result.reason), true)
-            due[(k + 1) * ROWS + self.late] = frame, begun
+                read.append((readings, int(ground)))
+                number += 1
+            # the next order is told while this frame's last row is still on the way
+            places = np.array([[c.x, c.y] for c in result.contacts]).reshape(-1, 2)
+            due[number + self.late] = read, begun
+            read, begun, whole = [], number * ROW_PERIOD, whole + 1
 
-    def _tell(self, state, frame, begun: float) -> None:
+    def _order(self, adaptive: AdaptiveOrder, contacts: np.ndarray) -> np.ndarray:
+        if self.order == "adaptive":
+            return np.array(adaptive.frame(contacts))
+        return np.array(JUMPING) if self.order == "jumping" else np.arange(ROWS)
+
+    def _tell(self, state, read, begun: float) -> None:
         if not state.asks:  # as in the node
             return
-        self.pipeline.process(frame, np.arange(ROWS), DRIVE, ROW_PERIOD)
-        self.pipeline.correct(state, frame, np.arange(ROWS), DRIVE, ROW_PERIOD, begun)
+        frame, grounded = (np.array(each) for each in zip(*read))
+        self.pipeline.process(frame, grounded, DRIVE, ROW_PERIOD)
+        self.pipeline.correct(state, frame, grounded, DRIVE, ROW_PERIOD, begun)
 
 
 def disc(place, start=-1.0, end=np.inf, velocity=(0.0, 0.0)) -> Contact:
@@ -323,6 +337,7 @@ def main() -> None:
     parser.add_argument("--touches", type=int, default=50, help="of each case")
     parser.add_argument("--idle", type=int, default=20_000, help="rows where nothing happens")
     parser.add_argument("--late", type=int, default=24, help="rows until a frame is estimated")
+    parser.add_argument("--order", choices=("jumping", "turn", "adaptive"), default="jumping")
     cases = {
         "onset from nothing": lambda s, n: onset(s, n, False),
         "onset beside one": lambda s, n: onset(s, n, True),
@@ -334,7 +349,7 @@ def main() -> None:
     }
     parser.add_argument("--cases", nargs="+", choices=cases, default=list(cases))
     args = parser.parse_args()
-    sensor, table = Sensor(args.late), []
+    sensor, table = Sensor(args.late, args.order), []
     for name in args.cases:
         begun = time.monotonic()
         table.append(line(name, cases[name](sensor, args.touches)))

@@ -306,3 +306,20 @@ def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path
         assert np.hypot(contact["x"] - NEW["center"][0], contact["y"] - NEW["center"][1]) < 0.003
         force = 15e3 * np.pi * 0.008**2
         assert abs(contact["force"] - force) < max(0.2 * force, 3 * contact["force_std"])
+
+
+@pytest.mark.parametrize("row", [1, 2, 3])
+def test_a_frame_that_ends_just_after_a_touch_has_begun_changes_nothing(estimator, row):
+    tap = Contact("disc", **NEW, start=(48 - row - 0.5) * ROW_PERIOD, end=0.09)
+    followed = followed_late(estimator, [RESTING, tap], 6, 6)
+    known = followed[16:]
+    assert not any(each.reason for each in known)
+    numbers = [sorted(numbers_and_places(each)) for each in known]
+    before, after = 48 - row - 16, 88 - 16
+    resting, touching = numbers[0], numbers[before + 4]
+    assert len(resting) == 1 and len(touching) == 2
+    assert all(each == resting for each in numbers[:before])
+    assert all(each == touching for each in numbers[before + 4 : after])
+    for each in known[before + 4 : after]:
+        assert is_seen(RESTING, each, 3e-3, 0.2) == resting[0]
+        assert is_seen(tap, each, 5e-3, 0.3) != resting[0]

@@ -46,7 +46,8 @@ class RowsState:
     rows : of the follower, None before the first row; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
     confirmed : s, time of the last frame that was valid; looked : of the last one that was told
-    doubted : frames since that nothing explained
+    doubted : frames since that nothing explained; passed : whether the last one came too soon after
+        something had begun or ended
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -64,6 +65,7 @@ class RowsState:
     confirmed: float = -np.inf
     looked: float = -np.inf
     doubted: int = 0
+    passed: bool = False
     doubt: str = ""
     means: dict = field(default_factory=dict)
     left_out: dict = field(default_factory=dict)
@@ -215,7 +217,10 @@ class RowEstimator:
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
-        state.looked = seen.ended
+        if not state.passed and _changed_late(state, seen.ended):
+            state.passed = True
+            return
+        state.looked, state.passed = seen.ended, False
         left_out = {e: why for e, why in estimate.left_out.items() if why != EXCLUDED}
         if set(left_out) != set(state.left_out):  # other electrodes: what rows told was of others
             state.left_out = left_out
@@ -333,6 +338,13 @@ class RowEstimator:
             1 - math.exp(-0.5 / max(strength, 1e-12)),
             (vx, vy),
         )
+
+
+def _changed_late(state: RowsState, ended: float) -> bool:
+    """Whether rows saw something begin or end in the last few rows of a frame that `ended` then, s:
+    so few tell rows no more than they know, and the rest of the frame is of another state."""
+    known = [places.keys() for at, places in state.past if at <= ended][-YOUNG:]
+    return any(each != known[-1] for each in known) and not state.confused
 
 
 def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:

@@ -4,14 +4,8 @@
 that makes the expected place error of a contact (`evaluation.posterior`), mean over the sheet,
 least. The choices are nested: eight rows are the first eight of sixteen.
 
-**In which order**: a touch that begins between two rows is to be known after as few rows as
-possible, wherever it is. Successive rows tell most where they look from different sides, so that
-the next row is the one farthest from those just taken: the electrode e with the largest
-
-    min over the rows before of (distance from e to their electrode) x (how many rows ago)
-
-(farthest-point order, Gonzalez 1985, with a memory that fades). `after` says what it gains: the
-expected place error from a few successive rows alone, wherever in the scan they begin.
+**In which order**: jumping, as of `layouts.scan_order`. `after` says what that gains: the expected
+place error from a few successive rows alone, wherever in the scan they begin.
 """
 
 from __future__ import annotations
@@ -25,6 +19,7 @@ from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_la
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation, lattice
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.support import checks
 
 PLACES = 6  # contacts along the longer side by which rows are chosen
@@ -87,17 +82,6 @@ class Chooser:
         rows = min(rows, len(order))
         found = [self.information.figures(twice[i : i + rows])[0] for i in range(len(order))]
         return float(np.mean(found))
-
-
-def spread(positions: np.ndarray, chosen: Sequence[int]) -> list[int]:
-    """`chosen` electrodes, each far from where those before it are; positions (E, 2), m."""
-    order, left = [chosen[0]], list(chosen[1:])
-    while left:
-        ago = np.arange(len(order), 0, -1)
-        away = np.linalg.norm(positions[left][:, None] - positions[order], axis=2)
-        nearest = (away * ago).min(axis=1)
-        order.append(left.pop(int(np.argmax(np.round(nearest / nearest.max(), _DIGITS)))))
-    return order
 
 
 def scans(
