@@ -75,7 +75,9 @@ def test_derivatives_of_a_row(operator, known):
                 moved[i, j] += sign * step
                 sides.append(model.row(moved, 5, shift, mutual).readings)
             slope = (sides[0] - sides[1]) / (2 * step)
-            assert np.allclose(row.changes[5 * i + (0, 1, 4)[j]], slope, atol=2e-3 * np.abs(slope).max())
+            assert np.allclose(
+                row.changes[5 * i + (0, 1, 4)[j]], slope, atol=2e-3 * np.abs(slope).max()
+            )
 
 
 def test_a_row_is_that_of_the_estimator_of_frames(operator, known):

@@ -10,13 +10,15 @@ import numpy as np
 import ros_checks
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point
 from ros_support import Process, ends_cleanly, program
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.layouts.scan_order import spread
+from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 
 PROMISED = {
@@ -68,7 +70,9 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     frame = probe.wait_for(VoltageFrame, "/voltage_frame")
     assert (frame.layout_id, frame.electrodes) == (load_layout("equal-8x8").id, 64)
     voltages = np.reshape(frame.voltages, (64, 64))
-    assert np.array_equal(np.isnan(voltages), np.eye(64, dtype=bool))
+    jumping = spread(load_layout("equal-8x8").positions, range(64))
+    assert list(frame.grounded) == jumping
+    assert np.array_equal(np.isnan(voltages), np.eye(64, dtype=bool)[jumping])
     assert np.nanmax(voltages) > 0.1
     assert PROMISED <= set(values(probe, lambda v: v["rate_device"] == "40"))
 
@@ -132,6 +136,30 @@ def test_rows_an_order_and_the_temperature_come_through_the_driver(probe, start,
     refused = probe.set_parameter("/driver", "capture", "/tmp/other.raw")
     assert not refused.successful and "read-only" in refused.reason
     assert capture.read_bytes().startswith(b"tomotactile-raw/1\n")
+
+
+def test_contacts_choose_what_the_next_frame_grounds(probe, start, plug):
+    plug()
+    start("driver", {"device": "serial", "port": plug.port, "order": "adaptive"})
+    publisher = probe.node.create_publisher(ContactArray, "contacts", 1)
+    contact = Contact(position=Point(x=0.03, y=0.02))
+    timer = probe.node.create_timer(
+        0.05, lambda: publisher.publish(ContactArray(contacts=[contact]))
+    )
+    positions = load_layout("equal-8x8").positions
+    nearest = np.argsort(np.hypot(*(positions - [0.03, 0.02]).T))[:12]
+    frames = probe.listen(VoltageFrame, "/voltage_frame", 1000)
+    probe.until(
+        lambda: frames and set(nearest.tolist()) <= set(frames[-1].grounded),
+        "rows near the contact",
+    )
+    del frames[:]
+    probe.until(lambda: len(frames) >= 20, "frames")
+    assert {len(frame.grounded) for frame in frames} == {16}
+    assert set(range(64)) == {e for frame in frames for e in frame.grounded}
+    probe.node.destroy_timer(timer)
+    assert probe.set_parameter("/driver", "order", "device").successful
+    probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: list(m.grounded) == list(range(64)))
 
 
 def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):

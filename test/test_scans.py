@@ -7,12 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices_support import PATIENCE, E, plugged, sensor, watched
+from devices_support import PATIENCE, E, counted, plugged, sensor, watched
 
 from tomotactile_ros.cli import main
-from tomotactile_ros.devices import DeviceSettings, make_device
+from tomotactile_ros.devices import DeviceSettings, make_device, protocol
+from tomotactile_ros.devices.emulator import EmulatedDevice
+from tomotactile_ros.devices.fake import FakeDevice
+from tomotactile_ros.evaluation.posterior import lattice
 from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
+from tomotactile_ros.optimizer.scan import Chooser
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
@@ -114,3 +119,91 @@ def test_the_simulated_device_scans_as_the_layout_says():
     device.close()
     assert frames[0].grounded.tolist() == [4, 1, 0]
     assert frames[0].row_period == pytest.approx(1e-3)
+
+
+def test_an_adaptive_frame_grounds_electrodes_near_contacts_and_all_others_in_turn():
+    positions, grounded = load_layout("equal-8x8").positions, []
+    order = AdaptiveOrder(positions)
+    contacts = np.array([[0.03, 0.02], [-0.06, -0.05]])
+    for _ in range(13):
+        frame = order.frame(contacts)
+        assert len(frame) == len(set(frame)) == 16
+        for contact in contacts:
+            nearest = np.argsort(np.hypot(*(positions - contact).T))[:6]
+            assert set(nearest.tolist()) <= set(frame)
+        grounded += frame
+    assert set(grounded) == set(range(64))
+    untouched = [e for _ in range(4) for e in order.frame(np.empty((0, 2)))]
+    assert sorted(untouched) == list(range(64))
+    few = AdaptiveOrder(positions[:5]).frame(contacts)
+    assert sorted(few) == list(range(5))
+
+
+def test_rows_that_contacts_choose_tell_more_of_them_than_any_fixed_ones():
+    """The bound on the place error from 8 rows of 16, known beforehand (`evaluation.posterior`)."""
+    chooser = Chooser(GRID, places=4)
+    places = lattice(GRID, 4)
+    order = AdaptiveOrder(GRID.positions, 8)
+    fixed = chooser.information.figures(chooser.best(8))[0]
+    chosen = [chooser.information.figures(order.frame(p[None]))[0][i] for i, p in enumerate(places)]
+    assert np.mean(chosen) < 0.9 * np.mean(fixed)
+
+
+@pytest.mark.parametrize("versions", [[1], [1, 2]])
+def test_the_usual_order_is_that_of_devices_that_take_one(versions):
+    settings = DeviceSettings(SMALL, "serial", port="", order="jumping")
+    with plugged(sensor(versions=versions)) as port:
+        device = make_device(replace(settings, port=port.path))
+        with watched(device) as watch:
+            watch.wait_for_frames(2)
+            assert not device.status().troubles
+    jumping = spread(SMALL.positions, range(E))
+    assert jumping != sorted(jumping)
+    wanted = jumping if 2 in versions else sorted(jumping)
+    assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == {tuple(wanted)}
+
+
+class Listening(EmulatedDevice):
+    """Keeps the commands that it gets."""
+
+    def receive(self, data, now):
+        self.heard = [*getattr(self, "heard", []), *protocol.Parser().feed(data)]
+        return super().receive(data, now)
+
+
+def test_an_order_in_every_frame_costs_no_frame_and_tells_nothing_else():
+    device, orders = Listening(counted, E, rate=100.0), [(0, 3, 1), (5, 2, 4), (1, 2, 3)]
+    with plugged(device) as port:
+        settings = DeviceSettings(SMALL, "serial", port=port.path, scan=orders[0])
+        with watched(make_device(settings)) as watch:
+            watch.wait_for_frames(3)
+            told = len(device.heard)
+            for i in range(30):
+                watch.device.set_scan(orders[i % 3])
+                watch.wait_for_frames(1)
+            watch.wait_for_frames(2)
+            counters = watch.device.status().counters
+            heard = [packet.type for packet in device.heard[told:]]
+    assert counters["frames_lost"] == counters["rows_ignored"] == 0
+    assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == set(orders)
+    assert len([kind for kind in heard if kind == protocol.SET_SCAN]) >= 30
+    assert set(heard) <= {protocol.SET_SCAN, protocol.KEEP_ALIVE}
+
+
+def test_a_simulated_scan_takes_a_new_order_up_with_the_frame_after_the_next():
+    scene, frames = Scene("nothing", 3.3, ()), []
+    simulator = Simulator(SMALL, scene)
+    device, enough = FakeDevice(simulator, rate=100.0), threading.Event()
+    orders = [(0, 3), (5, 2), (1, 4)]
+    device.set_scan(orders[0])
+
+    def take(frame):
+        frames.append(frame)
+        device.set_scan(orders[len(frames) % 3])
+        if len(frames) >= 8:
+            enough.set()
+
+    device.open(take, lambda rows: None)
+    assert enough.wait(PATIENCE)
+    device.close()
+    assert {tuple(frame.grounded.tolist()) for frame in frames[1:]} == set(orders)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 from tomotactile_ros.devices.base import Device, Frame, Status
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.support.errors import InputError
 
 __all__ = ["Device", "DeviceSettings", "Frame", "Status", "make_device"]
 
 KINDS = ("fake", "serial", "replay")
+ORDERS = ("jumping", "device", "adaptive")
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class DeviceSettings:
     scan : tuple of int
         Electrodes to ground, row after row; none: the scan of the layout, or the device's own
         order.
+    order : str
+        Where neither `scan` nor the layout names electrodes: ``device`` for the device's own order,
+        ``jumping`` (`layouts.scan_order`) where it takes one, ``adaptive`` where `set_scan` will be
+        called in every frame.
     address : int
         For ``serial``: of the device on a bus; 0: it has none.
     capture : str
@@ -66,6 +72,7 @@ class DeviceSettings:
     max_age: float = 0.0
     rows_per_message: int = 8
     scan: tuple[int, ...] = ()
+    order: str = "device"
     address: int = 0
     capture: str = ""
 
@@ -85,6 +92,9 @@ def make_device(settings: DeviceSettings) -> Device:
     make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
     device = make[settings.device](settings)
     device.run_length = settings.rows_per_message
+    if settings.order != "device":
+        positions = settings.layout.positions
+        device.usual_order = tuple(spread(positions, range(len(positions))))
     device.set_scan(settings.scan or settings.layout.scan)
     return device
 

@@ -153,6 +153,8 @@ class ThreadedDevice:
         Frames whose last sample is longer ago are dropped, counted and told; inf for any age.
     run_length : int
         Rows of a frame that are handed over together, where `open` is given `on_rows`.
+    usual_order : tuple of int
+        Electrodes to ground where `set_scan` asks for none and the device takes an order.
     """
 
     LATE_FOR = 10.0  # s that too old frames are told of
@@ -162,6 +164,7 @@ class ThreadedDevice:
         self._electrodes = electrodes
         self.max_age = math.inf
         self.run_length = 1
+        self.usual_order: tuple[int, ...] = ()
         self._rate = float(rate)
         self._streaming = True
         self._scan: tuple[int, ...] = ()

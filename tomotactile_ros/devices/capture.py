@@ -266,6 +266,7 @@ def relive(
     )
     device.max_age = _setting(path, header, "max_age", float) or math.inf
     device.run_length = max(1, run_length)
+    device.usual_order = tuple(header.get("usual_order", ()))
     raised: list[Exception] = []
 
     def guarded(receive: Callable[[Frame], None]) -> Callable[[Frame], None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class FakeDevice(ThreadedDevice):
     def set_rate(self, rate: float) -> None:
         """Scan `rate` frames per second from the next frame on (0: 1000 ground conditions)."""
         self._wished = rate
-        super().set_rate(rate or 1.0 / (ROW_PERIOD * len(self._scan or self._own_order)))
+        super().set_rate(rate or 1.0 / (ROW_PERIOD * len(self._order())))
 
     def set_scan(self, order: Sequence[int]) -> None:
         """Ground these electrodes from the next frame on, none: the own order."""
@@ -118,7 +118,14 @@ class FakeDevice(ThreadedDevice):
             start = end + behind * scan.period
 
     def _scan_of(self, sequence: int, start: float) -> _Scan:
-        return _Scan(sequence, start, 1.0 / self._rate, self._scan or self._own_order)
+        """What to scan next; a frame that is computed already keeps its order, as one under way
+        does in hardware."""
+        scan = _Scan(sequence, start, 1.0 / self._rate, self._order())
+        ahead = self._ahead[0] if self._ahead else scan
+        return ahead if replace(scan, order=ahead.order) == ahead else scan
+
+    def _order(self) -> tuple[int, ...]:
+        return self._scan or self.usual_order or self._own_order
 
     def _frame(self, scan: _Scan, voltages: np.ndarray, first: int = 0) -> Frame:
         """Rows of a frame from the row `first` on, the whole frame without it."""

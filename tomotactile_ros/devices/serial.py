@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import (
@@ -145,6 +145,7 @@ class SerialDevice(ThreadedDevice):
             "address": self._address,
             "max_age": self.max_age if math.isfinite(self.max_age) else 0.0,
             "run_length": self.run_length if rows else 0,
+            "usual_order": list(self.usual_order),
         }
 
     def relive(
@@ -280,7 +281,7 @@ class SerialDevice(ThreadedDevice):
     def _speak(self, talk: Conversation) -> None:
         """Send what is due: new settings, those without an answer yet, a sign of life."""
         if self._world.changed():
-            self._apply_settings(talk)
+            self._change_settings(talk)
         elif self._wanted and talk.arrival - self._told > ANSWER_TIME:
             self._tell_settings(talk)
         elif self._address and self._started:
@@ -353,9 +354,12 @@ class SerialDevice(ThreadedDevice):
             f"lost, {lost.rows_ignored} that fit no frame); check the line or set partial_frames",
         )
 
-    def _apply_settings(self, talk: Conversation) -> None:
-        settings = self._settings = self._world.settings()
+    def _apply_settings(self, talk: Conversation, settings: Settings | None = None) -> None:
+        settings = self._settings = settings or self._world.settings()
         self._note, self._faulty = "", False
+        self._order = settings.scan
+        if not settings.scan and self.identity.max_scan >= len(self.usual_order):
+            self._order = self.usual_order
         self._heard = self._framed = self._now()
         self._started = settings.streaming
         self._asked: dict[int, int] = {}  # tag -> command
@@ -366,6 +370,22 @@ class SerialDevice(ThreadedDevice):
         self._tell_settings(talk)
         if not self._started:
             self._set_state("stopped", f"{self._describe()}; stopped on request")
+
+    def _change_settings(self, talk: Conversation) -> None:
+        """Take up new settings; another order of as many rows while frames flow disturbs nothing
+        else, so that it can be told in every frame."""
+        before = self._settings
+        settings = self._world.settings()
+        alike = replace(settings, scan=before.scan) == before
+        flowing = self._started and not self._address and self.identity.max_scan > 0
+        if not (alike and flowing and len(settings.scan) == len(self._order)):
+            self._apply_settings(talk, settings)
+            return
+        self._settings, self._order = settings, settings.scan
+        if protocol.SET_SCAN not in self._wanted:
+            self._wanted.insert(0, protocol.SET_SCAN)
+        self._told = self._now()
+        self._asked[self._tell(talk, protocol.SET_SCAN)] = protocol.SET_SCAN
 
     def _can_scan(self, order: tuple[int, ...]) -> bool:
         """Whether to command an order: also the device's own, after whoever was there before."""
@@ -392,9 +412,9 @@ class SerialDevice(ThreadedDevice):
         if kind == protocol.SET_RATE:
             return talk.set_rate(self._settings.rate)
         if kind == protocol.SET_SCAN:
-            tag = talk.set_scan(self._settings.scan)
-            if self._settings.scan:
-                self._assembler.expect_order(tag, self._settings.scan)
+            tag = talk.set_scan(self._order)
+            if self._order:
+                self._assembler.expect_order(tag, self._order)
             return tag
         if kind == protocol.START:
             if self._address:
@@ -459,7 +479,7 @@ class SerialDevice(ThreadedDevice):
             return
         if ack.command == protocol.START:
             self._assembler.expect_first(ack.sequence)
-        elif ack.command == protocol.SET_SCAN and not self._settings.scan:
+        elif ack.command == protocol.SET_SCAN and not self._order:
             self._assembler.own_rows = ack.rows
 
     def _take_status(self, status: protocol.Status, arrival: float) -> None:

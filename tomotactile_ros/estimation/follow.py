@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
-from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH, Belief, RowState
+from tomotactile_ros.estimation.row_state import STATE, STRENGTH, Belief, RowState
 from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.touch import RADIUS
 
@@ -43,7 +43,10 @@ _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
 _BESIDE = 1.0  # spacings from the rim of a wide contact within which nothing begins
 _RESTED, _MOVING = 128, 0.02  # rows; m/s: others' rows tell of the sensor
-_PART, _PATTERN = 0.25, 0.6180339887  # of other rows that do; golden section: all electrodes' in turn
+_PART, _PATTERN = (
+    0.25,
+    0.6180339887,
+)  # of other rows that do; golden section: all electrodes' in turn
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 
@@ -280,9 +283,7 @@ class Follower:
         """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet."""
         reach, longest = REACH * self.operator.pitch, 1.0
         for x, y, _, _, strength in _each(wanted - now, count):
-            longest = max(
-                longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH
-            )
+            longest = max(longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH)
         out = wanted if longest == 1 else now + (wanted - now) / longest
         width, height = self._half
         for i, (x, y, _, _, strength) in enumerate(_each(out, count)):

@@ -127,7 +127,9 @@ class RowModel:
         self._none = np.zeros((0, operator.count))
         self._kept: dict[int, tuple] = {}
 
-    def row(self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=1) -> Row:
+    def row(
+        self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=1
+    ) -> Row:
         """The row with electrode `ground` (of those in use) grounded.
 
         contacts (k, 4) x, y, ln c, ln a; mutual (k, k) D, ohm, None: none
@@ -171,9 +173,7 @@ class RowModel:
         readings += shift[:modes] @ changes[sensor:]
         variance = self._alone + INEXACT**2 * driven**2
         common = known.gain * ratio * (known.deviations[2][ground] / own)
-        return Row(
-            readings, changes, driven, variance, common, ratio, own, ones, others
-        )
+        return Row(readings, changes, driven, variance, common, ratio, own, ones, others)
 
     def _placed(self, contacts: np.ndarray):
         if len(contacts):

@@ -17,10 +17,9 @@ part, so that all derivatives exist.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
-
-import math
 
 import numpy as np
 

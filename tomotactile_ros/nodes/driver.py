@@ -13,7 +13,7 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.devices import KINDS, Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.devices import KINDS, ORDERS, Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
@@ -23,6 +23,7 @@ from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.scan_order import ScanOrder
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet import MODELS
@@ -51,10 +52,15 @@ SPECS = (
     Spec(
         "scan",
         (),
-        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout says, or each "
-        "in turn",
+        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout or `order` says",
         low=0,
         high=65534,
+    ),
+    Spec(
+        "order",
+        "jumping",
+        "Without scan: rows far from each other in turn, the device's own, or near contacts most often",
+        choices=ORDERS,
     ),
     Spec(
         "delivery",
@@ -116,6 +122,7 @@ class Driver:
         self._touches = TouchListener(
             node, self.parameters["frame_id"], lambda touches: self._device.press(touches)
         )
+        self._order = ScanOrder(node, lambda order: self._device.set_scan(order))
         node.create_service(Trigger, "~/restart", self._restart)
         hardware_id = self.parameters["hardware_id"] or self.parameters["frame_id"]
         self._diagnostics = Diagnostics(node, "device", lambda: hardware_id, self.report)
@@ -133,6 +140,7 @@ class Driver:
         """Read the layout and make the device."""
         self._layout = load_layout(self.parameters["layout"])
         self._device = self._make_device(self.parameters.values)
+        self._choose_order(self.parameters.values)
 
     def activate(self) -> None:
         """Open the device."""
@@ -154,6 +162,7 @@ class Driver:
     def cleanup(self) -> None:
         """Forget device and layout."""
         self._touches.listen(False)
+        self._order.follow(None)
         self._device = self._layout = None
 
     def report(self) -> Report:
@@ -210,12 +219,19 @@ class Driver:
         self._touches.listen(fake and named["scene"].live, self._layout)
         return device
 
+    def _choose_order(self, values: dict[str, Any]) -> None:
+        """Let contacts choose the order of the scan where they are to, and nothing else does."""
+        chosen = values["scan"] or self._layout.scan or values["device"] == "replay"
+        adaptive = values["order"] == "adaptive" and not chosen
+        self._order.follow(self._layout if adaptive else None)
+
     def _change(self, changed: set[str], values: dict[str, Any]) -> None:
         if self._device is None:
             return
         if changed <= {"rate", "streaming", "scan"}:
             if "scan" in changed:
                 self._device.set_scan(values["scan"] or self._layout.scan)
+                self._choose_order(values)
             if "rate" in changed:
                 self._device.set_rate(values["rate"])
             if "streaming" in changed:
@@ -224,6 +240,7 @@ class Driver:
         device = self._make_device(values)
         self._device.close()
         self._device = device
+        self._choose_order(values)
         if self._active:
             self._open(values)
 
@@ -242,11 +259,13 @@ class Driver:
             response.message = str(error)
             self._open(self.parameters.values)
             return response
+        self._choose_order(self.parameters.values)
         self._open(self.parameters.values)
         response.success, response.message = outcome(self._device, lambda: not self._active)
         return response
 
     def _on_frame(self, frame: Frame) -> None:
+        self._order.next()
         self._hand_on(frame, self.listeners, self._publisher)
 
     def _on_rows(self, rows: Frame) -> None:

@@ -25,7 +25,12 @@ from tomotactile_ros.reconstruction.estimate import (
     described,
     disc_cells,
 )
-from tomotactile_ros.reconstruction.frame_checks import check_drive_voltage, is_idle, ordered, ordered_row
+from tomotactile_ros.reconstruction.frame_checks import (
+    check_drive_voltage,
+    is_idle,
+    ordered,
+    ordered_row,
+)
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
@@ -253,9 +258,7 @@ class Pipeline:
         """Contacts at the time of the last row that `state` was given."""
         followed = self._row_estimator().report(state)
         self._tracks.last = max(self._tracks.last, state.highest)
-        contacts = [
-            _reported(contact, number, age) for number, age, contact in followed.contacts
-        ]
+        contacts = [_reported(contact, number, age) for number, age, contact in followed.contacts]
         none = np.empty((0, 0))
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(state.left_out)] = True
