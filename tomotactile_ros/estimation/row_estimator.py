@@ -35,6 +35,7 @@ _PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
+_POOR = 1.5  # chi-squared a reading: a frame of one state has 1.1 at the most
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
 
@@ -46,8 +47,8 @@ class RowsState:
     rows : of the follower, None before the first row; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
     confirmed : s, time of the last frame that was valid; looked : of the last one that was told
-    doubted : frames since that nothing explained; passed : whether the last one came too soon after
-        something had begun or ended
+    doubted : frames since that nothing explained; passed : whether the last one was left out, as
+        something began or ended in it
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -217,7 +218,7 @@ class RowEstimator:
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
-        if not state.passed and _changed_late(state, seen.ended):
+        if not state.passed and not state.confused and _is_mixed(state, seen):
             state.passed = True
             return
         state.looked, state.passed = seen.ended, False
@@ -340,11 +341,16 @@ class RowEstimator:
         )
 
 
-def _changed_late(state: RowsState, ended: float) -> bool:
-    """Whether rows saw something begin or end in the last few rows of a frame that `ended` then, s:
-    so few tell rows no more than they know, and the rest of the frame is of another state."""
-    known = [places.keys() for at, places in state.past if at <= ended][-YOUNG:]
-    return any(each != known[-1] for each in known) and not state.confused
+def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
+    """Whether rows saw something begin or end in a frame so that it tells them nothing: in its last
+    few rows, of which they know as much, or where it does not explain its rows well."""
+    within = [(at, places.keys()) for at, places in state.past if seen.begun <= at <= seen.ended]
+    change = [i for i in range(1, len(within)) if within[i][1] != within[i - 1][1]]
+    if not change:
+        return False
+    fit = seen.fit
+    poor = fit is not None and fit.chi_squared > _POOR * max(fit.rows.count, 1)
+    return poor or len(within) - change[-1] < YOUNG
 
 
 def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
