@@ -101,6 +101,16 @@ class RowsState:
             return None
         return (*(number for number, *_ in rows.wide), *rows.belief.numbers)
 
+    def rows_since_change(self, begun: float, ended: float) -> int | None:
+        """How many rows of a frame from `begun` to `ended`, s, came after the last beginning or end
+        that rows saw in it; None: it is of one state, or rows may not be believed. From any thread."""
+        unsure = self.rows is None or self.rows.touched_at_once and self.confirmed == -np.inf
+        if unsure or self.confused:
+            return None
+        within = [places.keys() for at, places in list(self.past) if begun <= at <= ended]
+        change = [i for i in range(1, len(within)) if within[i] != within[i - 1]]
+        return len(within) - change[-1] if change else None
+
     def tell(self, seen: FrameSeen) -> None:
         """Leave what a frame said to the next row; from any thread. Of several the last one
         counts."""
@@ -218,7 +228,7 @@ class RowEstimator:
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
-        if not state.passed and not state.confused and _is_mixed(state, seen):
+        if not state.passed and _is_mixed(state, seen):
             state.passed = True
             return
         state.looked, state.passed = seen.ended, False
@@ -344,13 +354,11 @@ class RowEstimator:
 def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
     """Whether rows saw something begin or end in a frame so that it tells them nothing: in its last
     few rows, of which they know as much, or where it does not explain its rows well."""
-    within = [(at, places.keys()) for at, places in state.past if seen.begun <= at <= seen.ended]
-    change = [i for i in range(1, len(within)) if within[i][1] != within[i - 1][1]]
-    if not change:
+    since, fit = state.rows_since_change(seen.begun, seen.ended), seen.fit
+    if since is None:
         return False
-    fit = seen.fit
     poor = fit is not None and fit.chi_squared > _POOR * max(fit.rows.count, 1)
-    return poor or len(within) - change[-1] < YOUNG
+    return poor or since < YOUNG
 
 
 def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:

@@ -185,6 +185,8 @@ class Reconstruction:
         self._check(frame, layout_id)
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
+        if followed and self._rows.leaves_out(self._pipeline, frame):
+            return
         if followed and self._pipeline.fits:
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)

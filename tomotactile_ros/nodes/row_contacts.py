@@ -31,6 +31,7 @@ SPECS = (
         high=65535,
     ),
 )
+_TURNS, _TURN = 10, 0.005  # times, s, that a frame waits for its last rows
 _PATIENCE = 1.0  # s without rows after which contacts are those of frames again
 
 
@@ -52,6 +53,7 @@ class Rows:
         self._of: tuple = ()  # pipeline and tare of the state
         self._last = -_PATIENCE
         self._since, self._touching = 0, None
+        self._left_out = False  # the last frame
         self._preparing = False  # seconds, where the profile has no estimator
 
     @property
@@ -92,6 +94,19 @@ class Rows:
         self._last = time.monotonic()
         age = self._node.get_clock().now().nanoseconds * 1e-9 - now
         self.watch.followed(rows.sequence, len(rows.grounded), age, self._last - begun)
+
+    def leaves_out(self, pipeline: Pipeline, frame: Frame) -> bool:
+        """Whether a frame is not worth its time: rows saw something begin or end in it, and know it
+        already; the next frame is of one state. Never two frames in turn."""
+        state, ended = self._state, frame.stamp + frame.row_period * len(frame.grounded)
+        known = state is not None and self._of[0] is pipeline
+        for _ in range(_TURNS if known else 0):  # its last rows may wait still
+            if state.rows is None or state.rows.time > ended - 1.5 * frame.row_period:
+                break
+            time.sleep(_TURN)
+        mixed = known and state.rows_since_change(frame.stamp, ended) is not None
+        self._left_out = mixed and not self._left_out
+        return self._left_out
 
     def image(self, pipeline: Pipeline) -> Result | None:
         """An image of what rows tell, where a frame could tell no more and the profile draws
