@@ -35,7 +35,7 @@ _PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
-_POOR = 1.5  # chi-squared a reading: a frame of one state has 1.1 at the most
+_POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
 
