@@ -198,6 +198,17 @@ class Learner:
         return resting(self.operator, prior).with_contacts(contact, across, free)
 
 
+def surprise(fit: Fit) -> float:
+    """How far a frame is from what was known before it: of the readings about one each.
+
+    Chi-squared, and the squared distance that the sensor had to go, in its deviations: together that
+    of the readings from those expected, in the covariance of both (contacts apart). A sensor that has
+    changed may leave no misfit, as the fit moves what is known.
+    """
+    apart = fit.prior.apart(fit.unknowns)
+    return fit.chi_squared + float(apart @ fit.prior.pull(apart))
+
+
 def _inverse(matrix):
     out = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
     return (out + out.T) / 2
