@@ -13,6 +13,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 
+ALIKE = 0.5  # of the variance of resistances to ground is common to all: switches of one kind
+
+
 @dataclass(frozen=True)
 class ChannelPrior:
     """Standard deviations before anything is known, and what is expected.
@@ -25,6 +28,12 @@ class ChannelPrior:
     gain: float = 0.03
     offset: float = 0.003
     resistance: float = 200.0
+
+    def precision_of_resistances(self, count: int) -> np.ndarray:
+        """(n, n) inverse covariance of `count` resistances, of whose variance `ALIKE` is common."""
+        own = self.resistance**2 * (1 - ALIKE)
+        common = np.full((count, count), ALIKE / (1 - ALIKE + ALIKE * count))
+        return (np.eye(count) - common) / own
 
 
 def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
