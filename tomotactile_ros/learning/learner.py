@@ -199,14 +199,15 @@ class Learner:
 
 
 def surprise(fit: Fit) -> float:
-    """How far a frame is from what was known before it: of the readings about one each.
+    """How far a frame is from what was known before it, about 1 or less where nothing has changed.
 
-    Chi-squared, and the squared distance that the sensor had to go, in its deviations: together that
-    of the readings from those expected, in the covariance of both (contacts apart). A sensor that has
-    changed may leave no misfit, as the fit moves what is known.
+    Chi-squared a reading, or the squared way that the sensor had to go, in the deviations of what
+    was known, a number of the sensor, whichever is more: a sensor that has changed may leave no
+    misfit, as the fit moves what is known.
     """
     apart = fit.prior.apart(fit.unknowns)
-    return fit.chi_squared + float(apart @ fit.prior.pull(apart))
+    way = float(apart @ fit.prior.pull(apart)) / len(apart)
+    return max(fit.chi_squared / max(fit.rows.count, 1), way)
 
 
 def _inverse(matrix):

@@ -34,7 +34,7 @@ _STEADY = 0.015  # the same of two frames that follow each other while a touch r
 _NOISE = 1.5  # times what noise makes of a difference
 _IDLE = 16  # untouched frames that are averaged
 _IDLE_EVERY = 900.0  # s from one such mean to the next: drift is the same in all its frames
-_ODD = 4.0  # surprise a reading of a touch that does not fit to the sensor as it is known
+_ODD = 4.0  # surprise of a touch that does not fit to the sensor as it is known
 _CHANGED = 3  # such touches in turn: the sensor has changed
 _BETTER = 0.5  # of the misfit of most of them is left if it has
 _UNEXPLAINED = 0.5  # of the touches: with more the sensor is not what the model knows
@@ -148,7 +148,11 @@ class LiveLearner:
             if idle:
                 self._learn_offsets(idle)
             for frame in touched:
-                self._learn_one(frame)
+                try:
+                    self._learn_one(frame)
+                except np.linalg.LinAlgError:  # numbers that no sheet has; what is known stays
+                    self._learners = {}
+                    self.unexplained += 1
         return None if self.state is before else self.state
 
     def _offer_idle(self, frame) -> bool:
@@ -180,16 +184,21 @@ class LiveLearner:
             for f in (*self._first_idle, *self._first)
             if f.drive == drive and np.array_equal(f.rows, rows)
         ]
-        learned = learn(
-            self._layout,
-            np.array([f.voltages[rows] for f in frames]),
-            rows,
-            drive,
-            noise=self._noise,
-            radius=self._radius,
-            model=self._model,
-            state=self._start,
-        )
+        try:
+            learned = learn(
+                self._layout,
+                np.array([f.voltages[rows] for f in frames]),
+                rows,
+                drive,
+                noise=self._noise,
+                radius=self._radius,
+                model=self._model,
+                state=self._start,
+            )
+        except np.linalg.LinAlgError:
+            self.unexplained = len(self._first)
+            self._together, self._first = 0, []  # begin anew, with other touches
+            return
         self.unexplained = learned.unexplained
         if learned.unexplained > _UNEXPLAINED * len(self._first):
             if self._together == len(TOGETHER):  # begin anew, with other touches
@@ -217,7 +226,7 @@ class LiveLearner:
         if learner is None:
             return
         fit = learner.look(self._rows(learner, frame))
-        if surprise(fit) > _ODD * fit.rows.count:
+        if surprise(fit) > _ODD:
             self._odd.append((frame, surprise(fit)))
             if len(self._odd) == _CHANGED:
                 self._learn_change(learner)
