@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from time import process_time
 
 import numpy as np
 
@@ -91,8 +92,10 @@ def measure(which: list[Damage] | None = None) -> Iterator[dict]:
             wiring = Wiring(replace(BOTH, gain=tuple(gain)))
             other.touch(frames[LEARNED + touch], wiring, LEARNED + touch)
             names = [each.name for each in other.live.health.findings]
-            if first is None and damage.named and any(
-                name.startswith(damage.named) for name in names
+            if (
+                first is None
+                and damage.named
+                and any(name.startswith(damage.named) for name in names)
             ):
                 first = touch + 1
         yield {
@@ -117,9 +120,7 @@ def healthy(frames: int) -> dict:
         chosen = pressed[random.integers(len(pressed))]
         for rests in range(int(random.integers(2, 60))):
             idle = rests == 0
-            frame = readings(
-                untouched(len(chosen)) if idle else chosen, Wiring(BOTH), (count, 7)
-            )
+            frame = readings(untouched(len(chosen)) if idle else chosen, Wiring(BOTH), (count, 7))
             seconds.append(learner.offer(frame, count / 15.6))
             count += 1
         touches += 1
@@ -155,8 +156,6 @@ class _LiveLearner:
 
     def offer(self, frame: np.ndarray, time: float) -> float:
         """One frame; the processor's seconds until the node may go on."""
-        from time import process_time
-
         start = process_time()
         kept = self.live.offer(frame, self._grounded, DRIVE, 1000.0 + time)
         seconds = process_time() - start
@@ -183,7 +182,9 @@ def _frames(count: int, damage: Damage, harder: float = 1.0) -> list[np.ndarray]
     defects = Defects(channels=replace(BOTH, gain=None, offset=None, ground_resistance=tuple(ohm)))
     if damage.sheet is not None:
         defects = replace(defects, sheet=damage.sheet)
-    simulator = Simulator(dried, Scene(damage.name, DRIVE, contacts, LAW, defects=defects), row_period=0.0)
+    simulator = Simulator(
+        dried, Scene(damage.name, DRIVE, contacts, LAW, defects=defects), row_period=0.0
+    )
     found = [simulator.ideal_frame(i + 0.25) for i in range(count)]
     for pair in map(list, damage.swapped):
         for frame in found:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-
 ALIKE = 0.5  # of the variance of resistances to ground is common to all: switches of one kind
 
 
