@@ -26,7 +26,9 @@ EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is 
 DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
 _HELD = 1e-4  # of what was expected: as good as fixed
 _STEPS = 20
-_FAR = 4.0  # a whole deviation for each number of a sensor, which one frame tells little of, is much
+_FAR = (
+    4.0  # a whole deviation for each number of a sensor, which one frame tells little of, is much
+)
 _AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of chi-squared, each
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
 
