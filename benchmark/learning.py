@@ -5,9 +5,11 @@
                                                 [--plot out/learning.png] [--out out/learning.json]
                                                 [--markdown]
     scripts/setup python3 benchmark/learning.py --read out/learning.json ... [--plot ...] [--markdown]
+    scripts/setup python3 benchmark/learning.py --damage [NUMBER ...] | --healthy FRAMES
 
 Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch
-after an untouched frame.
+after an untouched frame. `--damage`: what is named of sensors that break after they were learned,
+and when; `--healthy`: what is named of one that does not (tomotactile_ros/bench/damage.py).
 """
 
 import argparse
@@ -18,7 +20,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from tomotactile_ros.bench import learned
+from tomotactile_ros.bench import damage, learned
 from tomotactile_ros.support.errors import InputError
 
 
@@ -31,12 +33,36 @@ def main():
     parser.add_argument("--out", type=Path, help="all figures as JSON")
     parser.add_argument("--read", type=Path, nargs="+", help="show these figures, measure nothing")
     parser.add_argument("--markdown", action="store_true")
+    parser.add_argument(
+        "--damage", type=int, nargs="*", help="numbers of the kinds of damage (default: all)"
+    )
+    parser.add_argument("--healthy", type=int, metavar="FRAMES", help="of a sensor under load")
     args = parser.parse_args()
+    if args.damage is not None or args.healthy is not None:
+        print_health(parser, args)
+        return
     rows = stored(args.read) if args.read else measured(parser, args)
     print("\n".join(learned.text(rows, args.markdown)))
     if args.plot:
         args.plot.parent.mkdir(parents=True, exist_ok=True)
         learned.save_plot(args.plot, rows)
+
+
+def print_health(parser, args):
+    if args.damage is not None:
+        kinds = damage.damages()
+        if not set(args.damage) <= set(range(len(kinds))):
+            parser.error(f"--damage: numbers from 0 to {len(kinds) - 1} are needed")
+        for row in damage.measure([kinds[n] for n in args.damage or range(len(kinds))]):
+            when = "not named" if row["first"] is None else f"named at touch {row['first']}"
+            print(f"{row['damage']}: {when}", flush=True)
+            for text, sure in row["found"]:
+                print(f"    {text} ({sure:.0f} standard deviations)", flush=True)
+    if args.healthy is not None:
+        if args.healthy < 1:
+            parser.error("--healthy: a number of frames from 1 on is needed")
+        for name, value in damage.healthy(args.healthy).items():
+            print(f"{name}: {value}")
 
 
 def stored(paths):

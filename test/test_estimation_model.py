@@ -122,7 +122,8 @@ def test_derivatives_by_the_sheet(where):
 
 @pytest.mark.parametrize("correlated", [False, True])
 def test_a_step_is_that_of_all_unknowns_together(correlated):
-    """Channels are eliminated (Schur complement); a dense system gives the same."""
+    """Channels are eliminated (Schur complement); a dense system gives the same, however unequally
+    they are known."""
     truth = imperfect(PLACES["between"])
     random = np.random.default_rng(2)
     noise = 1e-3
@@ -139,6 +140,8 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
         free=np.array([[True, True, True, False, False, False]] * 2),
     )
     before = prior()
+    unequal = [each * np.exp(random.uniform(-3, 0, E)) for each in before.deviations]
+    before = replace(before, deviations=tuple(unequal), precision=None)
     marginal = np.concatenate([before.sheet_deviation, *before.deviations])
     expected = np.diag(marginal**-2.0)
     if correlated:

@@ -107,6 +107,21 @@ def test_channels_alone_leave_the_sheet_as_it_is_known():
     assert feed(live(kind="off"), np.arange(0.4, 3.0, 0.1)) == []
 
 
+@pytest.mark.parametrize("before", [False, True])
+def test_frames_that_no_sheet_has_are_counted_and_learning_goes_on(monkeypatch, before):
+    def none(*_, **__):
+        raise np.linalg.LinAlgError("not positive definite")
+
+    learner = live(state=states()[-1]) if before else live()
+    known = learner.state
+    with monkeypatch.context() as broken:
+        broken.setattr("tomotactile_ros.learning.learner.Learner.look", none)
+        feed(learner, np.arange(0.02, 3, 0.1))
+    assert learner.unexplained == 3 and learner.state.touches == known.touches
+    feed(learner, np.arange(3.02, 6, 0.1))
+    assert learner.state.touches > known.touches
+
+
 def damaged(**more):
     """The same sensor with another part of its channels or its sheet."""
     whole = simulator(16)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+ALIKE = 0.5  # of the variance of resistances to ground is common to all: switches of one kind
+
 
 @dataclass(frozen=True)
 class ChannelPrior:
@@ -26,9 +28,16 @@ class ChannelPrior:
     offset: float = 0.003
     resistance: float = 200.0
 
+    def precision_of_resistances(self, count: int) -> np.ndarray:
+        """(n, n) inverse covariance of `count` resistances, of whose variance `ALIKE` is common."""
+        own = self.resistance**2 * (1 - ALIKE)
+        common = np.full((count, count), ALIKE / (1 - ALIKE + ALIKE * count))
+        return (np.eye(count) - common) / own
+
 
 def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
-    """(P, 3 n) block of the normal equations between parameters and gains, offsets, resistances.
+    """(P, 3 n) block of the normal equations between parameters and gains, offsets, resistances,
+    these in units of their deviations.
 
     columns (P, L, n) derivatives of the readings by the parameters, times the weights; the rest as
     for `ChannelFit`
@@ -41,7 +50,7 @@ def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
         [
             np.einsum("pln,ln->pn", columns, gain),
             columns.sum(axis=1),
-            np.einsum("pln,ln->pl", columns, resistance * resistance_deviation) @ to_rows,
+            np.einsum("pln,ln->pl", columns, resistance) @ to_rows * resistance_deviation,
         ],
         axis=1,
     )
@@ -65,9 +74,8 @@ class ChannelFit:
         count = weights.shape[1]
         self._count = count
         weighted = weights * gain
-        # In units of the deviation of the electrode that reads, where these differ: in those of the
-        # grounded one, as is exact, a wire that breaks was found too late (tried).
-        in_rows = resistance * deviations[2]
+        # resistances in units of their deviations: of the electrode that is grounded in the row
+        in_rows = resistance * deviations[2][rows, None]
         by_row = weights * in_rows
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))

@@ -141,8 +141,16 @@ class Prior:
     def unknown(
         cls, operator: SheetOperator, channels: ChannelPrior, radius: float, drive: float
     ) -> Prior:
-        """Nothing has been learned of this sensor."""
-        count = operator.count
+        """Nothing has been learned of this sensor; its switches are of one kind."""
+        count, modes = operator.count, operator.modes
+        deviations = (
+            np.full(count, channels.gain),
+            np.full(count, channels.offset / drive),
+            np.full(count, channels.resistance),
+        )
+        precision = np.diag(np.concatenate([operator.deviation, *deviations]) ** -2.0)
+        resistances = slice(modes + 2 * count, None)
+        precision[resistances, resistances] = channels.precision_of_resistances(count)
         return cls(
             radius,
             0.6,
@@ -152,11 +160,8 @@ class Prior:
             np.ones(count),
             np.zeros(count),
             np.zeros(count),
-            (
-                np.full(count, channels.gain),
-                np.full(count, channels.offset / drive),
-                np.full(count, channels.resistance),
-            ),
+            deviations,
+            precision=precision,
         )
 
 

@@ -26,6 +26,9 @@ EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is 
 DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
 _HELD = 1e-4  # of what was expected: as good as fixed
 _STEPS = 20
+_FAR = (
+    4.0  # a whole deviation for each number of a sensor, which one frame tells little of, is much
+)
 _AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of chi-squared, each
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
 
@@ -196,6 +199,18 @@ class Learner:
         free = np.array([[True] * 4 + [False] * 2])
         across = [patches_for(radius, self.operator.pitch)]
         return resting(self.operator, prior).with_contacts(contact, across, free)
+
+
+def surprise(fit: Fit) -> float:
+    """How far a frame is from what was known before it, about 1 or less where nothing has changed.
+
+    Chi-squared a reading, or `_FAR` times the squared way that the sensor had to go, in the
+    deviations of what was known, a number of the sensor, whichever is more: a sensor that has changed
+    may leave no misfit, as the fit moves what is known.
+    """
+    apart = fit.prior.apart(fit.unknowns)
+    way = float(apart @ fit.prior.pull(apart)) / len(apart)
+    return max(fit.chi_squared / max(fit.rows.count, 1), _FAR * way)
 
 
 def _inverse(matrix):

@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
-from tomotactile_ros.learning.learner import Learner
+from tomotactile_ros.learning.learner import Learner, surprise
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
 from tomotactile_ros.learning.recorded import WIDE, learn
 from tomotactile_ros.learning.state import SensorState
@@ -34,7 +34,7 @@ _STEADY = 0.015  # the same of two frames that follow each other while a touch r
 _NOISE = 1.5  # times what noise makes of a difference
 _IDLE = 16  # untouched frames that are averaged
 _IDLE_EVERY = 900.0  # s from one such mean to the next: drift is the same in all its frames
-_ODD = 4.0  # chi-squared a reading of a touch that does not fit to the sensor as it is known
+_ODD = 4.0  # surprise of a touch that does not fit to the sensor as it is known
 _CHANGED = 3  # such touches in turn: the sensor has changed
 _BETTER = 0.5  # of the misfit of most of them is left if it has
 _UNEXPLAINED = 0.5  # of the touches: with more the sensor is not what the model knows
@@ -96,7 +96,7 @@ class LiveLearner:
         self._first_idle: list[_Frame] = []
         self._together = 0 if self.state.touches < TOGETHER[0] else len(TOGETHER)
         self._learners: dict[tuple[int, ...], Learner] = {}
-        self._odd: list[tuple[_Frame, float]] = []  # do not fit; chi-squared
+        self._odd: list[tuple[_Frame, float]] = []  # do not fit; surprise
         self.health = Health(self.operator)
         if self.state.touches:
             self.health.update(self.state)
@@ -148,7 +148,11 @@ class LiveLearner:
             if idle:
                 self._learn_offsets(idle)
             for frame in touched:
-                self._learn_one(frame)
+                try:
+                    self._learn_one(frame)
+                except np.linalg.LinAlgError:  # numbers that no sheet has; what is known stays
+                    self._learners = {}
+                    self.unexplained += 1
         return None if self.state is before else self.state
 
     def _offer_idle(self, frame) -> bool:
@@ -180,16 +184,21 @@ class LiveLearner:
             for f in (*self._first_idle, *self._first)
             if f.drive == drive and np.array_equal(f.rows, rows)
         ]
-        learned = learn(
-            self._layout,
-            np.array([f.voltages[rows] for f in frames]),
-            rows,
-            drive,
-            noise=self._noise,
-            radius=self._radius,
-            model=self._model,
-            state=self._start,
-        )
+        try:
+            learned = learn(
+                self._layout,
+                np.array([f.voltages[rows] for f in frames]),
+                rows,
+                drive,
+                noise=self._noise,
+                radius=self._radius,
+                model=self._model,
+                state=self._start,
+            )
+        except np.linalg.LinAlgError:
+            self.unexplained = len(self._first)
+            self._together, self._first = 0, []  # begin anew, with other touches
+            return
         self.unexplained = learned.unexplained
         if learned.unexplained > _UNEXPLAINED * len(self._first):
             if self._together == len(TOGETHER):  # begin anew, with other touches
@@ -217,8 +226,8 @@ class LiveLearner:
         if learner is None:
             return
         fit = learner.look(self._rows(learner, frame))
-        if fit.chi_squared > _ODD * fit.rows.count:
-            self._odd.append((frame, fit.chi_squared))
+        if surprise(fit) > _ODD:
+            self._odd.append((frame, surprise(fit)))
             if len(self._odd) == _CHANGED:
                 self._learn_change(learner)
             return
@@ -237,13 +246,13 @@ class LiveLearner:
         learner.set(known.widened())
         for each, frame in zip(rows, odd):
             learner.learn(learner.look(each), frame.time)
-        after = [learner.look(each).chi_squared for each in rows]
-        explained = sum(now < _BETTER * then for now, then in zip(after, before))
+        after = [learner.look(each) for each in rows]
+        explained = sum(surprise(now) < _BETTER * then for now, then in zip(after, before))
         if explained <= len(odd) / 2:
             learner.set(known)
             self.unexplained += len(odd)
             return
-        misfits = tuple(now / each.count for now, each in zip(after, rows))
+        misfits = tuple(now.chi_squared / now.rows.count for now in after)
         self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
 
     def _rows(self, learner, frame):

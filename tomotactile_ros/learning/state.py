@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.channels import ALIKE, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Prior
 
@@ -25,7 +25,6 @@ GAIN_WALK = 2e-4  # relative, per root hour: resistors of 100 ppm / K in a room
 OFFSET_WALK = 2e-4  # V per root hour
 RESISTANCE_WALK = 2.0  # ohm per root hour
 _HOUR = 3600.0
-_ALIKE = 0.5  # of the variance of resistances to ground is that of all: switches of one kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +62,8 @@ class SensorState:
         mean[operator.modes : operator.modes + count] = 1.0
         covariance = np.diag(expected**2)
         alike = covariance[-count:, -count:]
-        alike *= 1 - _ALIKE
-        alike += _ALIKE * channels.resistance**2
+        alike *= 1 - ALIKE
+        alike += ALIKE * channels.resistance**2
         return cls(operator.modes, mean, covariance, expected)
 
     @property

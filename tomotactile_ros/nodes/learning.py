@@ -159,10 +159,14 @@ class Learning:
 
     def _work(self, wake: threading.Event, ended: threading.Event) -> None:
         while True:
-            wake.wait()
+            # what was learned last is kept, too, where nothing more is learned before a crash
+            woken = wake.wait(self._until_saved() if self._unsaved else None)
             wake.clear()
             if ended.is_set():
                 return
+            if not woken:
+                self._save()
+                continue
             try:
                 state = self._learner.work()
             except InputError as error:
@@ -172,11 +176,15 @@ class Learning:
                 return
             if state is None:
                 continue
-            self._complaint, self._unsaved = "", True
+            self._complaint, self._unsaved = "", bool(self._values()["sensor"])
             self._use(state)
             self._publish()
-            if time.monotonic() - self._saved > _SAVED_EVERY:
+            if not self._until_saved():
                 self._save()
+
+    def _until_saved(self) -> float:
+        """Seconds until the file is written again."""
+        return max(self._saved + _SAVED_EVERY - time.monotonic(), 0.0)
 
     def _publish(self) -> None:
         learner = self._learner
@@ -189,7 +197,7 @@ class Learning:
 
     def _save(self) -> None:
         path = self._values()["sensor"]
-        if not path or not self._unsaved:
+        if not self._unsaved:
             return
         self._saved = time.monotonic()
         try:
