@@ -12,6 +12,7 @@ scikit-fem. Tables of docs/layouts.md come from here.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import sys
@@ -31,7 +32,9 @@ from tomotactile_ros.optimizer.scan import Chooser, spread
 from tomotactile_ros.optimizer.touch_report import save_comparison
 from tomotactile_ros.support.errors import InputError
 
-DATA = Path(__file__).resolve().parent.parent / "build" / "layouts"
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT / "build" / "layouts"
+JUDGES = ("bench", "estimation", "evaluation", "reconstruction", "sheet")  # what figures rest on
 SCALES = (0.95, 0.9, 0.86)
 SHIPPED = ("free", "optimized", "balanced", "touch")
 MOVED = 0.25  # of a spacing, uniform, of layouts at random
@@ -88,6 +91,15 @@ def figures(layout: Layout, count: int, profiles) -> dict:
         "expected": [*map(float, found.lengths), found.score],
         "measured": {each.profile: each.figures for each in measure(data, profiles)},
     }
+
+
+def version() -> str:
+    """Of the code that figures rest on: those of another estimator are not taken for today's."""
+    code = hashlib.sha256()
+    for room in JUDGES:
+        for path in sorted((ROOT / "tomotactile_ros" / room).rglob("*.py")):
+            code.update(path.read_bytes())
+    return code.hexdigest()[:8]
 
 
 def place_table(found: dict, profiles) -> list[str]:
@@ -174,10 +186,11 @@ def main():
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
     found = {}
     DATA.mkdir(parents=True, exist_ok=True)
+    today = version()
     for name, layout in every.items():
         if args.only and name not in args.only and layout.name not in map(_stem, args.layout):
             continue
-        kept = DATA / f"{layout.id.replace('#', '-')}-figures.json"
+        kept = DATA / f"{layout.id.replace('#', '-')}-figures-{today}.json"
         if kept.exists():
             found[name] = json.loads(kept.read_text())
         else:

@@ -78,6 +78,27 @@ def test_a_poor_start_gets_better_at_places_that_the_search_did_not_see():
     assert np.abs(best.layout.positions).max() > 0.046
 
 
+def test_a_start_in_the_middle_is_drawn_out_to_the_rim_and_gets_much_better():
+    """Step by step it would not: pairs get a little worse before all gets better."""
+    constraints = Constraints(POOR.outline, 0.0176, margin=0.004)
+    search = TouchSearch(objective_of(POOR, Conditions(apart=0.04), 4), constraints, None, True)
+    start, full = search.first(0), search.first(1)
+    assert np.array_equal(start.positions, POOR.positions) and start.score == pytest.approx(1.0)
+    assert np.abs(full.positions).max() == pytest.approx(0.096, abs=1e-6)
+    assert constraints.kept_by(full.positions)
+    assert full.score < 0.6
+    unseen = objective_of(POOR, Conditions(apart=0.04), 7)
+    assert unseen.score(unseen.posterior(full.positions, full.radius)) < 0.6
+
+
+def test_a_start_from_rim_to_rim_is_not_drawn_out():
+    grid = equal_grid(3, 3, SQUARE, 0.005, 1e4)
+    search = TouchSearch(
+        objective_of(grid, Conditions(apart=0.06), 3), Constraints(grid.outline, 0.02), None, True
+    )
+    assert max(search.scales) == 1.0
+
+
 def test_what_was_given_is_kept():
     """An electrode that is fixed, a zone to keep out of on one side, a margin, the symmetries."""
     zone = Region(regular_polygon(0.012) + [0.05, 0.0])

@@ -42,7 +42,9 @@ from tomotactile_ros.support.errors import InputError
 
 ROUNDS = 2
 STARTS = 2
-_SCALES = (1.0, 0.95, 0.9, 0.97, 0.93, 0.86, 0.88, 0.82)  # of the start, for the first starts
+_SCALES = (1.0, 0.95, 0.9, 0.97, 0.93, 0.86, 0.88, 0.82)  # of the starts, of the fullest layout
+_FULL = 1.01  # a start that can be scaled by less fills the sheet already
+_HALVINGS = 20
 _FIRST_MOVES = 3  # in the first round; twice as many in each after it
 _EVALUATIONS = 5  # of one trial in a round, and one more for each move
 _REACH = 0.04  # of a spacing: how far the first trial moves electrodes, root mean square
@@ -102,17 +104,40 @@ class TouchSearch:
     def first(self, number: int) -> Trial | None:
         """The start scaled about the middle, but for what is fixed; None where it is not allowed.
 
-        Where the radius is free every second one has the smallest, with the same scale.
+        The start is first, as it is. One that leaves the rim free is then drawn outwards as far as
+        the sheet and its margin allow: small steps from electrodes gathered in the middle end
+        where pairs get a little worse before everything gets better. Where the radius is free every
+        second one has the smallest, with the same scale.
         """
         reference = self.objective.reference
+        scales = self.scales
         scale = number if self.radii is None else number // 2
-        positions = reference.positions * _SCALES[scale % len(_SCALES)]
+        positions = reference.positions * scales[scale % len(scales)]
         held = list(self.constraints.fixed)
         positions[held] = reference.positions[held]
         radius = reference.radius
         if self.radii is not None:
             radius = self.radii[0] if number % 2 else float(np.clip(radius, *self.radii))
         return self._try(positions, radius)
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """Of the starts, the start itself first: those that fill the sheet, and smaller ones."""
+        full = self._fullest()
+        return _SCALES if full < _FULL else (1.0, *(full * scale for scale in _SCALES))
+
+    def _fullest(self) -> float:
+        """By how much the start can be scaled about the middle without leaving the sheet; zones
+        to keep out of and fixed electrodes do not count, others give way to them."""
+        positions = self.objective.reference.positions
+        sheet = replace(self.constraints, keep_out=(), fixed=())
+        if not sheet.kept_by(positions):
+            return 1.0
+        low, high = 1.0, float(max(sheet.outline.size) / np.abs(positions).max())
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if sheet.kept_by(middle * positions) else (low, middle)
+        return low
 
     def improve(self, trial: Trial, moves: int, evaluations: int) -> Trial:
         """The best of `evaluations` layouts near a trial, along its `moves` smoothest moves."""

@@ -1,0 +1,69 @@
+"""Where electrodes may not be they never are, on outlines of any shape.
+
+Distances are those of this file, corner by corner, and not those that the search uses.
+"""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region, regular_polygon
+from tomotactile_ros.optimizer.constraints import Constraints
+
+ROUNDING = 3e-9 * 0.25  # m; three billionths of the largest sheet
+SPACING, MARGIN = 0.018, 0.004
+
+
+def inside(points, ring):
+    """(n,) by crossings of a ray along x."""
+    x, y = points.T
+    crossings = np.zeros(len(points), int)
+    for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        straddles = (ay > y) != (by > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossings += straddles & (x < ax + (y - ay) * (bx - ax) / (by - ay))
+    return crossings % 2 == 1
+
+
+def rim_distance(points, ring):
+    """(n,) to the nearest side."""
+    a, b = ring, np.roll(ring, -1, axis=0)
+    along = ((points[:, None] - a) * (b - a)).sum(axis=2) / ((b - a) ** 2).sum(axis=1)
+    nearest = a + np.clip(along, 0, 1)[..., None] * (b - a)
+    return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
+
+
+def odd_sheet(random):
+    """(ring, hole): a star of 5 to 11 corners with notches, and a triangle cut out of it."""
+    corners = random.integers(5, 12)
+    angle = 2 * np.pi * (np.arange(corners) + random.uniform(0, 0.6, corners)) / corners
+    reach = random.uniform(0.06, 0.1, corners)
+    ring = reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring -= (ring.min(axis=0) + ring.max(axis=0)) / 2
+    hole = 0.012 * np.array([[1, 0], [-0.5, 0.8], [-0.5, -0.8]]) + random.uniform(-0.01, 0.01, 2)
+    return ring, hole
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_odd_outlines_holes_zones_margin_spacing_and_fixed_electrodes_are_kept(seed):
+    random = np.random.default_rng(seed)
+    ring, hole = odd_sheet(random)
+    outline = Outline.polygon(ring, holes=(hole,))
+    zone = regular_polygon(0.012) + random.uniform(-0.05, 0.05, 2)
+    free = Constraints(outline, SPACING, MARGIN, (Region(zone),))
+    # electrodes that stay: two places that are allowed
+    wild = random.uniform(-0.09, 0.09, (400, 2))
+    allowed = [each for each in wild if free.kept_by(each[None])]
+    held = np.array([allowed[0], max(allowed, key=lambda p: np.linalg.norm(p - allowed[0]))])
+    start = np.vstack([held, random.uniform(-0.09, 0.09, (8, 2))])
+    constraints = Constraints(outline, SPACING, MARGIN, (Region(zone),), fixed=(0, 1))
+    found = constraints.project(start)
+    assert found is not None  # ten electrodes have room on each of these sheets
+    assert np.array_equal(found[:2], held)
+    assert inside(found, ring).all() and not inside(found, hole).any()
+    assert rim_distance(found, ring).min() > MARGIN - ROUNDING
+    assert rim_distance(found, hole).min() > MARGIN - ROUNDING
+    within = inside(found, zone)
+    assert np.where(within, rim_distance(found, zone), 0).max() < ROUNDING
+    apart = np.linalg.norm(found[:, None] - found, axis=2) + np.eye(len(found))
+    assert apart.min() > SPACING - ROUNDING
