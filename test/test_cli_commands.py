@@ -290,3 +290,19 @@ def test_every_command_has_help(name, capsys):
         cli.main([name, "--help"])
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: tomotactile {name} ")
+
+
+def test_inspect_shows_a_screen_and_not_a_book(tmp_path):
+    """What a file holds is named by its beginning, and how much more there is."""
+    layout = tmp_path / "layout.yaml"
+    assert run("layout", "--rows", "2", "--cols", "2", "--out", layout).returncode == 0
+    text = layout.read_text().split("provenance")[0]
+    layout.write_text(text + "provenance:\n" + "".join(f"  k{i}: 1\n" for i in range(5000)))
+    shown = run("inspect", layout).stdout
+    assert "k15 " in shown and "k16 " not in shown and "and 4984 more" in shown
+
+
+def test_inspect_says_of_a_pipe_that_it_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    done = run("inspect", tmp_path / "pipe.yaml")
+    assert done.returncode == 2 and "is no plain file" in done.stderr

@@ -176,10 +176,11 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
         for path in (Path(text), *named) if text else ():
             if path.is_file():
                 return path
+        found = "is no plain file" if text and Path(text).exists() else "no such file"
     except OSError as error:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
     installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
     raise InputError(
-        f"{show(text)}: no such file, and none of the installed {kind}: "
+        f"{show(text)}: {found}, and none of the installed {kind}: "
         f"{', '.join(installed) or '-'}"
     )
