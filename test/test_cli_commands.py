@@ -302,7 +302,26 @@ def test_inspect_shows_a_screen_and_not_a_book(tmp_path):
     assert "k15 " in shown and "k16 " not in shown and "and 4984 more" in shown
 
 
-def test_inspect_says_of_a_pipe_that_it_is_no_file(tmp_path):
-    os.mkfifo(tmp_path / "pipe.yaml")
-    done = run("inspect", tmp_path / "pipe.yaml")
-    assert done.returncode == 2 and "is no plain file" in done.stderr
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("reconstruct", "F", "--layout", "L", "--out", "F"),
+        ("reconstruct", "F", "--layout", "L", "--out", "LINK"),
+        ("learn", "F", "F", "--layout", "L", "--out", "L"),
+        ("calibrate", "F=1.0", "--layout", "L", "--out", "L"),
+        ("tare", "--layout", "L", "--recording", "F", "--out", "F"),
+        ("optimize", "--layout", "L", "--out", "L"),
+    ],
+)
+def test_nothing_is_written_over_what_is_read(frames, tmp_path, words, capsys):
+    """A slip of the hand does not cost a recording, also not by another name of its file."""
+    mine = tmp_path / "mine.npz"
+    mine.write_bytes(frames.read_bytes())
+    (tmp_path / "link.npz").symlink_to(mine)
+    layout = tmp_path / "layout.yaml"
+    load_layout("equal-4x4").save(layout)
+    before = mine.read_bytes(), layout.read_bytes()
+    names = {"F": mine, "L": layout, "LINK": tmp_path / "link.npz", "F=1.0": f"{mine}=1.0"}
+    assert cli.main([str(names.get(word, word)) for word in words]) == 2
+    assert "take another name" in capsys.readouterr().err
+    assert (mine.read_bytes(), layout.read_bytes()) == before

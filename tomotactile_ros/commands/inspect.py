@@ -77,8 +77,7 @@ def _find(name):
             return find_config(kind, name)
         except InputError:
             continue
-    found = "is no plain file" if name and Path(name).exists() else "no such file"
-    raise InputError(f"{show(name)}: {found}, layout or scene")
+    raise InputError(f"{show(name)}: no such file, layout or scene")
 
 
 def describe_layout(layout: Layout) -> Iterator[str]:

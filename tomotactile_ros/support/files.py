@@ -18,6 +18,7 @@ from tomotactile_ros.support.errors import InputError
 
 YAML = (".yaml", ".yml")  # endings of layouts and other settings
 PICTURES = (".png", ".svg", ".pdf", ".jpg", ".webp")  # what a picture can be written as
+_WRITTEN = ("out", "picture", "report")  # options that name a file to write
 READ_TIME = 10.0  # s for one file
 _PIECE = 1 << 20
 
@@ -125,6 +126,34 @@ def atomic_file(path: str | os.PathLike) -> Iterator[IO[bytes]]:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
+def check_inputs_stay(options: dict[str, object]) -> None:
+    """Refuse to write to a file that is read: recorded frames would be lost.
+
+    `options` of a command line, by name. A sensor file that is gone on from may be replaced.
+    """
+    outs = [name for name in _WRITTEN if isinstance(options.get(name), str)]
+    if options.get("command") == "record":
+        outs.append("raw")
+    for out in outs:
+        target = options.get(out)
+        for name, value in options.items():
+            if name == out or target is None or (name, out) == ("sensor", "out"):
+                continue
+            for word in value if isinstance(value, list) else [value]:
+                if isinstance(word, str) and _same_file(word.rpartition("=")[0] or word, target):
+                    raise InputError(
+                        f"--{out}: {target} is the file that {name} names, too; take another name"
+                    )
+
+
+def _same_file(one: str, other: str) -> bool:
+    """Whether two paths, of which neither has to exist, are those of one file."""
+    try:
+        return os.path.realpath(one) == os.path.realpath(other) or os.path.samefile(one, other)
+    except (OSError, ValueError):
+        return False
+
+
 def check_picture(path: str | os.PathLike) -> None:
     """Refuse a picture whose name ends in no format that can be drawn."""
     check_out(path, *PICTURES)
@@ -176,11 +205,10 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
         for path in (Path(text), *named) if text else ():
             if path.is_file():
                 return path
-        found = "is no plain file" if text and Path(text).exists() else "no such file"
     except OSError as error:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
     installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
     raise InputError(
-        f"{show(text)}: {found}, and none of the installed {kind}: "
+        f"{show(text)}: no such file, and none of the installed {kind}: "
         f"{', '.join(installed) or '-'}"
     )
