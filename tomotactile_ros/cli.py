@@ -12,7 +12,6 @@ from contextlib import suppress
 from tomotactile_ros import __version__
 from tomotactile_ros.support.command_line import Parser, end_of_pipe, say_doubts, stop_like_ctrl_c
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.files import check_inputs_stay
 
 COMMANDS = (
     "run",
@@ -57,6 +56,8 @@ def main(argv: list[str] | None = None) -> int:
     say_doubts(f"tomotactile {args.command}")
     try:
         stop_like_ctrl_c()
+        from tomotactile_ros.support.files import check_inputs_stay  # brings numpy, which reads OMP_NUM_THREADS
+
         check_inputs_stay(vars(args))
         status = args.run(args) or 0
         sys.stdout.flush()
