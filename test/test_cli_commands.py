@@ -325,3 +325,21 @@ def test_nothing_is_written_over_what_is_read(frames, tmp_path, words, capsys):
     assert cli.main([str(names.get(word, word)) for word in words]) == 2
     assert "take another name" in capsys.readouterr().err
     assert (mine.read_bytes(), layout.read_bytes()) == before
+
+
+def test_frames_of_a_pressed_sheet_are_no_tare(frames, capsys):
+    """They would take the contact off all that follows, and nothing would be seen of it."""
+    words = ["run", "--layout", "equal-4x4", "--recording", frames, "--tare", frames]
+    assert cli.main([*map(str, words), "--duration", "1"]) == 2
+    assert "something presses on the sheet" in capsys.readouterr().err
+
+
+def test_watch_says_something_of_a_short_recording(frames, capsys):
+    assert cli.main(["watch", "--layout", "equal-4x4", "--recording", str(frames)]) == 0
+    assert "most at electrode" in capsys.readouterr().out
+
+
+def test_a_foot_in_millimetres(frames, tmp_path, capsys):
+    words = ["calibrate", f"{frames}=2", "--layout", "equal-4x4", "--out", tmp_path / "law.yaml"]
+    assert cli.main([*map(str, words), "--foot-radius", "5"]) == 2
+    assert "was 5 mm meant? That is 0.005" in capsys.readouterr().err

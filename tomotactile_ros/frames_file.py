@@ -154,7 +154,9 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
 def _check_frames(path: str | os.PathLike, shape: tuple[int, ...], dtype: np.dtype) -> None:
     """Refuse what is no array of frames."""
     if dtype.kind not in "fiu":
-        raise InputError(f"{path}: voltages: holds {checks.show(str(dtype))}, volts are real numbers")
+        raise InputError(
+            f"{path}: voltages: holds {checks.show(str(dtype))}, volts are real numbers"
+        )
     if len(shape) != 3:
         raise InputError(f"{path}: voltages: shape {shape}, frames x rows x electrodes are needed")
     if not shape[0]:
