@@ -59,7 +59,8 @@ def plug_in(folder, layout: str, scene: str, domain: int) -> Process:
 
 
 def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link") -> None:
-    """All topics appear with type, frame and rate; an image has the stamp of the frame it shows."""
+    """All topics appear with type, frame and rate; an image has the stamp of the frame it shows, a
+    marker that of the contacts."""
     from sensor_msgs.msg import Image
     from visualization_msgs.msg import MarkerArray
 
@@ -82,10 +83,12 @@ def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link")
         ]
         return {(h.stamp.sec, h.stamp.nanosec) for h in headers}
 
-    probe.until(
-        lambda: bool(set.intersection(*(stamps(name) for name in topics))),
-        f"frame whose stamp is on all of {', '.join(topics)}",
-    )
+    def all_on(names: list[str]) -> bool:
+        return bool(set.intersection(*(stamps(name) for name in names)))
+
+    of_frames = list(topics)[:3]
+    probe.until(lambda: all_on(of_frames), f"a stamp that is on all of {', '.join(of_frames)}")
+    probe.until(lambda: all_on(list(topics)[3:]), "a marker of contacts")
     frame, image, view = (heard[n][-1] for n in ("voltage_frame", "pressure", "pressure_view"))
     assert {m.header.frame_id for m in (frame, image, view)} == {frame_id}
     assert (image.encoding, view.encoding) == ("32FC1", "rgb8")
@@ -208,6 +211,31 @@ def distance_of(marker, place) -> float:
     """Distance of a marker from a place in space, m."""
     at = marker.pose.position
     return float(np.linalg.norm(np.subtract((at.x, at.y, at.z), place)))
+
+
+def check_stamps(probe, part: float, prefix: str = "") -> None:
+    """Images have the stamp of their frame; contacts that of the time for which they hold, `part` of
+    the way from the first row to the last."""
+    from sensor_msgs.msg import Image
+
+    from tomotactile_ros.msg import ContactArray, VoltageFrame
+    from tomotactile_ros.nodes.conversions import stamp_of
+
+    frames = probe.listen(VoltageFrame, f"{prefix}/voltage_frame", 100)
+    images = probe.listen(Image, f"{prefix}/pressure", 100)
+    arrays = probe.listen(ContactArray, f"{prefix}/contacts", 100)
+
+    def all_there():
+        made = {stamp_of(image.header) for image in images}
+        held = {round(stamp_of(array.header), 6) for array in arrays}
+        for frame in frames:
+            lasts = frame.row_period * (len(frame.grounded) - 1)
+            began = stamp_of(frame.header)
+            if began in made and round(began + part * lasts, 6) in held:
+                return lasts > 0
+        return False
+
+    probe.until(all_there, "an image of a frame, and contacts of its time")
 
 
 def check_tare(probe: Probe, prefix: str = "") -> None:

@@ -138,12 +138,12 @@ def test_what_moves_is_judged_at_the_time_of_which_a_result_speaks(row):
     after = (E - 1) / 2 if row is None else row
 
     def follows(i):
-        return says({"x": 0.01, "y": -0.02 + 4e-3 * (E * (i - 1) + after), "force": 1.0})
+        said = says({"x": 0.01, "y": -0.02 + 4e-3 * (E * (i - 1) + after), "force": 1.0})
+        if row is not None:
+            said.holds = row * ROW_PERIOD
+        return said
 
-    method = Recorder(follows)
-    if row is not None:
-        method.holds_for = lambda stamp, row_period, rows: stamp + row * row_period
-    figures = trial.judge(method, changes.sliding("case", slides(), 4.0))
+    figures = trial.judge(Recorder(follows), changes.sliding("case", slides(), 4.0))
     assert (figures["frames"], figures["missed"]) == (2, 0)
     assert figures["place"]["worst"] == pytest.approx(0.0, abs=1e-12)
 

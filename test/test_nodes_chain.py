@@ -44,6 +44,7 @@ def test_one_process_does_the_same(probe, start, scene):
     tactile = start("tactile", {"scene": scene})
     ros_checks.check_topics(probe)
     ros_checks.check_contact(probe)
+    ros_checks.check_stamps(probe, 0.5)
     ros_checks.check_tare(probe)
     ends_cleanly(tactile)
 

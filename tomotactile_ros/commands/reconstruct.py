@@ -114,7 +114,7 @@ def _every_frame(pipeline, recorded, frames) -> Iterator[tuple[Result, float, fl
             voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
         )
         lasted = time.perf_counter() - start
-        yield result, lasted, pipeline.holds_for(stamp, recorded.row_period, len(recorded.grounded))
+        yield result, lasted, stamp + result.holds
 
 
 def _every_row(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:

@@ -75,11 +75,10 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             before = frame.sequence * len(frame.grounded) * frame.row_period
             first = frame.stamp - before, arrivals[0]
         span = arrivals[-1] - arrivals[0]
-        holds = pipeline.holds_for(frame.stamp, frame.row_period, len(frame.grounded))
         yield Shot(
             pressure=result.pressure,
             contacts=result.contacts,
-            scene_time=holds - first[0],
+            scene_time=frame.stamp + result.holds - first[0],
             rate=(len(arrivals) - 1) / span if span > 0 else 0.0,
             age=time.time() - frame.stamp,
             reason=result.reason,

@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
 )
-from tomotactile_ros.estimation.search import BUDGET, FULL, Effort, Search
+from tomotactile_ros.estimation.search import BUDGET, FIRST_LOOK, FULL, Effort, Search, tells_speeds
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
@@ -34,13 +34,14 @@ _SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted an
 _REFUSED = 60.0
 _FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
-_LATEST = (24, 12, 6, 3, 2)  # last rows of a frame that are looked at alone where it changes
+# last rows of a frame that are looked at alone where it changes: of half as many where these contradict
+# each other, else of twice as many, again and again
+_WINDOW = 4
+_MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
-_FIRST_ORDER = 0.2  # spacings that a contact moves while rows are read that are estimated together
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
-_FIRST_LOOK = 1000  # budget of a search that begins with what was there before
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
 _CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
@@ -269,30 +270,22 @@ class Estimator:
     ) -> tuple[Fit, int]:
         """The fit of all rows, or of those since the last change where they contradict each
         other."""
-        count, timed = len(rows.grounded), rows.times is not None
-        windows, unlike = _LATEST, _CHANGING * state.misfit
-        if timed and begun:  # what has just begun grows: few rows are nearer to one state of motion
-            late = self._latest(search, rows, prior, start, _LATEST[1:], _FIRST_LOOK)
+        timed = rows.times is not None
+        unlike = _CHANGING * state.misfit
+        if timed and (begun or not (start is None or search.goes_on(start, rows, prior))):
+            late = self._grown(search, rows, prior, start)
             if late is not None:
-                return late, count - len(late.rows.grounded)
-        elif timed and start is not None:
-            since = self._rows_that_ask(Fit(search.operator, start, rows, prior), unlike)
-            if 0 < since < count:
-                fewer = since, since // 2, since // 4
-                late = self._latest(search, rows, prior, start, fewer, _FIRST_LOOK)
-                if late is not None:
-                    return late, count - len(late.rows.grounded)
-            windows = [each for each in _LATEST if each < min(since, count)]
-        budget = BUDGET if start is None or not timed else _FIRST_LOOK
+                return late, len(rows.grounded) - len(late.rows.grounded)
+        budget = BUDGET if start is None or not timed else FIRST_LOOK
         refused = 0.0 if start is None else state.refused
         fit = search.contacts(rows, prior, start, budget, state.sheet, refused, state.misfit)
         fit = self._moved(search, fit, unlike)
         if not _is_suspect(fit):
             return fit, 0
         if timed:
-            late = self._latest(search, rows, prior, start, windows, _SECOND_LOOK)
+            late = self._grown(search, rows, prior, start)
             if late is not None:
-                return late, count - len(late.rows.grounded)
+                return late, len(rows.grounded) - len(late.rows.grounded)
         return (fit if start is None else _better(fit, search.contacts(rows, prior))), 0
 
     def _moved(self, search: Search, fit: Fit, unlike: float = _CHANGING) -> Fit:
@@ -300,45 +293,37 @@ class Estimator:
         reading."""
         return search.in_motion(fit) if fit.chi_squared > unlike * fit.rows.count else fit
 
-    def _rows_that_ask(self, fit: Fit, unlike: float) -> int:
-        """How many of the last rows are to be looked at alone: those that contradict what was
-        there, or are near in place.
-
-        A row contradicts that leaves more than `unlike`, chi-squared per reading.
-        """
-        speed = np.hypot(*fit.unknowns.rates[:, :2].T).max(initial=0.0)
-        times = fit.rows.times
-        near = np.count_nonzero(
-            times > times[-1] - _FIRST_ORDER * fit.operator.pitch / max(speed, 1e-9)
-        )
-        if near < len(times):
-            return max(near, _FEWEST)
-        by_row = (fit.rows.weights * fit.misfit**2).sum(axis=1)
-        agrees = np.flatnonzero(by_row < unlike * (fit.rows.weights > 0).sum(axis=1))
-        return len(by_row) if not len(agrees) else len(by_row) - 1 - int(agrees[-1])
-
-    def _latest(
-        self, search: Search, rows: Rows, prior: Prior, start, windows, budget: int
-    ) -> Fit | None:
+    def _grown(self, search: Search, rows: Rows, prior: Prior, start) -> Fit | None:
         """The fit of the last rows alone, of as many as one state of motion explains; None where
-        that are too few."""
-        count, best = len(rows.grounded), None
+        that are too few.
+
+        A few rows cannot tell a way from a place: contacts move until the readings say that they
+        rest.
+        """
         if start is not None:
             prior = _after_a_frame(prior, start)
-        for latest in windows:
-            if not _FEWEST <= latest < count:
-                continue
-            part = rows.part(slice(count - latest, count))
-            here = None
-            if start is not None:
-                here = start.after(float(rows.times[count - latest :].mean() - rows.times.mean()))
-            late = self._moved(search, search.contacts(part, prior, here, budget))
-            share = late.chi_squared / part.count
-            if best is None or share < best.chi_squared / best.rows.count:
-                best = late
-            if share < _CHANGING:
+        count = len(rows.grounded)
+        size, known, best = min(_WINDOW, count), 0, None
+        while size > _MORE * known:
+            part, middle = rows.part(slice(count - size, None)), _middle(rows, size)
+            if best is None:
+                here = None if start is None else start.after(middle)
+                late = search.moving(part, prior, here)
+            else:
+                ahead = middle - _middle(rows, known)
+                late = search.moved(best.unknowns.after(ahead), part, prior)
+            if late.chi_squared > _CHANGING * part.count:
+                late = search.one_more(late)
+            if late.chi_squared < _CHANGING * part.count:
+                best, known = late, size
+                size = min(2 * size, count)
+                if tells_speeds(best):
+                    size = _alike(best, rows, size)
+            elif best is None and size > _FEWEST:
+                size //= 2
+            else:
                 break
-        return None if best is None or _is_suspect(best) else best
+        return None if best is None else search.at_rest(best)
 
     def _without_bad_channels(self, search, fit: Fit, left_out) -> Fit:
         """Leaves out the channels that contradict all others, one after the other, as long as that
@@ -425,6 +410,22 @@ class Estimator:
         likely = [i for i, certain in enumerate(sure) if certain or not any(sure)]
         order = sorted(likely, key=lambda i: -found[i].force)
         return [found[i] for i in order], groups(fit)[[which[i] for i in order]]
+
+
+def _middle(rows: Rows, size: int) -> float:
+    """Time, s, for which contacts of the last `size` rows are estimated."""
+    return float(rows.times[-size] + rows.times[-1]) / 2
+
+
+def _alike(fit: Fit, rows: Rows, most: int) -> int:
+    """How many of the last rows, `most` at most, may be of the contacts of a fit of the last of
+    them."""
+    ahead = _middle(rows, most) - _middle(rows, len(fit.rows.grounded))
+    part = rows.part(slice(len(rows.grounded) - most, None))
+    there = Fit(fit.operator, fit.unknowns.after(ahead), part, fit.prior)
+    by_row = (part.weights * there.misfit**2).sum(axis=1)
+    others = np.flatnonzero(by_row > _REFUSED * (part.weights > 0).sum(axis=1))
+    return most - 1 - int(others[-1]) if len(others) else most
 
 
 def _velocity_variance(fit: Fit, which: int) -> np.ndarray:

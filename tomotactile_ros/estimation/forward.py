@@ -86,10 +86,7 @@ class Unknowns:
 
 
 class Prediction:
-    """Readings of the rows `rows` (L,) under `unknowns`; derivatives on demand.
-
-    Where contacts move, `unknowns` hold for the time 0 and rows were read at `times` (L,), s: to
-    first order in the way between the two.
+    """Readings of the rows `rows` (L,) under `unknowns`, contacts at rest; derivatives on demand.
 
     Attributes
     ----------
@@ -98,8 +95,8 @@ class Prediction:
     conductances : (k,) g of each contact, S; means : (k,) mean D of each, ohm; covered : (k,) the part of each that lies on the sheet
     """
 
-    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray, times=None):
-        self.operator, self.unknowns, self.rows, self.times = operator, unknowns, rows, times
+    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray):
+        self.operator, self.unknowns, self.rows = operator, unknowns, rows
         admittance = operator.admittance_of(unknowns.sheet)
         self.touches = None
         if len(unknowns.contacts):
@@ -116,12 +113,6 @@ class Prediction:
         self.own = columns[np.arange(len(rows)), rows] + unknowns.resistance[rows]
         self.ratio = columns / self.own[:, None]
         self.readings = unknowns.gain * (1 - self.ratio) + unknowns.offset
-        self._drifts = np.empty((0, *self.ratio.shape))
-        if times is not None and unknowns.moving.any():
-            self._drifts = self._by_contact(np.isin(np.arange(PARAMETERS), RATED), unknowns.moving)
-            self._drifts *= times[:, None]
-            rates = unknowns.rates[unknowns.moving].ravel()
-            self.readings = self.readings + np.tensordot(rates, self._drifts, 1)
 
     @property
     def size(self) -> int:
@@ -147,17 +138,16 @@ class Prediction:
         self._fed = self.share @ self._strength
 
     def contact_columns(self) -> np.ndarray:
-        """(F, L, n) derivatives of the readings by the contacts' free parameters, in their order,
-        then by rates."""
-        if not len(self.unknowns.free):
-            return np.empty((0, *self.ratio.shape))
-        return np.concatenate([self._by_contact(self.unknowns.free), self._drifts])
+        """(F, L, n) derivatives of the readings by the contacts' free parameters, in their
+        order."""
+        return self.columns(self.unknowns.free)
 
-    def _by_contact(self, free, chosen=True):
-        """(F, L, n) derivatives by the parameters `free` (k, 6) of the contacts `chosen` (k,)."""
-        free = np.broadcast_to(free, self.unknowns.free.shape)
-        which = np.flatnonzero(np.broadcast_to(chosen, len(free)))
-        return self._columns(np.concatenate([self._contact_changes(i, free[i]) for i in which]))
+    def columns(self, free: np.ndarray) -> np.ndarray:
+        """(F, L, n) the same by the parameters that `free` (k, 6) names."""
+        if not len(free):
+            return np.empty((0, *self.ratio.shape))
+        changes = [self._contact_changes(i, each) for i, each in enumerate(free)]
+        return self._columns(np.concatenate(changes))
 
     def _contact_changes(self, i, free):
         """(f, n, n) derivatives of Y by the parameters of contact i that `free` (6,) names."""

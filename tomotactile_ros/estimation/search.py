@@ -18,7 +18,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.detection import Detector
-from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.solver import (
@@ -68,6 +68,9 @@ _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
 MOST = 12  # discs
 # Gauss-Newton steps times patches for one frame: what no few discs explain is given up
 BUDGET = 12000
+FIRST_LOOK = 1000  # the same of a search that begins with what was there before
+_TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
+_MOVES = 5.0  # standard deviations of its speed, at which a contact moves
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ class Search:
         self.detector = Detector(operator)
         self._sheet, self._refused = None, 0.0
         self._left = 0  # of the budget for the frame at hand
+        self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
 
     def contacts(
@@ -155,6 +159,13 @@ class Search:
         """No contact in the rows that `like` is a fit of."""
         return Fit(self.operator, resting(self.operator, like.prior), like.rows, like.prior)
 
+    def goes_on(self, start: Unknowns, rows: Rows, prior: Prior) -> bool:
+        """Whether the contacts of `start` are still those of the rows, near where it says."""
+        there = Fit(self.operator, start, rows, prior)
+        if there.chi_squared < _MISFIT * rows.count:
+            return True
+        return bool(len(start.contacts)) and self._leads_on(there)
+
     def _leads_on(self, start: Fit) -> bool:
         """Whether one step from `start` explains most: the contacts are still those."""
         linear = Contacts(start)
@@ -181,7 +192,40 @@ class Search:
             return True
         apart = np.hypot(*(contacts - start.contacts)[:, :2].T)
         moved = (apart > _CONTINUED * self.operator.pitch).any()
-        return bool(moved or found.chi_squared > _POOR * usual * found.rows.count)
+        # how much the model errs changes with the place
+        poor = _MISFIT if start.moving.any() else _POOR
+        return bool(moved or found.chi_squared > poor * usual * found.rows.count)
+
+    def moving(self, rows: Rows, prior: Prior, start: Unknowns | None) -> Fit:
+        """The fit of contacts that move while the rows are read, as many as they ask for, from those
+        of `start` on."""
+        self._changing = True
+        try:
+            found = self.contacts(rows, prior, start, FIRST_LOOK)
+        finally:
+            self._changing = False
+        return self.moved(found.unknowns, rows, prior)
+
+    def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
+        """The fit of the contacts of `start`, moving."""
+        self._left, self._sheet = FIRST_LOOK, None
+        like = Fit(self.operator, start.in_motion(), rows, prior)
+        return self._solve(like.unknowns, like)
+
+    def one_more(self, fit: Fit) -> Fit:
+        """The same, or with one more contact, if the readings ask for it."""
+        self._left = FIRST_LOOK
+        return self._one_more(fit) or fit
+
+    def at_rest(self, fit: Fit) -> Fit:
+        """The same, or a fit of contacts that rest, if the readings tell that they do."""
+        if (
+            not tells_speeds(fit)
+            or (np.abs(fit.unknowns.rates[:, :2]) > _MOVES * _spread(fit)).any()
+        ):
+            return fit
+        rest = self._solve(fit.unknowns.in_motion(False), fit)
+        return rest if rest.cost < fit.cost + self._threshold * fit.doubt else fit
 
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for
@@ -282,6 +326,9 @@ class Search:
         first = first or self._looks_like(seen, fit)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
+        if short and self._changing:
+            found = self.in_motion(found)
+            short = self._falls_short(found)
         if short:
             found = self._split(self._formed(found, self._solve), self._solve)
         more = len(seen.contacts) > len(first.unknowns.contacts)
@@ -598,6 +645,17 @@ class Search:
             keep = np.arange(len(strengths)) != weakest
             fit = self._solve(chosen(fit.unknowns, keep), fit)
         return fit
+
+
+def tells_speeds(fit: Fit) -> bool:
+    """Whether the readings of a fit of contacts that move tell how fast they are."""
+    return bool((_spread(fit) < _TOLD * np.array(fit.prior.rates[:2])).all())
+
+
+def _spread(fit: Fit) -> np.ndarray:
+    """(k, 2) standard deviation of the velocity of each contact, all of which move, m/s."""
+    rates = fit.covariance.diagonal()[np.count_nonzero(fit.unknowns.free) :]
+    return np.sqrt(rates.reshape(-1, len(RATED))[:, :2] * fit.doubt)
 
 
 def _cost(fit: Fit) -> float:

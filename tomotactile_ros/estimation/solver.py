@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior, couplings
-from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
+from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.motion import predicted
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 
@@ -175,7 +176,7 @@ class Fit:
 
     def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior):
         self.operator, self.unknowns, self.rows, self.prior = operator, unknowns, rows, prior
-        self.prediction = Prediction(operator, unknowns, rows.grounded, rows.times)
+        self.prediction = predicted(operator, unknowns, rows.grounded, rows.times)
         self.misfit = rows.readings - self.prediction.readings
         self.chi_squared = float((rows.weights * self.misfit**2).sum())
         self.cost = self.chi_squared + self._of_priors()

@@ -27,6 +27,13 @@ def make_header(stamp: float, frame_id: str) -> Header:
     return Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=frame_id)
 
 
+def later(header: Header, seconds: float) -> Header:
+    """The same header `seconds` later, without rounding the stamp that it has."""
+    nanoseconds = header.stamp.sec * _NANO + header.stamp.nanosec + round(seconds * _NANO)
+    sec, nanosec = divmod(nanoseconds, _NANO)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=header.frame_id)
+
+
 def stamp_of(header: Header) -> float:
     """Stamp of a header in seconds."""
     return header.stamp.sec + header.stamp.nanosec / _NANO

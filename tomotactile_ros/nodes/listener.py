@@ -2,11 +2,14 @@
 
 import time
 from collections import OrderedDict, deque
+from dataclasses import dataclass
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
@@ -16,26 +19,34 @@ from tomotactile_ros.support.errors import printable
 from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")
-PARTS = ("scene_time", "pressure", "contacts")
 _KEPT = 16  # frames whose parts are waited for
+_ROUNDING = 1e-5  # s, of stamps and of what is added to them
+
+
+@dataclass
+class _Frame:
+    """A frame of which parts are still to come: when it began in the scene and how long it lasts, s."""
+
+    began: float | None = None
+    lasts: float = 0.0
+    pressure: np.ndarray | None = None
 
 
 class Listener(Node):
-    """Collects image, contacts and frame number of equal stamps.
+    """Puts together a frame's number and image, which have its stamp, and contacts, which have the
+    time for which they hold.
 
     Parameters
     ----------
     rate : of the simulated sensor, frames/s: frame k begins k / rate into the scene.
     layout : of the sensor.
-    profile : of the reconstruction, which says for which time contacts hold (`Pipeline.holds_for`).
     """
 
-    def __init__(self, rate: float, layout: Layout, profile: str):
+    def __init__(self, rate: float, layout: Layout):
         super().__init__("live")
-        self._layout = layout
-        self._rate = rate
-        self._part = 0.5 if profile == "fast" else 1.0  # of a frame, until contacts hold
-        self._parts: OrderedDict[float, dict] = OrderedDict()
+        self._layout, self._rate = layout, rate
+        self._frames: OrderedDict[float, _Frame] = OrderedDict()
+        self._contacts: deque[tuple[float, list]] = deque(maxlen=_KEPT)
         self._arrivals: deque[float] = deque(maxlen=32)
         self._heard: set[str] = set()
         self._complaints: dict[str, str] = {}
@@ -58,15 +69,19 @@ class Listener(Node):
         return "; ".join(silent + said) or "driver and reconstruction are well, it must be near"
 
     def _on_frame(self, message: VoltageFrame) -> None:
-        lasts = message.row_period * (len(message.grounded) - 1)
-        scene_time = message.sequence / self._rate + self._part * lasts
-        self._add(message.header, "scene_time", scene_time)
+        frame = self._frame(message.header)
+        frame.began = message.sequence / self._rate
+        frame.lasts = message.row_period * (len(message.grounded) - 1)
+        self._put_together()
 
     def _on_pressure(self, message: Image) -> None:
-        self._add(message.header, "pressure", message_to_image(message))
+        self._frame(message.header).pressure = message_to_image(message)
+        self._put_together()
 
     def _on_contacts(self, message: ContactArray) -> None:
-        self._add(message.header, "contacts", message_to_contacts(message, self._layout))
+        contacts = message_to_contacts(message, self._layout)
+        self._contacts.append((stamp_of(message.header), contacts))
+        self._put_together()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -75,18 +90,28 @@ class Listener(Node):
             if status.level != DiagnosticStatus.OK:
                 self._complaints[status.name] = printable(status.message)
 
-    def _add(self, header, key: str, value: object) -> None:
-        stamp = stamp_of(header)
-        parts = self._parts.setdefault(stamp, {})
-        parts[key] = value
-        if len(parts) == len(PARTS):
-            self._complete(stamp, parts)
-        while len(self._parts) > _KEPT:
-            self._parts.popitem(last=False)
+    def _frame(self, header: Header) -> _Frame:
+        """What is known of the frame of this stamp."""
+        frame = self._frames.setdefault(stamp_of(header), _Frame())
+        while len(self._frames) > _KEPT:
+            self._frames.popitem(last=False)
+        return frame
 
-    def _complete(self, stamp: float, parts: dict) -> None:
+    def _put_together(self) -> None:
+        """Make a shot of every frame whose parts are all there."""
+        for stamp, frame in list(self._frames.items()):
+            if frame.pressure is None or frame.began is None:
+                continue
+            for holds, contacts in self._contacts:
+                since = holds - stamp
+                if -_ROUNDING < since < frame.lasts + _ROUNDING:
+                    del self._frames[stamp]
+                    self._complete(stamp, frame.pressure, contacts, frame.began + since)
+                    break
+
+    def _complete(self, stamp: float, pressure, contacts: list, scene_time: float) -> None:
         self._arrivals.append(time.monotonic())
         span = self._arrivals[-1] - self._arrivals[0]
         rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
         age = self.get_clock().now().nanoseconds * 1e-9 - stamp
-        self._shot = Shot(**parts, rate=rate, age=age)
+        self._shot = Shot(pressure, contacts, scene_time, rate=rate, age=age)

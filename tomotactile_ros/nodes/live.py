@@ -107,7 +107,7 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
     problem = ""
     try:
         rclpy.init(args=[])
-        listener = Listener(options.rate, layout, options.profile)
+        listener = Listener(options.rate, layout)
         problem = _show(children, listener, display, options.duration)
     except (KeyboardInterrupt, ExternalShutdownException):
         display.say("stopped")

@@ -69,14 +69,10 @@ class Outputs:
                 self._surface = self._publisher(PointCloud2, "surface")
             self._points = layout.surface.to_3d(grid.pixels)
 
-    def publish(
-        self, pressure: np.ndarray, contacts: list, header: Header, contacts_too: bool = True
-    ) -> None:
-        """Publish an (H, W) image, Pa, and its contacts, these also as topics of their own."""
+    def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
+        """Publish an (H, W) image, Pa, and a picture of it with contacts; `header` is the frame's."""
         self._pressure.publish(image_to_message(pressure, header))
         contacts = _strongest_first(contacts)
-        if contacts_too:
-            self.publish_contacts(contacts, header)
         if self._view.get_subscription_count() > 0:
             self._view.publish(image_to_message(self._picture(pressure, contacts), header))
         if self._points is not None and self._surface.get_subscription_count() > 0:
@@ -84,7 +80,7 @@ class Outputs:
             self._surface.publish(cloud_to_message(self._points, values, header))
 
     def publish_contacts(self, contacts: list, header: Header) -> None:
-        """Publish contacts that are known."""
+        """Publish contacts that are known; `header` has the time for which they hold."""
         contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
         self._contacts.publish(contacts_to_message(contacts, placed, header))
@@ -101,7 +97,7 @@ class Outputs:
             self._touched.publish(Bool(data=touched))
 
     def withhold(self, reason: str, header: Header) -> None:
-        """Say that the contacts of a frame are not known; no image is published."""
+        """Say that contacts are not known at the time of `header`; no image is published."""
         self._contacts.publish(withheld_message(header, reason))
         self._wrench.publish(wrench_to_message(_UNKNOWN, _UNKNOWN, header))
 

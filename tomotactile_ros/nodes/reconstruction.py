@@ -16,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.layout_ids import is_bare, matches
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
-from tomotactile_ros.nodes.conversions import check_frame
+from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
 from tomotactile_ros.nodes.learning import Learning
@@ -203,13 +203,13 @@ class Reconstruction:
             self._outputs.say_touched(not result.idle)
         if result.reason:
             if not followed:
-                self._outputs.withhold(result.reason, header)
+                self._outputs.withhold(result.reason, later(header, result.holds))
         elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
         else:
-            self._outputs.publish(
-                result.pressure, result.contacts, header, contacts_too=not followed
-            )
+            self._outputs.publish(result.pressure, result.contacts, header)
+            if not followed:
+                self._outputs.publish_contacts(result.contacts, later(header, result.holds))
         self._excluded = result.excluded
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -96,6 +95,7 @@ class Pipeline:
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
+        self._imaged_before: tuple | None = None  # last frame, where an image explained it
         self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
@@ -178,6 +178,7 @@ class Pipeline:
     def _forget(self) -> None:
         """Start the next frame from scratch."""
         self._state.forget()
+        self._imaged_before = None
 
     def process(
         self,
@@ -203,10 +204,9 @@ class Pipeline:
         if self.profile in ESTIMATED:
             result = self._estimated(voltages, grounded, drive_voltage, row_period)
         else:
-            result = self._imaged(voltages, grounded, drive_voltage)
+            result = self._imaged(voltages, grounded, drive_voltage, row_period)
         if stamp is not None and not result.reason:
-            holds = self.holds_for(stamp, row_period, len(grounded))
-            followed = self._tracks.follow(result.contacts, holds)
+            followed = self._tracks.follow(result.contacts, stamp + result.holds)
             result.contacts = [
                 replace(contact, id=number, age=age)
                 for contact, (number, age) in zip(result.contacts, followed)
@@ -303,29 +303,19 @@ class Pipeline:
             rows = self._rows = RowEstimator(self._estimates())
         return rows
 
-    def holds_for(self, stamp: float, row_period: float, rows: int) -> float:
-        """Time, s, for which the result of a frame holds that begins at `stamp`, s, with `rows`
-        rows.
-
-        That of the last row where rows are estimated at their own times; of the middle where they
-        are taken for rows of one state.
-        """
-        lasts = row_period * (rows - 1)
-        return stamp + (lasts if self.profile in ESTIMATED else lasts / 2)
-
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
         estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
         if estimate.state != "valid":
-            estimate = self._without_contradicting(estimate, voltages, grounded, drive_voltage)
+            frame = voltages, grounded, drive_voltage, row_period
+            estimate = self._without_contradicting(estimate, *frame)
+        lasts = row_period * max(len(grounded) - 1, 0)
         if self.fits:
             self._estimate_of_frame = FrameSeen.of(estimate, self._state)
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
-            return self._withheld(
-                estimate.reason, bad, estimate.left_out, estimate.misfit, estimate.state
-            )
+            return self._withheld(estimate.reason, bad, estimate.left_out, estimate.misfit, lasts)
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
         pressure, conductance = self._drawn(estimate.parts)
@@ -344,6 +334,7 @@ class Pipeline:
             level or 0.0,
             misfit=estimate.misfit,
             faults=estimate.left_out,
+            holds=lasts,
         )
 
     def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:
@@ -357,7 +348,7 @@ class Pipeline:
             conductance[pixels] += each.conductance * covered
         return pressure, conductance
 
-    def _without_contradicting(self, estimate, voltages, grounded, drive_voltage):
+    def _without_contradicting(self, estimate, voltages, grounded, drive_voltage, row_period):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
         bad = self._read(voltages, grounded, drive_voltage)[1]
@@ -367,7 +358,7 @@ class Pipeline:
         kept = np.array(voltages, float)
         kept[:, bad] = np.nan
         kept[bad[np.asarray(grounded)]] = np.nan
-        again = self._estimate(kept, grounded, drive_voltage)
+        again = self._estimate(kept, grounded, drive_voltage, row_period)
         if again.state != "valid":
             return estimate
         again.left_out.update(dict.fromkeys(_numbers(bad), "its couplings contradict all others"))
@@ -391,7 +382,7 @@ class Pipeline:
         frame = ordered(self.layout, voltages, grounded)
         return frame if self._baseline is None else frame - self._baseline
 
-    def _withheld(self, reason, bad, faults, misfit=math.nan, state="withheld") -> Result:
+    def _withheld(self, reason, bad, faults, misfit, holds) -> Result:
         unknown = self.grid.fill(np.full(len(self.grid.pixels), np.nan))
         return Result(
             unknown,
@@ -400,27 +391,30 @@ class Pipeline:
             _numbers(bad),
             False,
             0.0,
-            state=state,
+            state="withheld",
             reason=reason,
             misfit=misfit,
             faults=faults,
+            holds=holds,
         )
 
-    def _imaged(self, voltages, grounded, drive_voltage) -> Result:
+    def _imaged(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """The linear image and the contacts that its blobs show; what the estimator says where a
         frame is none that one linear step is made for, see `_read`."""
+        given = voltages, grounded, drive_voltage, row_period
         frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
+        middle = row_period * max(len(grounded) - 1, 0) / 2
         if local is None:
             if not self._rests(frame, bad):
-                return self._estimated(voltages, grounded, drive_voltage, 0.0)
-            self._forget()
-            return self._idle(bad, self._faults(frame, bad))
+                return self._handed_over(*given)
+            self._explained(*given)
+            return self._idle(bad, self._faults(frame, bad), middle)
         image = None
         if measured is not None and np.count_nonzero(~bad) >= FEWEST:
             image = described(local, measured, self._disc_change, self.settings.contact_radius)
         if image is None or image.left_over > _LEFT_OVER:
-            return self._estimated(voltages, grounded, drive_voltage, 0.0)
-        self._forget()
+            return self._handed_over(*given)
+        self._explained(*given)
         level = self.settings.regularization
         if level is None:
             level = local.regularization(local.level(measured))
@@ -438,7 +432,22 @@ class Pipeline:
             False,
             level,
             faults=self._faults(frame, bad),
+            holds=middle,
         )
+
+    def _explained(self, voltages, grounded, drive_voltage, row_period) -> None:
+        """Remember a frame that needed no estimate, should the next one need what was there."""
+        self._state.forget()
+        before = np.array(voltages, float), np.array(grounded), drive_voltage, row_period
+        self._imaged_before = before
+
+    def _handed_over(self, voltages, grounded, drive_voltage, row_period) -> Result:
+        """What the estimator says of a frame that no image explains; of the last that one did it is
+        asked first, because a frame that changes tells little of what rests beside."""
+        if self._imaged_before is not None:
+            self._estimate(*self._imaged_before)
+            self._imaged_before = None
+        return self._estimated(voltages, grounded, drive_voltage, row_period)
 
     def _rests(self, frame, bad) -> bool:
         """Whether a frame without a contact is one of an untouched sheet: it was read, and nothing is
@@ -530,10 +539,10 @@ class Pipeline:
                 return local, None
             bad[used[broken]] = True
 
-    def _idle(self, bad, faults) -> Result:
+    def _idle(self, bad, faults, holds) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))
         level = self.settings.regularization or 0.0
-        return Result(zero, zero.copy(), [], _numbers(bad), True, level, faults=faults)
+        return Result(zero, zero.copy(), [], _numbers(bad), True, level, faults=faults, holds=holds)
 
     def _one_step(self, frame, bad):
         """(K,) image of eq. 1, V, of an ordered frame (E, E) without the channels `bad` (E,)."""

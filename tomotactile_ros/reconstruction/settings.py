@@ -115,6 +115,9 @@ class Result:
     misfit : chi-squared per reading, about 1 where noise alone is left; NaN where nothing was
         fitted.
     faults : {electrode: why its channel is left out}
+    holds : s after the frame's first row, the time for which its contacts hold: that of the last row
+        where rows were estimated at their own times, the middle where all were taken for rows of one
+        state of the sheet.
     """
 
     potential: np.ndarray
@@ -127,3 +130,4 @@ class Result:
     reason: str = ""
     misfit: float = math.nan
     faults: dict[int, str] = field(default_factory=dict)
+    holds: float = 0.0

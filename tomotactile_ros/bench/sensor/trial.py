@@ -2,8 +2,8 @@
 
 A reconstruction is whatever has `process(voltages, grounded, drive_voltage)` and returns something
 with `contacts`, see `evaluation.scoring`. One that has a parameter `row_period` is told that, too.
-Contacts that move are judged by where they are at the time that `holds_for(stamp, row_period,
-rows)` of the reconstruction says, s; in the middle of the frame where it has no such method.
+Contacts that move are judged by where they are `holds` s after the frame's first row, an attribute
+of what is returned; in the middle of the frame where it has none.
 Several are compared side by side: a function of a layout makes all of them by their names.
 """
 
@@ -97,7 +97,6 @@ def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[di
 def judge(pipeline: Any, trial: Trial) -> dict:
     """What `scoring.summary` says of one method; a frame that is refused counts as withheld."""
     grounded = np.arange(trial.layout.electrodes)
-    holds = _holds_for(pipeline, trial.row_period, len(grounded))
     process = pipeline.process
     if "row_period" in inspect.signature(process).parameters:
         process = partial(process, row_period=trial.row_period)
@@ -111,18 +110,13 @@ def judge(pipeline: Any, trial: Trial) -> dict:
         if truth is None:
             continue
         if getattr(result, "state", "valid") == "valid":
+            middle = trial.row_period * (len(grounded) - 1) / 2
+            holds = getattr(result, "holds", middle)
             there = [_moved(contact, holds) for contact in truth]
             scores.append(score_frame(result.contacts, there))
         else:
             withheld += 1
     return summary(scores, withheld)
-
-
-def _holds_for(pipeline, row_period, rows):
-    """s after the first row of a frame, of which its result speaks."""
-    if hasattr(pipeline, "holds_for"):
-        return pipeline.holds_for(0.0, row_period, rows)
-    return row_period * (rows - 1) / 2
 
 
 def _moved(contact, seconds):

@@ -1,0 +1,126 @@
+"""Readings of contacts that move, against every row evaluated at its own time, and what is made of
+them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.estimation import motion
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.motion import Moving, predicted
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.touch import patches_for
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+LAW = ContactLaw(1e-4, 1.0)
+OPERATOR = SheetOperator(LAYOUT)
+GROUNDED = np.arange(16)
+TIMES = ROW_PERIOD * (GROUNDED - 7.5)
+RADIUS = 0.006
+PATH = (0.02, -0.015)  # m, where the moving one is at the time 0
+
+
+def sliding(speed: float) -> Unknowns:
+    """One that slides and lets go, and one that rests."""
+    contacts = np.array([[*PATH, -8.7, np.log(RADIUS), 0, 0], [-0.06, 0.05, -9.0, -5.0, 0, 0]])
+    across = (patches_for(RADIUS, OPERATOR.pitch),) * 2
+    free = np.tile([True] * 4 + [False] * 2, (2, 1))
+    moving = Unknowns.at_rest(OPERATOR).with_contacts(contacts, across, free).in_motion()
+    rates = np.array([[0.6, -0.8, -20.0], [0.0, 0.0, 0.0]]) * [speed, speed, 1.0]
+    return replace(moving, rates=rates)
+
+
+def row_by_row(unknowns: Unknowns) -> np.ndarray:
+    return np.concatenate(
+        [
+            Prediction(OPERATOR, unknowns.after(time), GROUNDED[i : i + 1]).readings
+            for i, time in enumerate(TIMES)
+        ]
+    )
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
+def test_rows_see_contacts_where_they_are_at_their_time(speed, monkeypatch):
+    """What is left over falls with the square of the ways that are taken for straight ones."""
+    unknowns = sliding(speed)
+    truth = row_by_row(unknowns)
+    rest = [Prediction(OPERATOR, unknowns, GROUNDED).readings - truth]
+    for part in (1, 1 / 2, 1 / 8, 1 / 32):
+        monkeypatch.setattr(motion, "_WAY", 0.2 * part)
+        monkeypatch.setattr(motion, "_STRENGTH", 0.1 * part)
+        rest.append(Moving(OPERATOR, unknowns, GROUNDED, TIMES).readings - truth)
+    at_once, *rest = np.sqrt(np.mean(np.square(rest), axis=(1, 2)))
+    assert rest[0] < 0.3 * at_once and rest[2] < 0.02 * at_once
+    assert rest[1] <= rest[0] and rest[3] < rest[2] / 3
+
+
+def test_what_does_not_move_reads_the_same():
+    unknowns = sliding(0.0)
+    still = replace(unknowns, rates=np.zeros((2, 3)))
+    expected = Prediction(OPERATOR, still, GROUNDED)
+    found = Moving(OPERATOR, still, GROUNDED, TIMES)
+    np.testing.assert_allclose(found.readings, expected.readings, atol=1e-12)
+    np.testing.assert_allclose(found.sheet_columns(), expected.sheet_columns(), atol=1e-12)
+    assert isinstance(predicted(OPERATOR, still.in_motion(False), GROUNDED, TIMES), Prediction)
+    assert isinstance(predicted(OPERATOR, still, GROUNDED, None), Prediction)
+
+
+def test_derivatives_are_those_of_every_row_at_its_time(monkeypatch):
+    monkeypatch.setattr(motion, "_WAY", 0.002)
+    monkeypatch.setattr(motion, "_STRENGTH", 0.01)
+    unknowns = sliding(1.0)
+    found = Moving(OPERATOR, unknowns, GROUNDED, TIMES).contact_columns()
+    each = [
+        Prediction(OPERATOR, unknowns.after(time), GROUNDED[i : i + 1]).contact_columns()
+        for i, time in enumerate(TIMES)
+    ]
+    true = np.concatenate(each, axis=1)
+    rated = true[[0, 1, 2, 4, 5, 6]] * TIMES[:, None]
+    for one, other in zip(found, [*true, *rated], strict=True):
+        assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
+
+
+def test_missing_rows_and_a_middle_that_no_row_was_read_at():
+    some = np.array([0, 1, 2, 14, 15])
+    unknowns = sliding(2.0)
+    found = Moving(OPERATOR, unknowns, GROUNDED[some], TIMES[some])
+    whole = Moving(OPERATOR, unknowns, GROUNDED, TIMES)
+    np.testing.assert_allclose(found.readings, whole.readings[some], atol=1e-12)
+    np.testing.assert_allclose(found.means, whole.means)
+
+
+PROFILES = ("fast", "balanced", "accurate")
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_velocity_of_a_contact_is_reported_and_its_place_is_that_of_the_last_row(profile):
+    fast = Contact("disc", center=(-0.03, 0.02), radius=RADIUS, pressure=2e4, velocity=(0.5, -0.8))
+    sensor = Simulator(LAYOUT, Scene("test", 3.3, (fast,), contact_law=LAW))
+    pipeline = Pipeline(LAYOUT, Settings(profile, contact_law=LAW))
+    result = pipeline.process(sensor.frame(0.0), sensor.grounded, 3.3, ROW_PERIOD)
+    (contact,) = result.contacts
+    np.testing.assert_allclose(contact.velocity, fast.velocity, atol=0.05)
+    assert result.holds == pytest.approx(15 * ROW_PERIOD)
+    there = np.add(fast.center, np.multiply(result.holds, fast.velocity))
+    assert np.hypot(contact.x - there[0], contact.y - there[1]) < 1e-3
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_what_rests_is_found_again_beside_what_begins(profile):
+    """The touch that begins within a frame hides how the other one read before."""
+    rests = Contact("disc", center=(-0.05, 0.05), radius=RADIUS, pressure=2e4)
+    begins = replace(rests, center=(0.06, -0.04), start=1.5 * 16 * ROW_PERIOD)
+    sensor = Simulator(LAYOUT, Scene("test", 3.3, (rests, begins), contact_law=LAW))
+    pipeline = Pipeline(LAYOUT, Settings(profile, contact_law=LAW))
+    for k, count in enumerate((1, 2, 2)):
+        start = k * 16 * ROW_PERIOD
+        result = pipeline.process(sensor.frame(start), sensor.grounded, 3.3, ROW_PERIOD, start)
+        assert len(result.contacts) == count
+        apart = [np.hypot(c.x + 0.05, c.y - 0.05) for c in result.contacts]
+        assert min(apart) < 1e-3
