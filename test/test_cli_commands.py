@@ -290,3 +290,56 @@ def test_every_command_has_help(name, capsys):
         cli.main([name, "--help"])
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: tomotactile {name} ")
+
+
+def test_inspect_shows_a_screen_and_not_a_book(tmp_path):
+    """What a file holds is named by its beginning, and how much more there is."""
+    layout = tmp_path / "layout.yaml"
+    assert run("layout", "--rows", "2", "--cols", "2", "--out", layout).returncode == 0
+    text = layout.read_text().split("provenance")[0]
+    layout.write_text(text + "provenance:\n" + "".join(f"  k{i}: 1\n" for i in range(5000)))
+    shown = run("inspect", layout).stdout
+    assert "k15 " in shown and "k16 " not in shown and "and 4984 more" in shown
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("reconstruct", "F", "--layout", "L", "--out", "F"),
+        ("reconstruct", "F", "--layout", "L", "--out", "LINK"),
+        ("learn", "F", "F", "--layout", "L", "--out", "L"),
+        ("calibrate", "F=1.0", "--layout", "L", "--out", "L"),
+        ("tare", "--layout", "L", "--recording", "F", "--out", "F"),
+        ("optimize", "--layout", "L", "--out", "L"),
+    ],
+)
+def test_nothing_is_written_over_what_is_read(frames, tmp_path, words, capsys):
+    """A slip of the hand does not cost a recording, also not by another name of its file."""
+    mine = tmp_path / "mine.npz"
+    mine.write_bytes(frames.read_bytes())
+    (tmp_path / "link.npz").symlink_to(mine)
+    layout = tmp_path / "layout.yaml"
+    load_layout("equal-4x4").save(layout)
+    before = mine.read_bytes(), layout.read_bytes()
+    names = {"F": mine, "L": layout, "LINK": tmp_path / "link.npz", "F=1.0": f"{mine}=1.0"}
+    assert cli.main([str(names.get(word, word)) for word in words]) == 2
+    assert "take another name" in capsys.readouterr().err
+    assert (mine.read_bytes(), layout.read_bytes()) == before
+
+
+def test_frames_of_a_pressed_sheet_are_no_tare(frames, capsys):
+    """They would take the contact off all that follows, and nothing would be seen of it."""
+    words = ["run", "--layout", "equal-4x4", "--recording", frames, "--tare", frames]
+    assert cli.main([*map(str, words), "--duration", "1"]) == 2
+    assert "something presses on the sheet" in capsys.readouterr().err
+
+
+def test_watch_says_something_of_a_short_recording(frames, capsys):
+    assert cli.main(["watch", "--layout", "equal-4x4", "--recording", str(frames)]) == 0
+    assert "most at electrode" in capsys.readouterr().out
+
+
+def test_a_foot_in_millimetres(frames, tmp_path, capsys):
+    words = ["calibrate", f"{frames}=2", "--layout", "equal-4x4", "--out", tmp_path / "law.yaml"]
+    assert cli.main([*map(str, words), "--foot-radius", "5"]) == 2
+    assert "was 5 mm meant? That is 0.005" in capsys.readouterr().err

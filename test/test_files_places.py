@@ -3,6 +3,7 @@
 import io
 import os
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.frames_file import load_arrays
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.support import files
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import MAX_BYTES, read_mapping
@@ -134,6 +136,16 @@ def test_a_small_file_is_no_long_work(tmp_path, text, monkeypatch):
     except InputError as error:
         assert "not valid YAML" in str(error) and "\n" not in str(error)
     assert len(built) <= yamlio.MAX_VALUES
+
+
+def test_a_megabyte_of_values_is_refused_and_the_largest_layout_is_not(tmp_path):
+    """As many values as the largest sensor has, with a scan of 65535 rows, and hardly more."""
+    layout = equal_grid(32, 32, (1.0, 1.0), 0.0025, 1e4)
+    replace(layout, scan=tuple(np.arange(65535) % 1024)).save(tmp_path / "large.yaml")
+    assert len(load_layout(tmp_path / "large.yaml").scan) == 65535
+    (tmp_path / "flat.yaml").write_text("a: [" + "1," * 150_000 + "1]")
+    with pytest.raises(InputError, match="more than 100000 values"):
+        read_mapping(tmp_path / "flat.yaml")
 
 
 SECRET = "c0rrect-h0rse"

@@ -56,6 +56,11 @@ def main(argv: list[str] | None = None) -> int:
     say_doubts(f"tomotactile {args.command}")
     try:
         stop_like_ctrl_c()
+        from tomotactile_ros.support.files import (
+            check_inputs_stay,
+        )  # brings numpy, which reads OMP_NUM_THREADS
+
+        check_inputs_stay(vars(args))
         status = args.run(args) or 0
         sys.stdout.flush()
         return status

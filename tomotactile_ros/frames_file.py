@@ -153,7 +153,11 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
 
 def _check_frames(path: str | os.PathLike, shape: tuple[int, ...], dtype: np.dtype) -> None:
     """Refuse what is no array of frames."""
-    if len(shape) != 3 or dtype.kind not in "fiu":
+    if dtype.kind not in "fiu":
+        raise InputError(
+            f"{path}: voltages: holds {checks.show(str(dtype))}, volts are real numbers"
+        )
+    if len(shape) != 3:
         raise InputError(f"{path}: voltages: shape {shape}, frames x rows x electrodes are needed")
     if not shape[0]:
         raise InputError(f"{path}: voltages: holds no frame")

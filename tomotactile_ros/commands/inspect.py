@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 import zipfile
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from tomotactile_ros.support.yamlio import read_mapping
 HELP = "show what a layout, scene, frames or result file holds"
 _WIDTH = 79  # of a line; longer ones go on in the next, between words
 _LONGEST = 400  # characters of a value
-_SHOWN = 16  # rows of a scan
+_SHOWN = 16  # rows of a scan, entries of a provenance, contacts of a scene
 _PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
 _SHADES = " .:-=+*#%@"
@@ -46,11 +47,12 @@ def run(args: Namespace) -> None:
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
         _show(_describe_arrays(path))
         return
-    kind = read_mapping(path).get("format")
+    content = read_mapping(path)
+    kind = content.get("format")
     if kind == LAYOUT_FORMAT:
-        _show(describe_layout(load_layout(path)))
+        _show(describe_layout(load_layout(path, content)))
     elif kind == SCENE_FORMAT:
-        scene = load_scene(path)
+        scene = load_scene(path, content)
         _show(_describe_scene(scene, load_layout(scene.layout or args.layout)))
     else:
         found = show(kind) if str(kind).startswith("tomotactile-") else "what it names"
@@ -94,8 +96,9 @@ def describe_layout(layout: Layout) -> Iterator[str]:
         order = " ".join(map(str, layout.scan[:_SHOWN]))
         order += " ..." if len(layout.scan) > _SHOWN else ""
         yield f"  scan              {len(layout.scan)} rows: {order}"
-    for key, value in layout.provenance.items():
+    for key, value in islice(layout.provenance.items(), _SHOWN):
         yield f"  {key:17} {_short(value)}"
+    yield from _more(layout.provenance)
     yield "  electrode 0 is marked 0, the last one $"
     canvas = _Canvas(layout.outline)
     canvas.electrodes(layout.positions)
@@ -104,8 +107,9 @@ def describe_layout(layout: Layout) -> Iterator[str]:
 
 def _describe_scene(scene, layout):
     yield f"scene {scene.name}: {scene.drive_voltage:g} V, contacts: {len(scene.contacts)}"
-    for contact in scene.contacts:
+    for contact in scene.contacts[:_SHOWN]:
         yield "  " + _describe_contact(contact)
+    yield from _more(scene.contacts)
     for key in ("contact_law", "noise", "adc"):
         value = getattr(scene, key)
         if value is not None:
@@ -124,6 +128,12 @@ def _describe_scene(scene, layout):
         canvas.contact(contact)
     canvas.electrodes(layout.positions, ends=False)
     yield from canvas.lines()
+
+
+def _more(entries: Sized) -> Iterator[str]:
+    """How many were not shown, if any."""
+    if len(entries) > _SHOWN:
+        yield f"  ... and {len(entries) - _SHOWN} more"
 
 
 def _describe_contact(contact: Contact):

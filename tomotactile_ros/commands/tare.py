@@ -17,6 +17,7 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.recording import load_recording, save_recording
+from tomotactile_ros.frames_file import FramesFile
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
@@ -44,11 +45,7 @@ def run(args: Namespace) -> None:
     else:
         frames = collect(open_device(args, layout)[0], args.frames)
     mean, middle, noise = _at_rest(source_of(args), frames)
-    if middle > _REFUSED * frames[0].drive_voltage:
-        raise InputError(
-            f"{source_of(args)}: median reading {middle:.3f} V: something presses on the sheet; "
-            "take it off and tare again"
-        )
+    _refuse_pressed(source_of(args), middle, frames[0].drive_voltage)
     save_recording(args.out, layout, [replace(frames[0], voltages=mean)])
     print(
         f"{args.out}: mean of {len(frames)} frames of {layout.name}, median reading {middle:.4f} V, "
@@ -73,16 +70,30 @@ def apply_tare(path: str | None, pipeline: Pipeline) -> None:
     """Take the mean of the frames of a file off all that the pipeline gets from now on."""
     if path is not None:
         idle = load_recording(path, pipeline.layout)
+        middle = _at_rest(path, _frames_of(idle))[1]
+        _refuse_pressed(path, middle, idle.drive_voltage)
         pipeline.tare((voltages, idle.grounded) for voltages in idle.voltages)
 
 
 def _recorded_frames(path: str, layout: Layout) -> list[Frame]:
-    found = load_recording(path, layout)
+    return _frames_of(load_recording(path, layout))
+
+
+def _frames_of(found: FramesFile) -> list[Frame]:
     stamps = np.arange(len(found.voltages)) if found.stamps is None else found.stamps
     return [
         Frame(each, found.grounded, i, float(stamp), found.drive_voltage, found.row_period)
         for i, (each, stamp) in enumerate(zip(found.voltages, stamps, strict=True))
     ]
+
+
+def _refuse_pressed(source: str, middle: float, drive_voltage: float) -> None:
+    """Refuse frames whose median reading, V, shows a contact: it would be taken off for good."""
+    if middle > _REFUSED * drive_voltage:
+        raise InputError(
+            f"{source}: median reading {middle:.3f} V: something presses on the sheet; "
+            "take it off and tare again"
+        )
 
 
 def _at_rest(source: str, frames: list[Frame]) -> tuple[np.ndarray, float, float]:

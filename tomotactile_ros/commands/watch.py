@@ -35,7 +35,7 @@ def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     device, _ = open_device(args, layout, FRESH)
     with suppress(KeyboardInterrupt), FrameStream(device, math.inf) as stream:
-        start = time.monotonic()
+        start = now = time.monotonic()
         due, end, frames = start + _EVERY, math.inf, []
         while not stream.ended:
             frame = stream.take()
@@ -49,6 +49,8 @@ def run(args: Namespace) -> None:
                 due, frames = due + _EVERY, []
             if now >= end:
                 break
+        if frames or due == start + _EVERY:  # what a second has not yet told, once at least
+            print(line(now - start, device.status(), frames, layout), flush=True)
 
 
 def _strongest(readings: np.ndarray, drive_voltage: float, layout: Layout) -> str:

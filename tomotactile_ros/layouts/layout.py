@@ -182,10 +182,13 @@ def check_usual_size(size: tuple[float, float], key: str, remedy: str, meant: bo
     )
 
 
-def load_layout(path: str | os.PathLike) -> Layout:
-    """Read a layout from a path, or by the name of an installed one."""
+def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
+    """Read a layout from a path, or by the name of an installed one.
+
+    ``content`` is the file's mapping where it was read already.
+    """
     path = find_config("layouts", path)
-    reader = Reader.open(path, FORMAT)
+    reader = Reader.open(path, FORMAT, content=content)
     reader.only(
         "format",
         "name",

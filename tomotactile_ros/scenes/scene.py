@@ -120,10 +120,13 @@ class Scene:
         write_mapping(path, content)
 
 
-def load_scene(path: str | os.PathLike) -> Scene:
-    """Read a scene from a path, or by the name of an installed one."""
+def load_scene(path: str | os.PathLike, content: dict | None = None) -> Scene:
+    """Read a scene from a path, or by the name of an installed one.
+
+    ``content`` is the file's mapping where it was read already.
+    """
     path = find_config("scenes", path)
-    reader = Reader.open(path, FORMAT)
+    reader = Reader.open(path, FORMAT, content=content)
     reader.only(
         "format",
         "drive_voltage",

@@ -18,6 +18,18 @@ from tomotactile_ros.support.errors import InputError
 
 YAML = (".yaml", ".yml")  # endings of layouts and other settings
 PICTURES = (".png", ".svg", ".pdf", ".jpg", ".webp")  # what a picture can be written as
+_WRITTEN = ("out", "picture", "report")  # options that name a file to write, and to read:
+_READ = (
+    "frames",
+    "presses",
+    "layout",
+    "scene",
+    "sensor",
+    "tare",
+    "calibration",
+    "recording",
+    "raw",
+)
 READ_TIME = 10.0  # s for one file
 _PIECE = 1 << 20
 
@@ -123,6 +135,40 @@ def atomic_file(path: str | os.PathLike) -> Iterator[IO[bytes]]:
             raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def check_inputs_stay(options: dict[str, object]) -> None:
+    """Refuse to write to a file that is read: recorded frames would be lost.
+
+    `options` of a command line, by name. A sensor file that is gone on from may be replaced.
+    """
+    read = [
+        (name, word.rpartition("=")[0] or word)  # FRAMES=FORCE of calibrate
+        for name in _READ
+        for word in _texts(options.get(name))
+    ]
+    for out in _WRITTEN:
+        for target in _texts(options.get(out)):
+            for name, path in read:
+                if (name, out) != ("sensor", "out") and _same_file(path, target):
+                    raise InputError(
+                        f"--{out}: {target} is the file that {name} names, too; take another name"
+                    )
+
+
+def _texts(value: object) -> list[str]:
+    """The texts that an option has been given."""
+    return [
+        word for word in (value if isinstance(value, list) else [value]) if isinstance(word, str)
+    ]
+
+
+def _same_file(one: str, other: str) -> bool:
+    """Whether two paths, of which neither has to exist, are those of one file."""
+    try:
+        return os.path.realpath(one) == os.path.realpath(other) or os.path.samefile(one, other)
+    except (OSError, ValueError):
+        return False
 
 
 def check_picture(path: str | os.PathLike) -> None:

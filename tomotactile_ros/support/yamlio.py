@@ -21,7 +21,7 @@ from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import read_limited, write_atomic
 
 MAX_BYTES = 1_000_000
-MAX_VALUES = 300_000  # seconds of work; 65535 positions have 200,000
+MAX_VALUES = 100_000  # a second of work; a scan of 65535 rows and 1024 electrodes are 70,000
 MAX_DEPTH = 50
 MAX_DIGITS = 10_000  # what takes the square of its length: 1:2:3 is a number in YAML 1.1
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -132,9 +132,18 @@ class Reader:
         self.place = place
 
     @classmethod
-    def open(cls, path: str | os.PathLike, file_format: str, most: int = MAX_BYTES) -> "Reader":
-        """Read a file of at most ``most`` bytes whose key ``format`` must be ``file_format``."""
-        reader = cls(read_mapping(path, most), f"{path}: ")
+    def open(
+        cls,
+        path: str | os.PathLike,
+        file_format: str,
+        most: int = MAX_BYTES,
+        content: dict | None = None,
+    ) -> "Reader":
+        """Read a file of at most ``most`` bytes whose key ``format`` must be ``file_format``.
+
+        ``content`` is its mapping where it was read already.
+        """
+        reader = cls(read_mapping(path, most) if content is None else content, f"{path}: ")
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")
