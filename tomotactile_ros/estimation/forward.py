@@ -177,7 +177,7 @@ class Prediction:
                 change += (inner * d_conductance) @ inner.T
             change[np.diag_indices(len(change))] += d_on
             changes.append(change)
-        return np.array(changes)
+        return np.array(changes).reshape(len(changes), *self.impedance.shape)
 
     def force_slope(self, i: int, exponent: float) -> np.ndarray:
         """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c
