@@ -22,7 +22,7 @@ from tomotactile_ros.estimation.screening import (
     stuck_channels,
 )
 from tomotactile_ros.estimation.search import BUDGET, FIRST_LOOK, FULL, Effort, Search, tells_speeds
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns
+from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns, similar
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -107,9 +107,12 @@ class State:
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
     refused: float = 0.0  # what one more contact promised and did not keep
     fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
+    joined: tuple[np.ndarray, np.ndarray] | None = (
+        None  # discs, and the contact that each is part of
+    )
 
     def forget(self) -> None:
-        self.unknowns = self.sheet = self.fit = None
+        self.unknowns = self.sheet = self.fit = self.joined = None
         self.misfit, self.refused = 1.0, 0.0
 
 
@@ -213,7 +216,7 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
         state.fit = fit
-        parts, group = self._contacts(fit)
+        parts, group = self._contacts(fit, self._groups(search, fit, state))
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
@@ -359,8 +362,17 @@ class Estimator:
             )
         return ""
 
-    def _contacts(self, fit: Fit) -> tuple[list[Contact], np.ndarray]:
-        """The discs that are certain, strongest first, and (k,) the contact that each belongs to."""
+    def _groups(self, search: Search, fit: Fit, state: State) -> np.ndarray:
+        """(k,) the contact that each disc of a fit belongs to; asked anew where discs have
+        changed."""
+        contacts = fit.unknowns.contacts
+        if state.joined is None or not similar(contacts, state.joined[0], fit.operator.pitch):
+            state.joined = contacts, groups(fit, search.allows)
+        return state.joined[1]
+
+    def _contacts(self, fit: Fit, group: np.ndarray) -> tuple[list[Contact], np.ndarray]:
+        """The discs that are certain, strongest first, and of `group` (k,), the contact that each
+        belongs to, what is theirs."""
         u = fit.unknowns
         if not len(u.contacts):
             return [], np.empty(0, int)
@@ -409,7 +421,7 @@ class Estimator:
             )
         likely = [i for i, certain in enumerate(sure) if certain or not any(sure)]
         order = sorted(likely, key=lambda i: -found[i].force)
-        return [found[i] for i in order], groups(fit)[[which[i] for i in order]]
+        return [found[i] for i in order], group[[which[i] for i in order]]
 
 
 def _middle(rows: Rows, size: int) -> float:

@@ -2,27 +2,33 @@
 
 A palm, a plate or a ring is found as several discs beside each other. Two discs are two contacts
 only where the readings say that nothing presses between them: a disc that would fill the gap, as
-strong for its area as both, is tried to first order. What it may conduct follows from the normal
+strong for its area as both, is tried. To first order what it may conduct follows from the normal
 equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
-an estimate so large lies within the deviation, both are one. Discs that touch are one anyway, and
-two alone were compared with one ellipse before.
+an estimate so large lies within the deviation, both are one. Where first order says no and the gap is narrow, all
+else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Discs that
+touch are one anyway, and two alone were compared with one ellipse before.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.solver import Fit, Linear
 from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS, patches_for
 
 TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
+_NARROW = 0.5  # spacings: wider gaps show to first order
 
 
-def groups(fit: Fit) -> np.ndarray:
-    """(k,) number of the contact that each disc of a fit belongs to."""
+def groups(fit: Fit, allows: Callable[[Unknowns, Fit], bool]) -> np.ndarray:
+    """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
+    readings of a fit allow other contacts as well."""
     contacts = fit.unknowns.contacts
     radii = np.exp(contacts[:, RADIUS])
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
@@ -30,13 +36,20 @@ def groups(fit: Fit) -> np.ndarray:
     gaps = apart - np.add.outer(radii, radii)
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
-        for i, j in near[_filled(fit, near)]:
+        may_be = _filled(fit, near)
+        for i, j in near[may_be]:
             touching[i, j] = touching[j, i] = True
+        narrow = near[~may_be & (gaps[tuple(near.T)] < _NARROW * fit.operator.pitch)]
+        for i, j in narrow[np.argsort(gaps[tuple(narrow.T)])]:
+            group = connected_components(touching, directed=False)[1]
+            if group[i] != group[j] and allows(_with_fillings(fit, np.array([[i, j]])), fit):
+                touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
 
 
-def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
-    """(m,) whether something may press between the discs `pairs` (m, 2)."""
+def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
+    """The contacts of a fit and behind them fixed ones that fill the gaps between the discs `pairs`
+    (m, 2), and conduct `part` of what these do for their area."""
     u, pitch = fit.unknowns, fit.operator.pitch
     radii = np.exp(u.contacts[:, RADIUS])
     strengths = np.exp(u.contacts[:, CONDUCTANCE])
@@ -52,14 +65,18 @@ def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
     filling = density * widths**2
     added = np.zeros((len(pairs), PARAMETERS))
     added[:, :2], added[:, RADIUS] = places, np.log(widths)
-    added[:, CONDUCTANCE] = np.log(_FAINT * filling)
-    free = np.zeros(added.shape, bool)
-    free[:, CONDUCTANCE] = True
-    tried = u.with_contacts(
+    added[:, CONDUCTANCE] = np.log(part * filling)
+    return u.with_contacts(
         np.vstack([u.contacts, added]),
         (*u.across, *(patches_for(width, pitch) for width in widths)),
-        np.vstack([u.free, free]),
+        np.vstack([u.free, np.zeros(added.shape, bool)]),
     )
+
+
+def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
+    """(m,) whether something may press between the discs `pairs` (m, 2), to first order."""
+    tried = _with_fillings(fit, pairs, _FAINT)
+    tried.free[-len(pairs) :, CONDUCTANCE] = True
     linear = Linear(Fit(fit.operator, tried, fit.rows, fit.prior))
     last = np.arange(linear.free - len(pairs), linear.free)
     rest = np.delete(np.arange(len(linear.normal)), last)

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -84,7 +83,8 @@ class Known:
         return replace(self, sheet=sheet, gain=gain, wide=wide)
 
 
-class Row(NamedTuple):
+@dataclass(slots=True)
+class Row:
     """A row as predicted, of k contacts.
 
     readings (n,) parts of V0

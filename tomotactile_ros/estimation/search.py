@@ -62,6 +62,7 @@ _CERTAIN = 4.0
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
+_EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 _MISFIT = 3.0  # chi-squared per reading above which other starts are tried
@@ -216,6 +217,13 @@ class Search:
         """The same, or with one more contact, if the readings ask for it."""
         self._left = FIRST_LOOK
         return self._one_more(fit) or fit
+
+    def allows(self, contacts: Unknowns, fit: Fit) -> bool:
+        """Whether the readings of a fit allow other contacts as well, all that is free fitted
+        anew."""
+        self._left, self._sheet = FIRST_LOOK, None
+        limit = fit.cost + _EXCLUDED * fit.doubt
+        return self._solve(contacts, fit, goal=limit).cost < limit
 
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""

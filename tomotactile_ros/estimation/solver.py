@@ -254,11 +254,17 @@ class SheetColumns:
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit."""
         contacts = fit.unknowns.contacts
-        if len(contacts) != len(self._contacts) or not _same_rows(self._rows, fit.rows):
-            return False
-        apart = np.abs(contacts - self._contacts)
-        limits = SIMILAR * np.array([fit.operator.pitch, fit.operator.pitch, 4, 8, 8, 8])
-        return bool((apart <= limits).all())
+        return _same_rows(self._rows, fit.rows) and similar(
+            contacts, self._contacts, fit.operator.pitch
+        )
+
+
+def similar(contacts: np.ndarray, others: np.ndarray, pitch: float) -> bool:
+    """Whether contacts (k, 6) are nearly the same as others, one by one."""
+    if len(contacts) != len(others):
+        return False
+    limits = SIMILAR * np.array([pitch, pitch, 4, 8, 8, 8])
+    return bool((np.abs(contacts - others) <= limits).all())
 
 
 def _same_rows(first: Rows, second: Rows) -> bool:

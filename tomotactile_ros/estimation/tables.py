@@ -160,7 +160,7 @@ class PotentialTable:
         points, weights = self.lattice.around(x, y)
         out = weights @ self._values[points]
         apart = [x, y] - self._centres
-        squared = np.einsum("nd,nd->n", apart, apart)
+        squared = np.einsum("ij,ij->i", apart, apart)
         reaches = squared.min() < (radius + self._radius) ** 2
         squared = np.maximum(squared, self._radius**2)
         out[0] -= 0.5 * self._scale * np.log(squared)
