@@ -38,7 +38,7 @@ TEXTS = {
     "topic": "for device:=replay: which topic of a bag with several sensors",
     "rate": "frames/s; 0 leaves it to the device",
     "delivery": "frames, or rows: contacts after every few rows, without waiting for frames",
-    "profile": "fast, balanced, accurate or auto",
+    "profile": "fast, balanced, accurate, auto or paper",
     "frame_id": "frame of the sensor",
     "hardware_id": "name of the sensor in diagnostics; frame_id if empty",
     "namespace": "of both nodes, one for each sensor",

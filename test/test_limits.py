@@ -15,7 +15,7 @@ from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.estimate import part_on_sheet
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Noise
+from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -51,6 +51,18 @@ def test_a_regularization_makes_the_image_and_no_contacts(frame, profile, level)
     assert result.regularization == level
     assert np.isfinite(result.potential).all()
     assert not np.allclose(result.potential, plain.potential)
+
+
+@pytest.mark.parametrize("noise", [1e-7, 1e-4])
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_noise_that_is_said_to_be_less_than_the_models_error_withholds_nothing(profile, noise):
+    """Of a converter that rounds to 0.8 mV."""
+    contact = Contact("disc", center=PLACE, radius=RADIUS, pressure=PRESSURE)
+    scene = Scene("limits", DRIVE, [contact], LAW, adc=Adc(12, DRIVE))
+    result = process(SMALL, Simulator(SMALL, scene).frame(0.0), profile, noise=noise)
+    (found,) = result.contacts
+    assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 1e-3
+    assert found.force == pytest.approx(FORCE, rel=0.1)
 
 
 def test_one_cell_is_refused():

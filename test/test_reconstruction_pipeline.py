@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.profiles import choose
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -225,6 +226,22 @@ def test_eq_1_can_be_asked_for(layout, frame, pipelines):
     assert result.regularization == 1000.0
     x, y, _ = TRUE[1]
     assert min(np.hypot(c.x - x, c.y - y) for c in result.contacts) < 0.02
+    paper = pipelines["fast"].with_settings(Settings("paper")).process(frame, GROUNDED, DRIVE)
+    np.testing.assert_array_equal(paper.potential, result.potential)
+    assert paper.contacts == result.contacts and paper.regularization == 1000.0
+    other = pipelines["fast"].with_settings(Settings("paper", regularization=10.0))
+    assert other.process(frame, GROUNDED, DRIVE).regularization == 10.0
+
+
+def test_electrodes_on_one_line_are_refused_where_the_sheet_is_on_both_sides_of_it():
+    outline = Outline.rectangle(0.2, 0.2)
+    line = np.column_stack([np.linspace(-0.08, 0.08, 6), np.full(6, 0.01)])
+    amid = Layout("line", outline, 1e4, 0.004, line)
+    with pytest.raises(InputError, match="all electrodes of line lie on one line: on which side"):
+        Pipeline(amid, Settings())
+    Pipeline(Layout("rim", outline, 1e4, 0.004, line - [0, 0.105]), Settings())
+    bent = line + [0.0, 0.02] * np.array([[0]] * 5 + [[1]])
+    Pipeline(Layout("bent", outline, 1e4, 0.004, bent), Settings())
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,8 @@ _LIKELY = 1.0  # the same where no contact is certain: its deviations say how li
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
+# the same of a reading, in parts of the drive voltage, and what a converter of 12 bits rounds it to
+READING_FLOOR = 1e-4
 # the same of the mean D of a contact: all that is left of the force of a bare conductor
 IMPEDANCE_FLOOR = 0.003
 
@@ -259,7 +261,7 @@ class Estimator:
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
         operator = search.operator
         used = operator.used
-        variance = (self.noise / drive_voltage) ** 2
+        variance = (self.noise / drive_voltage) ** 2 + READING_FLOOR**2
         at = operator.position[grounded]
         readings = np.where(valid, voltages, 0.0)[:, used] / drive_voltage
         weights = valid[:, used] / variance

@@ -52,6 +52,8 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 # of the currents into the grounded electrodes, that contacts of an image leave at most: one that is
 # missed and has a twentieth of the others' strength leaves as much
 _LEFT_OVER = 0.05
+# of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
+_STRAIGHT, _ASIDE = 1e-3, 0.05
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -81,6 +83,7 @@ class Pipeline:
                 f"{layout.name} has 0 to {layout.electrodes - 1}"
             )
         _check_size(layout, settings)
+        _check_sides(layout)
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
         self.profile = settings.profile
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
@@ -91,7 +94,7 @@ class Pipeline:
             raise InputError(f"excluded: {left} of {self._excluded.size} electrodes left, need 2")
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
-        if settings.regularization is not None:
+        if settings.level is not None:
             self._linear_for(np.empty(0, int))
         self._model.local(np.flatnonzero(~self._excluded))
         self.report = f"profile {self.profile}"
@@ -321,7 +324,7 @@ class Pipeline:
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
         pressure, conductance = self._drawn(estimate.parts)
-        level = self.settings.regularization
+        level = self.settings.level
         if level is None or idle:
             typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
             potential = drive_voltage * np.minimum(conductance * typical, 1.0)
@@ -417,7 +420,7 @@ class Pipeline:
         if image is None or image.left_over > _LEFT_OVER:
             return self._handed_over(*given)
         self._explained(*given)
-        level = self.settings.regularization
+        level = self.settings.level
         if level is None:
             level = local.regularization(local.level(measured))
             potential = drive_voltage * np.minimum(image.values * local.typical_impedance, 1.0)
@@ -543,7 +546,7 @@ class Pipeline:
 
     def _idle(self, bad, faults, holds) -> Result:
         zero = self.grid.fill(np.zeros(len(self.grid.pixels)))
-        level = self.settings.regularization or 0.0
+        level = self.settings.level or 0.0
         return Result(zero, zero.copy(), [], _numbers(bad), True, level, faults=faults, holds=holds)
 
     def _one_step(self, frame, bad):
@@ -559,7 +562,7 @@ class Pipeline:
         if key not in self._linear:
             if len(self._linear) >= _KEPT:
                 self._linear.pop(next(iter(self._linear)))
-            level = self.settings.regularization
+            level = self.settings.level
             self._linear[key] = LinearImage(self._model.basis(level), level, missing)
         return self._linear[key]
 
@@ -581,6 +584,21 @@ def _check_size(layout: Layout, settings: Settings) -> None:
         )
     needed = 8.0 * count * (18.0 * resolution**2 + 100.0 * count)
     memory.check(needed, f"layout: {count} electrodes at resolution {resolution}")
+
+
+def _check_sides(layout: Layout) -> None:
+    """Refuse electrodes on one line with sheet on both sides of it: readings are the same for a
+    contact on the other side."""
+    centre = layout.positions.mean(axis=0)
+    _, spread, axes = np.linalg.svd(layout.positions - centre)
+    aside = _ASIDE * max(layout.outline.size) * axes[1]
+    if len(spread) > 1 and spread[1] > _STRAIGHT * max(layout.outline.size):
+        return
+    if all(layout.outline.contains(layout.positions + side).any() for side in (aside, -aside)):
+        raise InputError(
+            f"layout: all electrodes of {layout.name} lie on one line: on which side of it something "
+            "presses cannot be told"
+        )
 
 
 def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:

@@ -12,7 +12,8 @@ from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
-PROFILES = ("fast", "balanced", "accurate", "auto")
+PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
+PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 LARGEST_REGULARIZATION = 1e30
 
@@ -25,11 +26,12 @@ class Settings:
     ----------
     profile : `fast` (one linear step to an image, contacts from it), `balanced` and `accurate`
         (contacts, sheet and channels fitted to the readings together; `balanced` looks no further
-        than a fit that explains them), or `auto`: the most accurate that meets the deadline on this
-        machine.
+        than a fit that explains them), `auto`: the most accurate that meets the deadline on this
+        machine, or `paper`: the potential image is that of Kojima et al. 2023, eq. 1, all else as in
+        `fast`.
     resolution : image cells along the longer side of the sheet.
     regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
-        to 1e30; None: the profile's own image. Contacts and pressure do not depend on it.
+        to 1e30; None: the profile's own image, of `paper` 1000. Contacts and pressure do not depend on it.
     noise : of a reading, V rms.
     contact_law : conductance per area against pressure, from calibration.
     contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact
@@ -71,6 +73,13 @@ class Settings:
         checks.positive(self.threshold, "threshold", "number")
         excluded = tuple(checks.integer(e, "excluded", 0, 65534) for e in self.excluded)
         object.__setattr__(self, "excluded", excluded)
+
+    @property
+    def level(self) -> float | None:
+        """lambda_J^2 of the potential image; None: it is not one of eq. 1."""
+        if self.regularization is None and self.profile == "paper":
+            return PAPER
+        return self.regularization
 
 
 @dataclass(frozen=True)
