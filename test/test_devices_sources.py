@@ -399,7 +399,7 @@ def changed(tmp_path: Path, **changes) -> Path:
     [
         ({"stamps": None}, "stamps: is missing"),
         ({"voltages": np.zeros((5, E))}, r"voltages: shape \(5, 4\)"),
-        ({"voltages": np.full((5, E, E), "x")}, "voltages: shape"),
+        ({"voltages": np.full((5, E, E), "x")}, "voltages: holds '<U1', volts are real numbers"),
         ({"stamps": np.arange(4.0)}, "stamps: a finite time is needed for each of 5 frames"),
         ({"grounded": np.array([0, 1, 2, 4])}, "grounded: one of the electrodes 0 ... 3"),
         ({"grounded": np.array([0, 1, 2, 2.5])}, "grounded: one of the electrodes 0 ... 3"),
