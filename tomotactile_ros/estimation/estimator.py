@@ -48,8 +48,8 @@ _LIKELY = 1.0  # the same where no contact is certain: its deviations say how li
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
-# the same of a reading, in parts of the drive voltage, and what a converter of 12 bits rounds it to
-READING_FLOOR = 1e-4
+# the same of a reading, in parts of the drive voltage
+READING_FLOOR = 3e-5
 # the same of the mean D of a contact: all that is left of the force of a bare conductor
 IMPEDANCE_FLOOR = 0.003
 
