@@ -194,6 +194,8 @@ def run(
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
+        for timer in [timer for node in nodes for timer in node.timers]:
+            timer.reset()  # all at once, from now: each awakening of the executor costs ms
         interrupt.wanted = False
         executor.spin()
     except InputError as error:
