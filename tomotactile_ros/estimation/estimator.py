@@ -51,7 +51,9 @@ RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
-_CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
+# standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
+# well that a contact conducts
+_CERTAIN = 3.0
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
@@ -412,7 +414,8 @@ class Estimator:
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
-            certainty = 1 / max(own[index[CONDUCTANCE], index[CONDUCTANCE]], 1e-12)
+            strength = prediction.strength_slope(i)[free]
+            certainty = 1 / max(float(strength @ own @ strength), 1e-12)
             if certainty < _LIKELY**2:
                 continue
             sure.append(certainty > _CERTAIN**2)
