@@ -57,16 +57,8 @@ def start(context: LaunchContext) -> list:
         for name in (*(f"{side}_{name}" for side in SIDES for name in OF_SENSOR), *SWITCHES)
     }
     robot = given["robot"] == "true"
-    actions = [
-        make_sensor(side, {name: given[f"{side}_{name}"] for name in OF_SENSOR}) for side in SIDES
-    ]
-    poses = (
-        {} if robot else {"poses": PathJoinSubstitution([SHARE, "config/poses/two_sensors.yaml"])}
-    )
-    skin = {"sensors": list(SIDES), "frame_id": "base_link", **poses}
-    actions.append(
-        Node(package="tomotactile_ros", executable="skin", parameters=[skin], output="screen")
-    )
+    # what may be missing first: the launch then fails before there are nodes to be left behind
+    actions: list = []
     if robot:
         file = PathJoinSubstitution([SHARE, "urdf", "two_sensors.urdf.xacro"])
         description = ParameterValue(Command(["xacro ", file]), value_type=str)
@@ -80,6 +72,16 @@ def start(context: LaunchContext) -> list:
     if given["viz"] == "true":
         config = PathJoinSubstitution([SHARE, "config", "two_sensors.rviz"])
         actions.append(Node(package="rviz2", executable="rviz2", arguments=["-d", config]))
+    actions += [
+        make_sensor(side, {name: given[f"{side}_{name}"] for name in OF_SENSOR}) for side in SIDES
+    ]
+    poses = (
+        {} if robot else {"poses": PathJoinSubstitution([SHARE, "config/poses/two_sensors.yaml"])}
+    )
+    skin = {"sensors": list(SIDES), "frame_id": "base_link", **poses}
+    actions.append(
+        Node(package="tomotactile_ros", executable="skin", parameters=[skin], output="screen")
+    )
     return actions
 
 
