@@ -12,7 +12,7 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
 from tomotactile_ros.estimation.tables import Around
-from tomotactile_ros.estimation.touch import Touches, patches_for
+from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -408,3 +408,26 @@ def test_regions_of_95_per_cent_hold_the_truth():
         inside = off[:2] @ np.linalg.solve(cov[:2, :2], off[:2]) < chi2.ppf(0.95, 2)
         held += [inside, *(np.abs(off[2:]) < 1.96 * np.sqrt(cov.diagonal()[2:]))]
     assert (held >= 0.86 * trials).all(), held / trials
+
+
+@pytest.mark.parametrize("over", [0.3, 0.9, 1.3])
+def test_what_a_contact_and_the_way_to_it_conduct_has_the_slope_of_its_formula(over):
+    """It is c as long as that is below 1 / mean D; c that bare conductors have beyond hardly counts."""
+    contact = np.array([0.011, 0.02, 0.0, np.log(0.006), 0.2, -0.1])
+
+    def conducts(contact):
+        unknowns = Unknowns.at_rest(OPERATOR).with_contacts(
+            contact[None], (patches_for(0.006, OPERATOR.pitch),), np.ones((1, 6), bool)
+        )
+        found = Prediction(OPERATOR, unknowns, ALL)
+        return -np.log(1 / found.conductances[0] + found.means[0]), found
+
+    contact[CONDUCTANCE] = np.log(over / conducts(contact)[1].means[0])
+    slope = conducts(contact)[1].strength_slope(0)
+    steps = 1e-4 * np.eye(6)[CONDUCTANCE:]  # how mean D changes with the place is less exact
+    checked = [(conducts(contact + h)[0] - conducts(contact - h)[0]) / 2e-4 for h in steps]
+    np.testing.assert_allclose(slope[CONDUCTANCE:], checked, atol=0.01 * np.abs(checked).max())
+    if over < 0.5:
+        np.testing.assert_allclose(slope, np.eye(6)[CONDUCTANCE], atol=1e-3)
+    if over > 1:
+        assert slope[CONDUCTANCE] < 0.2

@@ -21,7 +21,15 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
 )
-from tomotactile_ros.estimation.search import BUDGET, FIRST_LOOK, FULL, Effort, Search, tells_speeds
+from tomotactile_ros.estimation.search import (
+    BUDGET,
+    FIRST_LOOK,
+    FULL,
+    Effort,
+    Search,
+    as_known,
+    tells_speeds,
+)
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns, similar
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
@@ -43,7 +51,9 @@ RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
-_CERTAIN = 3.0  # standard deviations of ln c: below, it is not known well that a contact conducts
+# standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
+# well that a contact conducts
+_CERTAIN = 3.0
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
@@ -104,6 +114,7 @@ class State:
     of which electrodes."""
 
     unknowns: Unknowns | None = None
+    sensor: Unknowns | None = None  # sheet and channels as the last whole frame had them
     sheet: SheetColumns | None = None
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
@@ -114,7 +125,7 @@ class State:
     )
 
     def forget(self) -> None:
-        self.unknowns = self.sheet = self.fit = self.joined = None
+        self.unknowns = self.sensor = self.sheet = self.fit = self.joined = None
         self.misfit, self.refused = 1.0, 0.0
 
 
@@ -195,7 +206,9 @@ class Estimator:
         if rows.count < _FEWEST_READINGS or few:
             reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
             return Estimate([], [], "withheld", reason, left_out, first=begun)
-        start = state.unknowns if state.used == used else None
+        if state.used != used:
+            state.unknowns = state.sensor = None
+        start = state.unknowns
         if start is not None and times is None:
             start = start.in_motion(False)
         if start is not None and begun:
@@ -210,7 +223,12 @@ class Estimator:
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
-        state.unknowns, state.sheet, state.used = _ahead(fit.unknowns, ahead), fit.sheet, used
+        unknowns = _ahead(fit.unknowns, ahead)
+        if len(fit.rows.grounded) < len(rows.grounded):
+            unknowns = as_known(unknowns, state.sensor or prior)  # few rows do not tell
+        else:
+            state.sensor = unknowns
+        state.unknowns, state.sheet, state.used = unknowns, fit.sheet, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count
@@ -276,51 +294,47 @@ class Estimator:
         """The fit of all rows, or of those since the last change where they contradict each
         other."""
         timed = rows.times is not None
-        unlike = _CHANGING * state.misfit
-        if timed and (begun or not (start is None or search.goes_on(start, rows, prior))):
-            late = self._grown(search, rows, prior, start)
+        there = None if start is None else Fit(search.operator, start, rows, prior)
+        if timed and (begun or not (there is None or search.goes_on(there, state.misfit))):
+            late = self._grown(search, rows, prior, start, state.sensor)
             if late is not None:
                 return late, len(rows.grounded) - len(late.rows.grounded)
         budget = BUDGET if start is None or not timed else FIRST_LOOK
         refused = 0.0 if start is None else state.refused
-        fit = search.contacts(rows, prior, start, budget, state.sheet, refused, state.misfit)
-        fit = self._moved(search, fit, unlike)
-        if not _is_suspect(fit):
-            return fit, 0
-        if timed:
-            late = self._grown(search, rows, prior, start)
+        fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
+        if timed and _is_suspect(fit):
+            late = self._grown(search, rows, prior, start, state.sensor)
             if late is not None:
                 return late, len(rows.grounded) - len(late.rows.grounded)
-        return (fit if start is None else _better(fit, search.contacts(rows, prior))), 0
+        if fit.chi_squared > _CHANGING * state.misfit * rows.count:
+            fit = search.in_motion(fit)
+        if _is_suspect(fit) and start is not None:
+            fit = _better(fit, search.contacts(rows, prior))
+        return fit, 0
 
-    def _moved(self, search: Search, fit: Fit, unlike: float = _CHANGING) -> Fit:
-        """The fit, with contacts that move if it leaves more than `unlike`, chi-squared per
-        reading."""
-        return search.in_motion(fit) if fit.chi_squared > unlike * fit.rows.count else fit
-
-    def _grown(self, search: Search, rows: Rows, prior: Prior, start) -> Fit | None:
+    def _grown(self, search: Search, rows: Rows, prior: Prior, start, known) -> Fit | None:
         """The fit of the last rows alone, of as many as one state of motion explains; None where
-        that are too few.
+        that are too few. The sensor is nearly as it was `known` to be in a whole frame, if it was.
 
         A few rows cannot tell a way from a place: contacts move until the readings say that they
         rest.
         """
-        if start is not None:
-            prior = _after_a_frame(prior, start)
+        if known is not None:
+            prior = _after_a_frame(prior, known)
         count = len(rows.grounded)
-        size, known, best = min(_WINDOW, count), 0, None
-        while size > _MORE * known:
+        size, explained, best = min(_WINDOW, count), 0, None
+        while size > _MORE * explained:
             part, middle = rows.part(slice(count - size, None)), _middle(rows, size)
             if best is None:
                 here = None if start is None else start.after(middle)
                 late = search.moving(part, prior, here)
             else:
-                ahead = middle - _middle(rows, known)
+                ahead = middle - _middle(rows, explained)
                 late = search.moved(best.unknowns.after(ahead), part, prior)
             if late.chi_squared > _CHANGING * part.count:
                 late = search.one_more(late)
             if late.chi_squared < _CHANGING * part.count:
-                best, known = late, size
+                best, explained = late, size
                 size = min(2 * size, count)
                 if tells_speeds(best):
                     size = _alike(best, rows, size)
@@ -400,7 +414,8 @@ class Estimator:
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
-            certainty = 1 / max(own[index[CONDUCTANCE], index[CONDUCTANCE]], 1e-12)
+            strength = prediction.strength_slope(i)[free]
+            certainty = 1 / max(float(strength @ own @ strength), 1e-12)
             if certainty < _LIKELY**2:
                 continue
             sure.append(certainty > _CERTAIN**2)
@@ -525,10 +540,3 @@ def _is_suspect(fit: Fit) -> bool:
 
 def _better(first: Fit, second: Fit) -> Fit:
     return first if first.cost <= second.cost else second
-
-
-def _better_share(first: Fit, second: Fit) -> Fit:
-    """The second unless it explains much less."""
-    return (
-        second if not _is_suspect(second) or _share_left(second) < 2 * _share_left(first) else first
-    )

@@ -179,6 +179,17 @@ class Prediction:
             changes.append(change)
         return np.array(changes).reshape(len(changes), *self.impedance.shape)
 
+    def strength_slope(self, i: int) -> np.ndarray:
+        """(6,) derivatives of ln 1 / (1/g + mean D), of what contact i and the way to it conduct.
+
+        That is ln c, but for bare conductors: there ln c can be anything beyond -ln mean D.
+        """
+        touches, g = self.touches, self.conductances[i]
+        changes = touches.mean_changes(i, touches.d_impedance(i), *touches.d_covered(i))
+        out = self.force_slope(i, 1.0) / g
+        out[list(MOVING)] -= changes
+        return out / (1 / g + touches.mean[i])
+
     def force_slope(self, i: int, exponent: float) -> np.ndarray:
         """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c
         p^exponent.

@@ -58,14 +58,16 @@ _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # times the threshold: a contact that a linear test is so sure of is not tried without
 _CERTAIN = 4.0
-# of the cost: what one step from the last frame's contacts explains if they are still there
+# of what noise does not explain: what one step from the last frame's contacts does if they are still
+# there
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
-_MISFIT = 3.0  # chi-squared per reading above which other starts are tried
+# chi-squared per reading above which other starts are tried, and contacts are moved alone first
+_MISFIT = 3.0
 MOST = 12  # discs
 # Gauss-Newton steps times patches for one frame: what no few discs explain is given up
 BUDGET = 12000
@@ -112,28 +114,28 @@ class Search:
         self,
         rows: Rows,
         prior: Prior,
-        start: Unknowns | None = None,
+        start: Fit | None = None,
         budget: int = BUDGET,
         sheet: SheetColumns | None = None,
         refused: float = 0.0,
         usual: float = 1.0,
     ) -> Fit:
-        """The fit with as many contacts as the readings ask for, from those of `start` on.
+        """The fit with as many contacts as the readings ask for, from those of `start`, a point of the
+        same rows, on.
 
         sheet : derivatives by the sheet that an earlier fit ended with, or None
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
         usual : chi-squared per reading that the fit left of which `start` is
         """
-        operator, self._left, self._sheet = self.operator, budget, sheet
-        self._refused = refused
+        self._left, self._sheet, self._refused = budget, sheet, refused
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
-        if start is not None and len(start.contacts):
-            fit = self._continued(Fit(operator, start, rows, prior), usual)
+        if start is not None and len(start.unknowns.contacts):
+            fit = self._continued(start, usual)
         else:
-            fit = self._first(Fit(operator, start or resting(operator, prior), rows, prior))
+            fit = self._first(start or self._at_rest(rows, prior))
         before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
@@ -145,33 +147,39 @@ class Search:
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
         readings."""
-        if start.chi_squared > _POOR * usual * start.rows.count and not self._leads_on(start):
-            rest = self._at_rest(start)
+        if start.chi_squared > _POOR * usual * start.rows.count and not self._leads_on(
+            start, usual
+        ):
+            rest = self._at_rest(start.rows, start.prior)
             seen = self._seen(rest)
             first = None if seen is None else self._looks_like(seen, rest)
             if first is not None and first.cost < start.cost:
                 return self._first(rest, seen, first)
         found = self._without_idle(self._from(start))
         if self._left > 0 and self._is_another(start.unknowns, found, usual):
-            found = self._likelier(found, self._first(self._at_rest(start)))
+            found = self._likelier(found, self._first(self._at_rest(start.rows, start.prior)))
         return found
 
-    def _at_rest(self, like: Fit) -> Fit:
-        """No contact in the rows that `like` is a fit of."""
-        return Fit(self.operator, resting(self.operator, like.prior), like.rows, like.prior)
+    def _at_rest(self, rows: Rows, prior: Prior) -> Fit:
+        """No contact."""
+        return Fit(self.operator, resting(self.operator, prior), rows, prior)
 
-    def goes_on(self, start: Unknowns, rows: Rows, prior: Prior) -> bool:
-        """Whether the contacts of `start` are still those of the rows, near where it says."""
-        there = Fit(self.operator, start, rows, prior)
-        if there.chi_squared < _MISFIT * rows.count:
+    def goes_on(self, start: Fit, usual: float = 1.0) -> bool:
+        """Whether the contacts of `start` are still those of the rows, near where it says; `usual`
+        as in `contacts`."""
+        if start.chi_squared < _MISFIT * start.rows.count:
             return True
-        return bool(len(start.contacts)) and self._leads_on(there)
+        return bool(len(start.unknowns.contacts)) and self._leads_on(start, usual)
 
-    def _leads_on(self, start: Fit) -> bool:
+    def _leads_on(self, start: Fit, usual: float) -> bool:
         """Whether one step from `start` explains most: the contacts are still those."""
-        linear = Contacts(start)
-        linear.step(0.0)
-        return linear.whole and linear.promised > _MOSTLY * start.cost
+        excess = start.cost - usual * start.rows.count
+        for equations in (Contacts, Linear):  # of contacts alone, which is cheap; of all
+            linear = equations(start)
+            reached = linear.step(0.0)
+            if linear.whole and linear.promised > _MOSTLY * excess:
+                return _is_likely(start.prior.apart(reached), start.prior)
+        return False
 
     def _from(self, start: Fit) -> Fit:
         """The best fit from the contacts of `start`, or from them and one that has come."""
@@ -201,8 +209,9 @@ class Search:
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
+        there = None if start is None else Fit(self.operator, start, rows, prior)
         try:
-            found = self.contacts(rows, prior, start, FIRST_LOOK)
+            found = self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
             self._changing = False
         return self.moved(found.unknowns, rows, prior)
@@ -267,7 +276,7 @@ class Search:
 
     def _approached(self, fit: Fit) -> Fit:
         """The same, or nearer where it leaves much over."""
-        if fit.chi_squared < _POOR * fit.rows.count:
+        if fit.chi_squared < _MISFIT * fit.rows.count:
             return fit
         fit = approach(fit)
         self._left -= fit.steps * fit.prediction.size
@@ -655,6 +664,11 @@ class Search:
         return fit
 
 
+def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
+    """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
+    return bool(apart @ prior.pull(apart) < chi2.isf(FALSE_ALARMS, len(apart)))
+
+
 def tells_speeds(fit: Fit) -> bool:
     """Whether the readings of a fit of contacts that move tell how fast they are."""
     return bool((_spread(fit) < _TOLD * np.array(fit.prior.rates[:2])).all())
@@ -732,8 +746,8 @@ def chosen(unknowns: Unknowns, keep) -> Unknowns:
     return replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
 
 
-def as_known(unknowns: Unknowns, prior: Prior) -> Unknowns:
-    """The same contacts; sheet and channels as expected."""
+def as_known(unknowns: Unknowns, prior: Prior | Unknowns) -> Unknowns:
+    """The same contacts; sheet and channels as expected, or as other unknowns have them."""
     return replace(
         unknowns,
         sheet=prior.sheet,

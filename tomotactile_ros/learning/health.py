@@ -27,7 +27,7 @@ _TIMES = 2  # things learned in turn that show it
 _SURE = 5.0  # standard deviations
 _OHM = 400.0  # more than the other electrodes: a switch has some tens to hundreds, all alike
 _OHM_FLOOR = 30.0  # ohm, deviation: what the models of electrodes differ by
-_GAIN = 0.01  # relative change
+_GAIN = 3e-3  # relative change: resistors of 100 ppm / K make it in 30 K
 _SHEET = 0.25  # loss of conductance, logarithm
 _WHOLE = 0.1  # change of all resistances by one factor, logarithm
 _TORN = 0.1  # the same where channels and an even change of the sheet leave misfits
@@ -126,8 +126,9 @@ class Health:
 
     def _gains(self, state):
         change = np.log(np.maximum(state["gain"], 1e-6) / self._reference["gain"])
-        change -= np.median(change)
-        sure = np.abs(change) / np.hypot(state.std("gain"), self._reference.std("gain"))
+        change -= np.median(change)  # the common factor is that of the touches' forces
+        now, before = (each.std_of_differences("gain") for each in (state, self._reference))
+        sure = np.abs(change) / np.hypot(now, before)
         for n in np.flatnonzero((np.abs(change) > _GAIN) & (sure > _SURE)):
             yield (
                 f"gain {n}",

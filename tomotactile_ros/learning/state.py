@@ -90,6 +90,15 @@ class SensorState:
         """Standard deviations of a part."""
         return self.deviation[self.slice(part)]
 
+    def std_of_differences(self, part: str) -> np.ndarray:
+        """Standard deviations of a part against its own mean: what is known of it but for what is
+        common to all."""
+        where = self.slice(part)
+        covariance = self.covariance[where, where]
+        rows = covariance.mean(axis=1)
+        variances = covariance.diagonal() - 2 * rows + rows.mean()
+        return np.sqrt(np.maximum(variances, 0.0))
+
     def known(self, part: str) -> np.ndarray:
         """Share of what was not known before that is known now, 0 to 1, of each number of a
         part."""
