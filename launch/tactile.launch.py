@@ -6,10 +6,14 @@ the parameter files. Include this file in a group of its own, as two_sensors.lau
 hands arguments of one include on to the next one otherwise.
 """
 
+import difflib
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, TimerAction
+from launch.logging import get_logger
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -52,6 +56,8 @@ SWITCHES = {
     "autostart": ("", "managed nodes bring themselves up; false leaves that to a manager"),
     "viz": ("false", "start rviz2"),
 }
+NAMESPACE = r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?"
+NEAR = 0.75  # likeness, of 1, of a typo
 ON_REFUSAL = ("stop", "ignore")
 DELIVERIES = ("frames", "rows")
 OF_NODE = {
@@ -89,6 +95,8 @@ def start(context: LaunchContext) -> list:
     """All actions, once the arguments are known."""
     names = (*TEXTS, *SWITCHES, "on_refusal")
     given = {name: LaunchConfiguration(name).perform(context) for name in names}
+    for complaint in typos(context.argv, names):
+        get_logger("tactile.launch.py").warning(complaint)
     device = check(given)
     # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
     actions = [make_rviz(given)] if given["viz"] == "true" else []
@@ -123,6 +131,12 @@ def check(given: dict[str, str]) -> str:
         refuse_unless(
             not given[name] or is_rate(given[name]), given, name, "is no number from 0 on"
         )
+    refuse_unless(
+        re.fullmatch(NAMESPACE, given["namespace"]),
+        given,
+        "namespace",
+        "is none: letters, digits and _ make names, and / parts them",
+    )
     if given["params_file"]:
         refuse_unless(Path(given["params_file"]).is_file(), given, "params_file", "no such file")
     device = given["device"] or device_of_file(given["params_file"]) or "fake"
@@ -140,7 +154,22 @@ def check(given: dict[str, str]) -> str:
     return device
 
 
-def refuse_unless(right: bool, given: dict[str, str], name: str, complaint: str) -> None:
+def typos(words: Sequence[str], names: Sequence[str]) -> list[str]:
+    """What is said of words of the command line that look like an argument of this file.
+
+    launch takes any name: prt:=/dev/x would be a simulation. It is no error, as the name may be an
+    argument of a launch file that includes this one.
+    """
+    complaints = []
+    for word in words:
+        name, assigned, _ = word.partition(":=")
+        near = difflib.get_close_matches(name, names, 1, NEAR)
+        if assigned and name not in names and near:
+            complaints.append(f"{word}: no argument of tactile.launch.py, was {near[0]}:= meant?")
+    return complaints
+
+
+def refuse_unless(right: object, given: dict[str, str], name: str, complaint: str) -> None:
     """Fails the launch with one line about an argument."""
     if not right:
         raise RuntimeError(f"{name}:={given[name]} {complaint}")

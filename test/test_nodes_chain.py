@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.running import ManagedNode
+from tomotactile_ros.nodes.running import ManagedNode, run
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -105,6 +105,27 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
     ros_checks.check_contact(probe)
     for process in nodes.values():
         ends_cleanly(process)
+
+
+def test_a_stop_counts_once_and_is_not_lost(domain):
+    """The second of two signals leaves alone what the first one cleans up."""
+    cleaned = []
+
+    def make_nodes():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:  # as where an object is deleted: it goes no further
+            signal.raise_signal(signal.SIGINT)
+            cleaned.append(True)
+        return []
+
+    before = [(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        assert run(make_nodes, [], "", {}) == 0
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
+    assert cleaned == [True]
 
 
 def test_a_managed_node_says_why_it_cannot_be_configured(probe, start):

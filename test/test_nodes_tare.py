@@ -37,16 +37,25 @@ def pressed(probe, wanted: bool) -> None:
     probe.wait_for(ContactArray, "/contacts", lambda m: bool(m.contacts) == wanted)
 
 
+@pytest.fixture
+def light(tmp_path):
+    """File of a scene with a touch so light (40 mN) that a tare doubts, but does not refuse it."""
+    path = tmp_path / "light.yaml"
+    path.write_text(ros_checks.SCENE.replace("pressure: 20000.0", "pressure: 200.0"))
+    return str(path)
+
+
 def files(tmp_path) -> list:
     return list((tmp_path / "ros").glob("tomotactile_ros/*.tare.npz"))
 
 
-def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, scene, tmp_path):
-    start("driver", {"scene": scene, "rate": 30})
+def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, light, tmp_path):
+    start("driver", {"scene": light, "rate": 30})
     first = start("reconstruction")
     pressed(probe, True)
     tare_is(probe, "none")
-    assert probe.call(Trigger, "/reconstruction/tare").success
+    answer = probe.call(Trigger, "/reconstruction/tare")
+    assert answer.success and "V is much for a sheet that nothing touches" in answer.message
     pressed(probe, False)
     first.kill()
     second = start("reconstruction")
@@ -65,10 +74,10 @@ def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, scene, tmp_path
     assert files(tmp_path) == []  # a clean end is no crash
 
 
-def test_a_tare_that_cannot_be_used_again_is_told(probe, start, scene, tmp_path):
+def test_a_tare_that_cannot_be_used_again_is_told(probe, start, light, tmp_path):
     file = tmp_path / "kept.npz"
     Tare("other#00000000", np.zeros((64, 64)), 16, 0.0, "").save(file)
-    start("driver", {"scene": scene})
+    start("driver", {"scene": light})
     start("reconstruction", {"tare_file": file})
     ros_checks.check_diagnostics(
         probe, STATUS, DiagnosticStatus.WARN, "restarted without its tare: "
@@ -89,7 +98,7 @@ def test_a_named_tare_is_kept_from_start_to_start(probe, start, scene, tmp_path)
 def test_a_tare_of_stale_frames_is_refused(probe, start, scene):
     driver = start("driver", {"scene": scene})
     start("reconstruction")
-    pressed(probe, True)
+    probe.wait_for(ContactArray, "/contacts")
     driver.kill()
     asked = itertools.count()
 

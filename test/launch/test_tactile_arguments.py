@@ -114,6 +114,8 @@ WRONG = [
     ({"autostart": "true"}, "autostart:=true needs lifecycle:=true"),
     ({"viz": "rviz"}, "viz:=rviz is neither"),
     ({"on_refusal": "retry"}, "on_refusal:=retry is neither stop nor ignore"),
+    ({"namespace": "left-hand"}, "namespace:=left-hand is none: letters, digits and _ make names"),
+    ({"namespace": "a//b"}, "namespace:=a//b is none"),
     ({"params_file": "/none.yaml"}, "params_file:=/none.yaml no such file"),
 ]
 
@@ -128,11 +130,23 @@ def test_a_wrong_value_is_refused_in_one_line(arguments, complaint):
 
 def test_every_argument_is_tried_with_a_right_and_a_wrong_value():
     # what is wrong with these only the node can tell: test_tactile_refusal.py
-    of_the_node = {"layout", "profile", "frame_id", "hardware_id", "namespace"}
+    of_the_node = {"layout", "profile", "frame_id", "hardware_id"}
     declared = {a.name for a in tactile.generate_launch_description().get_launch_arguments()}
     tried = {name for arguments, *_ in RIGHT for name in arguments}
     assert declared == tried | {"viz", "params_file", "namespace"}  # those in the tests below
     assert declared - of_the_node <= {name for arguments, _ in WRONG for name in arguments}
+
+
+@pytest.mark.parametrize("namespace", ["", "/", "left", "/left", "robot1/left_hand/"])
+def test_a_namespace_may_have_parts(namespace):
+    actions_of(namespace=namespace)
+
+
+def test_a_misspelt_argument_is_told_and_others_are_not():
+    words = ["prt:=/dev/x", "port:=/dev/x", "left_port:=/dev/y", "robot:=true", "-d"]
+    assert tactile.typos(words, ["port", "scene"]) == [
+        "prt:=/dev/x: no argument of tactile.launch.py, was port:= meant?"
+    ]
 
 
 def test_a_device_named_in_a_parameter_file_counts(nodes_of, tmp_path):

@@ -71,7 +71,8 @@ class Outputs:
 
     def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
         """Publish an (H, W) image, Pa, and a picture of it with contacts; `header` is the frame's."""
-        self._pressure.publish(image_to_message(pressure, header))
+        if self._pressure.get_subscription_count() > 0:
+            self._pressure.publish(image_to_message(pressure, header))
         contacts = _strongest_first(contacts)
         if self._view.get_subscription_count() > 0:
             self._view.publish(image_to_message(self._picture(pressure, contacts), header))
@@ -84,7 +85,8 @@ class Outputs:
         contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
         self._contacts.publish(contacts_to_message(contacts, placed, header))
-        self._wrench.publish(wrench_to_message(*placed.wrench(), header))
+        if self._wrench.get_subscription_count() > 0:
+            self._wrench.publish(wrench_to_message(*placed.wrench(), header))
         if header.frame_id != self.frame_id:  # the driver has another than was thought
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:

@@ -194,8 +194,11 @@ def run(
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
+        for timer in [timer for node in nodes for timer in node.timers]:
+            timer.reset()  # all at once, from now: each awakening of the executor costs ms
         interrupt.wanted = False
-        executor.spin()
+        if not interrupt.came:  # otherwise it got lost in what it interrupted
+            executor.spin()
     except InputError as error:
         print(f"{_program()}: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -220,13 +223,16 @@ class _Interrupt:
 
     Later rclpy ends the spinning. An exception there can come between the start of a thread of the
     executor's pool and its entry in the pool's list: it would be waited for, and never told to end.
+    Only the first one raises: a second one would disturb what the first one cleans up.
     """
 
     def __init__(self) -> None:
         self.wanted = True
+        self.came = False
 
     def __call__(self, number: int, frame: object) -> None:
-        if self.wanted:
+        if self.wanted and not self.came:
+            self.came = True
             raise KeyboardInterrupt
 
 

@@ -2,7 +2,8 @@
 
 The device's thread leaves each frame in a queue, a thread of the reconstruction takes the newest
 from there: a slow image costs frames, never the device's time. Rows have a queue and a thread of
-their own, which takes them all in turn: a slow image does not delay them either. Topics, services
+their own, which takes them all in turn: a slow image does not delay them either. Images of several
+sensors in one process are made one after the other. Topics, services
 and parameters are those of the two nodes.
 """
 
@@ -20,7 +21,10 @@ from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
 from tomotactile_ros.nodes.running import ManagedNode, PlainNode, run
+from tomotactile_ros.nodes.turns import Turns
 
+# of all sensors in this process; waiting for those of eight small sheets takes no longer
+IMAGES = Turns(0.02)
 _MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
@@ -68,11 +72,12 @@ class DirectReconstruction(Reconstruction):
     def _work(self) -> None:
         while True:
             item = self._queue.get()
-            while item is not None and not self._queue.empty():
-                item = self._queue.get()
-            if item is None:
-                return
-            self._do(self.accept, item)
+            with IMAGES.mine():
+                while item is not None and not self._queue.empty():
+                    item = self._queue.get()
+                if item is None:
+                    return
+                self._do(self.accept, item)
 
     def _work_on_rows(self) -> None:
         while True:

@@ -19,6 +19,8 @@ from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.at_rest import at_rest
+from tomotactile_ros.reconstruction.frame_checks import ordered
 from tomotactile_ros.reconstruction.tare_file import Tare, load_tare, this_boot
 from tomotactile_ros.support.errors import InputError
 
@@ -116,14 +118,19 @@ class Taring:
         with self._lock:
             try:
                 frames = self._fresh()
-                self._pipeline().tare(frames)
+                rows = [(frame.voltages, frame.grounded) for frame in frames]
+                layout = self._pipeline().layout
+                rest = at_rest([ordered(layout, *each) for each in rows], frames[-1].drive_voltage)
+                self._pipeline().tare(rows)
             except InputError as error:
                 response.message = str(error)
             else:
                 response.success = True
-                response.message = f"zero is now the mean of the last {len(frames)} frames"
                 self._keep(len(frames))
-                response.message += f"; {self._note}" if self._note else ""
+                said = [f"zero is now the mean of the last {len(frames)} frames"]
+                if rest.doubt:
+                    self._log.warning(f"tare: {rest.doubt}")
+                response.message = "; ".join(filter(None, [*said, rest.doubt, self._note]))
         return response
 
     def _on_untare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -140,7 +147,7 @@ class Taring:
         response.message = "zero is 0 V again" if there_was else "there was no tare"
         return response
 
-    def _fresh(self) -> list:
+    def _fresh(self) -> list[Frame]:
         """The last frames; InputError, with the reason, where they are not of now."""
         if self._pipeline() is None:
             raise InputError("the reconstruction is not active")
@@ -150,7 +157,7 @@ class Taring:
         if age > self._patience():
             reason = self._complaint() or "none has come since"
             raise InputError(f"the last frame is {age:.1f} s old: {reason}")
-        return [(frame.voltages, frame.grounded) for _, frame in self._frames]
+        return [frame for _, frame in self._frames]
 
     def _patience(self) -> float:
         """s after which the last frame is stale."""

@@ -1,0 +1,66 @@
+"""What a sensor reads at rest, and what is refused in the place of it."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction.at_rest import at_rest
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
+
+DRIVE = 3.3  # V
+NOISE = 0.002  # V
+SCENE = {
+    "format": "tomotactile-scene/1",
+    "drive_voltage": DRIVE,
+    "contact_law": {"coefficient": 1e-4, "exponent": 1.0},
+    "noise": {"rms": NOISE},
+}
+
+
+def frames_of(count=8, pressure=0.0, **wrong):
+    """(count, 16, 16) V of a 4 x 4 sheet, pressed with a disc of 5 mm or not at all."""
+    disc = {"shape": "disc", "center": [0.03, 0.02], "radius": 0.005, "pressure": pressure}
+    scene = {**SCENE, "contacts": [disc] if pressure else [], "defects": wrong}
+    simulator = Simulator(load_layout("equal-4x4"), load_scene("idle", scene))
+    return np.array([simulator.frame(0.0, k) for k in range(count)])
+
+
+def test_what_nothing_touches_is_the_offsets_of_the_channels():
+    rest = at_rest(frames_of(offset={"rms": 0.01}), DRIVE)
+    rows, columns = np.where(~np.eye(16, dtype=bool))
+    offsets = np.nanmean(rest.mean, axis=0)
+    assert 0.003 < np.std(offsets) < 0.03  # those that were drawn
+    left = rest.mean[rows, columns] - offsets[columns]
+    assert np.std(left) == pytest.approx(NOISE / np.sqrt(8), rel=0.15)
+    assert rest.noise == pytest.approx(NOISE, rel=0.1)
+    assert rest.median == pytest.approx(np.median(np.abs(rest.mean[rows, columns])))
+    assert rest.doubt == ""
+
+
+@pytest.mark.parametrize(("pressure", "is_refused"), [(250.0, False), (2000.0, True)])  # 20, 160 mN
+def test_a_light_touch_is_doubted_and_a_press_refused(pressure, is_refused):
+    frames = frames_of(pressure=pressure)
+    if is_refused:
+        with pytest.raises(InputError, match="something presses on the sheet"):
+            at_rest(frames, DRIVE)
+    else:
+        assert "is much for a sheet that nothing touches" in at_rest(frames, DRIVE).doubt
+
+
+def test_a_touch_that_begins_meanwhile_is_told_as_such():
+    frames = np.concatenate([frames_of(12), frames_of(4, pressure=2000.0)])
+    with pytest.raises(InputError, match=r"readings change by 0\.\d{3} V .* something moves"):
+        at_rest(frames, DRIVE)
+
+
+def test_missing_readings_are_left_out_and_nothing_but_them_is_refused():
+    frames = frames_of()
+    frames[0, 3] = np.nan
+    frames[:, :, 5] = np.nan
+    rest = at_rest(frames, DRIVE)
+    assert np.isnan(rest.mean[:, 5]).all() and np.isfinite(rest.mean[3, 4])
+    assert rest.noise == pytest.approx(NOISE, rel=0.1)
+    with pytest.raises(InputError, match="no valid reading"):
+        at_rest(np.full((3, 16, 16), np.nan), DRIVE)
