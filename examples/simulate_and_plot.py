@@ -35,7 +35,8 @@ def main() -> None:
     if result.state != "valid":
         print(f"no contacts are reported: {result.reason}")
     for contact in result.contacts:
-        print(line("found", contact.x, contact.y, contact.force))
+        force = contact.force if scene.contact_law else None
+        print(line("found", contact.x, contact.y, force))
     truth = scene.truth(args.time)
     for contact in truth:
         print(line("true", contact["x"], contact["y"], contact["force"]))

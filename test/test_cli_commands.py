@@ -108,6 +108,27 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
     assert run("inspect", out).returncode == 0
 
 
+@pytest.mark.parametrize("words", [(), ("--every-row",)])
+def test_stamps_that_go_back_are_told_and_those_that_rise_are_not(frames, tmp_path, words, capsys):
+    with np.load(frames) as file:
+        content = dict(file)
+    said = []
+    for set_back in (0.0, 7.0):
+        content["stamps"] = 100.0 + np.array([0.0, 0.016, 0.032 - set_back])
+        path, out = tmp_path / "changed.npz", tmp_path / "result.npz"
+        np.savez(path, **content)
+        cli.main(["inspect", str(path)])
+        cli.main(["reconstruct", str(path), "--layout", "equal-4x4", "--out", str(out), *words])
+        said.append(capsys.readouterr().out)
+    told = "stamps: 1 of 3 frames are not later than the one before, the first is frame 2, 6.98 s"
+    assert "not later" not in said[0] and " ".join(said[1].split()).count(told) == 2
+    with np.load(out) as file:
+        ids = [{contact["id"] for contact in each} for each in json.loads(str(file["contacts"]))]
+    frame = len(ids) // 3  # or the rows of one
+    before, after = set().union(*ids[: 2 * frame]), set().union(*ids[2 * frame :])
+    assert before and after and not before & after
+
+
 def test_evaluate_gives_every_figure_in_m_and_in_percent_of_the_side():
     done = run("evaluate", "--layout", "equal-4x4", "--resolution", 12, "--json")
     assert done.returncode == 0, done.stderr

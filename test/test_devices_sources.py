@@ -338,6 +338,22 @@ def test_a_recording_without_distances_in_time_is_played_at_a_thousand_rows_a_se
     assert np.diff([f.stamp for f in frames]).min() == pytest.approx(0.001 * E, abs=1e-4)
 
 
+@pytest.mark.parametrize("fourth, told", [(100.03, ""), (99.0, "times of 1 frames are not later")])
+def test_recorded_times_that_go_back_are_told_while_they_are_played(tmp_path, fourth, told):
+    stamps = 100.0 + 0.01 * np.arange(5)
+    stamps[3:] += fourth - stamps[3]
+    device = ReplayDevice(changed(tmp_path, **{**a_recording(), "stamps": stamps}), E, loop=True)
+    frames = Collector()
+    device.open(frames)
+    frames.wait_for(5)
+    status = device.status()
+    device.close()
+    assert told in status.message and ("not later" in status.message) == bool(told)
+    assert [t.name for t in status.troubles if t.name == "recorded stamps"] == [
+        "recorded stamps"
+    ] * bool(told)
+
+
 def test_a_replay_that_cannot_keep_up_does_not_fall_behind(npz):
     ages, enough = [], threading.Event()
 

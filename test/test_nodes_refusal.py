@@ -177,11 +177,29 @@ def test_two_publishers_and_old_frames_are_told(probe, start):
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, " s old: clocks differ")
 
 
+def test_stamps_that_go_back_or_lie_ahead_are_told(probe, start):
+    start("reconstruction", {"layout": "equal-4x4"})
+    source = Source(probe)
+    source.stamp = 2_100_000_000  # of 2036
+    source.send()
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.WARN, "s ahead of the time here: clocks differ"
+    )
+    source.stamp -= 1000
+    source.send()
+    ros_checks.check_diagnostics(
+        probe,
+        STATUS,
+        DiagnosticStatus.WARN,
+        "the stamps of 1 frames lie before those of the frames",
+    )
+
+
 def test_missed_frames_are_counted_across_the_wrap_of_their_numbers(domain):
     rclpy.init(args=[], domain_id=domain)
     watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
     for sequence in (2**32 - 3, 2**32 - 1, 2, 3, 1_000_000, 1_000_002, 5):
-        watch.accepted(sequence, 0.0, 0.0)
+        watch.accepted(sequence, float(sequence), 0.0, 0.0)
     rclpy.shutdown()
     assert watch.missed == 1 + 2 + 1
 

@@ -21,7 +21,7 @@ from tomotactile_ros.view.colours import (
 )
 from tomotactile_ros.view.contact_lines import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
-from tomotactile_ros.view.figure import save_pressure
+from tomotactile_ros.view.figure import plot, save_pressure
 from tomotactile_ros.view.terminal import picture
 
 LAYOUT = load_layout("equal-4x4")
@@ -149,6 +149,16 @@ def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
     )
     lines = picture(pressed(contact), LAYOUT.outline.bounds, 1e4, 80, 20, calibrated=False)
     assert "100 %" in lines[0] and not any("Pa" in line for line in lines)
+
+
+@pytest.mark.parametrize("force", [None, 2.0])
+def test_a_plot_beside_bare_conductors_has_no_newtons(force):
+    result = SimpleNamespace(reason="", pressure=pressed(UPPER_RIGHT), contacts=[UPPER_RIGHT])
+    truth = [{"x": 0.05, "y": 0.07, "force": force, "pressure": 2e4}]
+    figure = plot(result, LAYOUT, truth)
+    below = figure.get_supxlabel()
+    assert (" N" in below) == (force is not None)
+    assert ("no contact law" in below) == (force is None)
 
 
 def test_an_idle_picture_is_dark_and_its_scale_begins_at_nothing(tmp_path):

@@ -326,6 +326,21 @@ def _stamps(
     return stamps
 
 
+def doubt_of(stamps: np.ndarray) -> str:
+    """What to tell of (N,) stamps, s, that do not rise from frame to frame; empty where they do."""
+    steps = np.diff(np.asarray(stamps, float))
+    falls = np.flatnonzero(steps <= 0)
+    if not falls.size:
+        return ""
+    first = int(falls[0])
+    how = f"{-steps[first]:.3g} s before" if steps[first] < 0 else "at the time of"
+    return (
+        f"stamps: {falls.size} of {len(stamps)} frames are not later than the one before, the first "
+        f"is frame {first + 1}, {how} frame {first}; numbers and ages of "
+        "contacts are not to be trusted there"
+    )
+
+
 def _contact_law(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> ContactLaw | None:
     if "contact_law" not in arrays or not arrays["contact_law"].size:
         return None

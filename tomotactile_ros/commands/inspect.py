@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.frames_file import contacts_of, load_arrays
+from tomotactile_ros.frames_file import contacts_of, doubt_of, load_arrays
 from tomotactile_ros.layouts.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.outline import Outline
@@ -165,6 +165,8 @@ def _describe_arrays(path):
     if _is_stack(content.get("voltages")):
         yield from _describe_voltages(content["voltages"])
         yield f"  {_row_times(content.get('row_period'))}"
+        if doubt := _doubt_of_stamps(content.get("stamps")):
+            yield f"  {doubt}"
     if _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
         yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
@@ -175,6 +177,13 @@ def _describe_arrays(path):
     reasons = np.ravel(content.get("reason", "")).tolist()
     if withheld := [reason for reason in reasons if reason]:
         yield f"  contacts withheld in {len(withheld)} of {len(reasons)}, last: {withheld[-1]}"
+
+
+def _doubt_of_stamps(stamps):
+    """What is wrong with the times of frames, if anything."""
+    if stamps is None or stamps.ndim != 1 or stamps.dtype.kind not in "fiu":
+        return ""
+    return doubt_of(stamps)
 
 
 def _row_times(row_period):

@@ -14,6 +14,7 @@ import numpy as np
 
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
 from tomotactile_ros.devices.recording import open_recording
+from tomotactile_ros.frames_file import doubt_of
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -129,9 +130,11 @@ def _every_row(pipeline, recorded, frames) -> Iterator[tuple[Result, float, floa
 
 
 def _stamps(recorded) -> tuple[np.ndarray, str]:
-    """(N,) s, when each frame began, and a line to print where the file does not tell."""
+    """(N,) s, when each frame began, and a line to print where the file does not tell, or tells
+    what cannot be."""
     if recorded.stamps is not None:
-        return np.asarray(recorded.stamps, float), ""
+        stamps = np.asarray(recorded.stamps, float)
+        return stamps, doubt_of(stamps)
     period = recorded.row_period or ROW_PERIOD
     frames = np.arange(len(recorded.voltages)) * len(recorded.grounded) * period
     return frames, f"no stamps: times begin at 0, frames without a pause, {1e3 * period:g} ms a row"

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from tomotactile_ros.devices.base import Frame, ThreadedDevice, rows_of, rows_time, unix_time
+from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.simulation import ROW_PERIOD
 
@@ -59,11 +60,21 @@ class ReplayDevice(ThreadedDevice):
         super().__init__(electrodes, rate)
         self._path, self._topic = path, topic
         self._loop, self._drive_voltage, self._layout_id = loop, drive_voltage, layout_id
-        self._rounds = 0
+        self._rounds = self._not_later = 0
         next(self._frames())
 
     def _counters(self) -> dict[str, float]:
-        return {"rounds": float(self._rounds)}
+        return {"rounds": float(self._rounds), "stamps_not_later": float(self._not_later)}
+
+    def _troubles(self) -> list[Trouble]:
+        found = super()._troubles()
+        if self._not_later:
+            text = (
+                f"the recorded times of {self._not_later} frames are not later than those of the "
+                "frames before them: a clock was set, or frames are out of order"
+            )
+            found.append(Trouble("recorded stamps", False, text))
+        return found
 
     def _frames(self) -> Iterator[Frame]:
         return read_frames(
@@ -105,6 +116,8 @@ class ReplayDevice(ThreadedDevice):
             for frame in self._frames():
                 if frame.stamp > recorded:
                     distance = frame.stamp - recorded
+                elif math.isfinite(recorded) and self._rounds == 0:
+                    self._not_later += 1
                 recorded = frame.stamp
                 distance = distance or ROW_PERIOD * frame.grounded.size
                 yield distance, frame

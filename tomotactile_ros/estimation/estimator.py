@@ -50,7 +50,7 @@ _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
-_SECOND_LOOK = 2000  # budget of a search in other rows or without a channel
+_SECOND_LOOK = 4000  # budget of a search in other rows or without a channel
 # standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
 # well that a contact conducts
 _CERTAIN = 3.0
@@ -295,20 +295,20 @@ class Estimator:
         other."""
         timed = rows.times is not None
         there = None if start is None else Fit(search.operator, start, rows, prior)
-        if timed and (begun or not (there is None or search.goes_on(there, state.misfit))):
-            late = self._grown(search, rows, prior, start, state.sensor)
-            if late is not None:
-                return late, len(rows.grounded) - len(late.rows.grounded)
-        budget = BUDGET if start is None or not timed else FIRST_LOOK
-        refused = 0.0 if start is None else state.refused
-        fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
-        if timed and _is_suspect(fit):
-            late = self._grown(search, rows, prior, start, state.sensor)
-            if late is not None:
-                return late, len(rows.grounded) - len(late.rows.grounded)
+        changes = timed and (begun or not (there is None or search.goes_on(there, state.misfit)))
+        late = self._grown(search, rows, prior, start, state.sensor) if changes else None
+        if late is None:
+            quick = timed and there is not None or changes
+            refused = 0.0 if start is None else state.refused
+            budget = FIRST_LOOK if quick else BUDGET
+            fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
+            if timed and not changes and _is_suspect(fit):
+                late = self._grown(search, rows, prior, start, state.sensor)
+        if late is not None:
+            return late, len(rows.grounded) - len(late.rows.grounded)
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
-        if _is_suspect(fit) and start is not None:
+        if _is_suspect(fit) and start is not None and not changes:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
 

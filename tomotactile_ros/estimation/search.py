@@ -69,9 +69,11 @@ _WORTH = 10.0  # times the goal: from there on patches of another size are not w
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 _MISFIT = 3.0
 MOST = 12  # discs
-# Gauss-Newton steps times patches for one frame: what no few discs explain is given up
-BUDGET = 12000
-FIRST_LOOK = 1000  # the same of a search that begins with what was there before
+# patches, in all evaluations of the forward model for one frame: what no few discs explain is given
+# up
+BUDGET = 25000
+_LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
+FIRST_LOOK = 2000  # the same of a search that begins with what was there before
 _TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
 _MOVES = 5.0  # standard deviations of its speed, at which a contact moves
 
@@ -265,13 +267,18 @@ class Search:
         at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
         if steps > 1 and len(start.contacts) and not at.steps:
             at = self._approached(at)
-        fit = solve(self.operator, at.unknowns, like.rows, like.prior, steps, self._sheet, goal, at)
+        most = max(self._left, _LEAST_WORK)
+        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._sheet, goal
+        fit = solve(*given, at, most)
         self._sheet = fit.sheet
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
-            fit = solve(self.operator, finer, like.rows, like.prior, steps, self._sheet, goal)
-        self._left -= fit.steps * fit.prediction.size
+            work = fit.work
+            given = self.operator, finer, like.rows, like.prior, steps, self._sheet, goal
+            fit = solve(*given, most=most)
+            fit.work += work
+        self._left -= fit.work
         return fit
 
     def _approached(self, fit: Fit) -> Fit:
@@ -279,7 +286,7 @@ class Search:
         if fit.chi_squared < _MISFIT * fit.rows.count:
             return fit
         fit = approach(fit)
-        self._left -= fit.steps * fit.prediction.size
+        self._left -= fit.work
         bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
         return self._wide_enough(fit, bare)
 
@@ -301,7 +308,7 @@ class Search:
                 )
             own = replace(as_known(start, held), contacts=contacts, across=tuple(across))
             fit = solve(self.operator, own, like.rows, held, STEPS, self._sheet)
-            self._left -= fit.steps * fit.prediction.size
+            self._left -= fit.work
             best = fit if best is None or fit.cost < best.cost else best
             if best.chi_squared < _MISFIT * like.rows.count:
                 break
@@ -346,14 +353,14 @@ class Search:
         if short and self._changing:
             found = self.in_motion(found)
             short = self._falls_short(found)
-        if short:
+        if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         more = len(seen.contacts) > len(first.unknowns.contacts)
-        if short and more and self._falls_short(found):
+        if short and more and self._left > 0 and self._falls_short(found):
             goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
             many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
             found = self._split(self._likelier(found, many), self._solve)
-        if found.chi_squared > _MISFIT * found.rows.count:
+        if found.chi_squared > _MISFIT * found.rows.count and self._left > 0:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
@@ -444,7 +451,7 @@ class Search:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
         for which in range(len(fit.unknowns.contacts)):
-            if which >= len(fit.unknowns.contacts):
+            if which >= len(fit.unknowns.contacts) or self._left <= 0:
                 break
             start = self._halved(fit.unknowns, which, fit.prior.radius)
             if start is not None:
@@ -625,7 +632,7 @@ class Search:
         group = self._clusters(contacts)
         for each in np.unique(group):
             of = np.flatnonzero(group == each)
-            if len(of) < 2 or len(group) != len(fit.unknowns.contacts):
+            if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
                 continue
             if not any(self._may_go(fit, which) for which in of):
                 continue

@@ -171,9 +171,10 @@ class Fit:
     Attributes
     ----------
     unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost
-    with the priors covariance (F, F) of the contacts' free parameters, all else marginal, and the
-    number of
-        steps that led here; None and 0 before `solve`
+        with the priors
+    covariance (F, F) of the contacts' free parameters, all else marginal; None before `solve`
+    steps, work : of the `solve` or `approach` that ended here, the number of steps and that of patches
+        in all evaluations of the forward model; 0 before
     sheet : the last derivatives by the sheet, None before `solve`
     promised : what one more contact would take off the cost to first order, as far as that was
         asked
@@ -186,7 +187,7 @@ class Fit:
         self.chi_squared = float((rows.weights * self.misfit**2).sum())
         self.cost = self.chi_squared + self._of_priors()
         self.covariance = self.sheet = None
-        self.steps, self.promised = 0, 0.0
+        self.steps, self.work, self.promised = 0, 0, 0.0
 
     def weighed(self, rows: Rows) -> Fit:
         """The same point as one of `rows` that differ in their weights only."""
@@ -417,25 +418,25 @@ def _sheet_block(prior: Prior, modes: int) -> np.ndarray:
     return prior.precision[:modes, :modes]
 
 
-def approach(fit: Fit) -> Fit:
+def approach(fit: Fit, most: float = np.inf) -> Fit:
     """Nearer to the best fit, by steps of the contacts alone, of which each costs a third of a whole
-    one; `steps` is their number.
+    one; `steps` is their number. It ends after `most` work, see `Fit`.
 
     Far from where they belong, contacts and sheet together may end where a sheet that is bent to
     the readings holds contacts in a wrong place. What the sensor leaves over is doubted in the same
     way as everywhere (`Fit.doubt`), so that it does not bend the contacts either.
     """
-    rows, damping, steps = fit.rows, _FIRST_DAMPING, 0
-    while steps < STEPS:
+    rows, damping, steps, work = fit.rows, _FIRST_DAMPING, 0, 0
+    while steps < STEPS and work < most:
         doubted = fit.weighed(replace(rows, weights=rows.weights / fit.doubt))
-        better, damping = _descend(Contacts(doubted), damping)
-        steps += 1
+        better, damping, more = _descend(Contacts(doubted), damping)
+        steps, work = steps + 1, work + more
         if better is None:
             break
         fit = better.weighed(rows)
         if doubted.cost - better.cost < _NEARER:
             break
-    fit.steps = steps
+    fit.steps, fit.work = steps, work
     return fit
 
 
@@ -448,35 +449,38 @@ def solve(
     sheet: SheetColumns | None = None,
     goal: float = np.inf,
     at: Fit | None = None,
+    most: float = np.inf,
 ) -> Fit:
     """The best fit that at most `steps` steps from `start` lead to, with its covariance.
 
-    It ends where nothing tells that a cost as low as `goal` will be reached. `at` : the fit of
-    `start`, where it is known.
+    It ends where nothing tells that a cost as low as `goal` will be reached, and after `most` work,
+    see `Fit`. `at` : the fit of `start`, where it is known.
     """
-    fit, damping = at or Fit(operator, start, rows, prior), _FIRST_DAMPING
+    fit, damping, work = at or Fit(operator, start, rows, prior), _FIRST_DAMPING, 0
     for step in range(steps):
         linear = Linear(fit, sheet)
         sheet = linear.sheet
-        better, damping = _descend(linear, damping)
+        better, damping, more = _descend(linear, damping)
+        work += more
         gained = 0.0 if better is None else fit.cost - better.cost
         if better is not None:
             fit = better
         settled = _CONVERGED * fit.doubt
         # after a short whole step the next takes off less than what the linear model was wrong by
         exact = linear.whole and abs(gained - linear.promised) < settled and sheet.serves(fit)
-        if gained < settled or exact:
+        if gained < settled or exact or work >= most:
             break
         if step and fit.cost - _HOPE * gained > goal:
             break
-    fit.steps = step + 1
+    fit.steps, fit.work = step + 1, work
     fit.covariance, fit.sheet = linear.covariance(), sheet
     return fit
 
 
-def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float]:
-    """The next fit that is better, None if there is none, and the damping to begin with there."""
-    fit = linear.fit
+def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float, int]:
+    """The next fit that is better, None if there is none, the damping to begin with there, and the
+    work that it took."""
+    fit, work = linear.fit, 0
     for tries in range(_TRIES):
         reached = linear.step(damping)
         if linear.promised < _CONVERGED * fit.doubt:
@@ -484,10 +488,11 @@ def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float]:
         if tries >= _FEW_TRIES and linear.promised < _LITTLE * fit.cost:
             break
         tried = Fit(fit.operator, reached, fit.rows, fit.prior)
+        work += tried.prediction.size
         if tried.cost < fit.cost:
-            return tried, damping / 10
+            return tried, damping / 10, work
         damping = max(damping, 1e-4) * 10
-    return None, damping
+    return None, damping, work
 
 
 def _smallest(operator) -> float:

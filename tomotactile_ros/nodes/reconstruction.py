@@ -215,7 +215,8 @@ class Reconstruction:
         self._excluded = result.excluded
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
-        self._watch.accepted(frame.sequence, now - frame.stamp, time.monotonic() - start)
+        took = time.monotonic() - start
+        self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took)
 
     def _check(self, frame: Frame, layout_id: str) -> None:
         """Refuse, as InputError, what is not of this layout."""

@@ -12,7 +12,7 @@ TYPE = "tomotactile_ros/msg/VoltageFrame"
 _RESTART = 2**16
 _SOME, _MANY = 0.01, 0.1  # of the frames
 _WINDOW = 10  # s
-_OLD = 1.0  # s from a frame's stamp to its image
+_OLD = 1.0  # s from a frame's stamp to its image, or the other way round
 _PATIENCE = 2.0  # s without a frame before it is said
 
 
@@ -31,6 +31,8 @@ class FrameWatch:
         self._latencies: deque[float] = deque(maxlen=1000)
         self._durations: deque[float] = deque(maxlen=1000)
         self._sequence: int | None = None
+        self._stamp = -np.inf
+        self.stamps_back = 0
         self.processed = self.refused = self.missed = 0
         self.restart()
 
@@ -38,15 +40,18 @@ class FrameWatch:
         """Begin to wait anew."""
         self._since = self._begun = time.monotonic()
         self._refusal = self._incompatible = ""
-        self._recent = Recent(3, _WINDOW)  # frames processed, missed, refused
+        # frames processed, missed, refused, stamped before the one before
+        self._recent = Recent(4, _WINDOW)
 
-    def accepted(self, sequence: int, latency: float, duration: float) -> None:
-        """Note a processed frame: s from its stamp to its image, s of work."""
+    def accepted(self, sequence: int, stamp: float, latency: float, duration: float) -> None:
+        """Note a processed frame: its stamp, s, s from there to its image, s of work."""
         gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
-        self._sequence = sequence
-        self._recent.add(1, missed, 0)
+        back = stamp < self._stamp
+        self.stamps_back += back
+        self._sequence, self._stamp = sequence, stamp
+        self._recent.add(1, missed, 0, back)
         self.processed += 1
         self._latencies.append(latency)
         self._durations.append(duration)
@@ -55,7 +60,7 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1)
+        self._recent.add(0, 0, 1, 0)
         self._refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
@@ -64,7 +69,7 @@ class FrameWatch:
 
     def troubles(self) -> list[Trouble]:
         """What is wrong with the frames of the last 10 s, though there are some."""
-        processed, missed, refused = self._recent.sums()
+        processed, missed, refused, back = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
@@ -82,19 +87,30 @@ class FrameWatch:
                 "are too slow"
             )
             found.append(Trouble("missed", False, text))
+        if back:
+            text = (
+                f"the stamps of {back:.0f} frames lie before those of the frames before them, numbers and "
+                "ages of contacts are not to be trusted there: a clock was set, a recording starts "
+                "over, or several publish"
+            )
+            found.append(Trouble("stamps", back > _MANY * processed, text))
         age = float(np.median(self._latencies)) if self._latencies else 0.0
         if age > _OLD:
             text = f"frames are {age:.3g} s old: clocks differ, or the way is slow"
             found.append(Trouble("old", False, text))
+        elif age < -_OLD:
+            text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
+            found.append(Trouble("ahead", False, text))
         return found
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""
-        processed, missed, _ = self._recent.sums()
+        processed, missed, _, _ = self._recent.sums()
         figures = {
             "frames_processed": self.processed,
             "frames_refused": self.refused,
             "frames_missed": self.missed,
+            "stamps_back": self.stamps_back,
             "rate_wanted": float(processed + missed) / self._span(),
             "rate_reached": float(processed) / self._span(),
         }

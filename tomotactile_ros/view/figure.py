@@ -31,7 +31,7 @@ def plot(
     layout: Layout,
     truth: Sequence[dict] | None = None,
     title: str = "",
-    calibrated: bool = True,
+    calibrated: bool | None = None,
 ) -> Figure:
     """The figure of what a `Pipeline` returned; save it with ``savefig``, a notebook shows it.
 
@@ -42,7 +42,10 @@ def plot(
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
     calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+        By default yes, unless `truth` has contacts of which none has a force: bare conductors.
     """
+    if calibrated is None:
+        calibrated = not truth or any(contact.get("force") is not None for contact in truth)
     if result.reason:
         title = "\n".join(filter(None, [title, f"contacts are withheld: {result.reason}"]))
     figure = pressure_figure(result.pressure, layout, result.contacts, truth, title, calibrated)

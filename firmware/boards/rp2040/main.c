@@ -6,52 +6,34 @@
  *   GP12         low: one is grounded
  *   GP23         high: a Pico's regulator makes less noise
  *
- * Multiplexers as in boards/stm32f4/main.c. PWM slice 0 ticks, without a pin; at a tick the
+ * Multiplexers as in multiplexers.h. PWM slice 0 ticks, without a pin; at a tick the
  * converter takes what the multiplexer was set to at the tick before, so that the time to settle is
  * the timer's and not the software's. It comes before all other interrupts.
  */
 #include <math.h>
 
+#include "multiplexers.h"
 #include "registers.h"
 #include "tt_board.h"
 #include "tt_device.h"
 #include "usb.h"
 
-#define ELECTRODES 64u
 #define CLOCK_MHZ 125u
-#define TICK_US 14u /* settling of one reading, with its conversion of 2 µs */
 #define WATCHDOG_MS 500u
 #define LONG_ENOUGH 1000u /* turns of a loop that waits for the converter */
 
-#define ADDRESS 0x3Fu
-#define GROUND_SHIFT 6u
-#define GROUND_OFF (1u << 12)
 #define QUIET_REGULATOR (1u << 23)
 #define OUTPUTS (ADDRESS | ADDRESS << GROUND_SHIFT | GROUND_OFF | QUIET_REGULATOR)
 #define ANALOG_PIN 26u
-
-#ifndef SERIAL_NUMBER
-#define SERIAL_NUMBER "0"
-#endif
 
 static struct tt_device device;
 static uint32_t mask_before;
 
 static const struct tt_facts facts = {
-    .electrodes = ELECTRODES,
-    .settle_ground = 3,
-    .settle_read = 1,
-    .tick = 1e-6f * TICK_US,
-    .bits = 12,
-    .zero = 0,
-    .scale = 3.3f / 4096.0f,
-    .drive_voltage = 3.3f,
-    .rate = 10.0f,
+    MULTIPLEXER_FACTS,
     .line_rate = 0,
     .address = 0,
     .name = "rp2040",
-    .firmware = "2.0.0",
-    .serial = SERIAL_NUMBER,
 };
 
 /* ---- what the library asks for ---- */

@@ -6,8 +6,7 @@
  *   PC12         low: one is grounded
  *   PA2, PA3     USART2, 2 Mbit/s: to the host (on a NUCLEO also to the USB of its programmer)
  *
- * Addresses of 6 bits: the lower four select a channel of four 16-channel multiplexers (such as
- * 74HC4067), the upper two, through a decoder, one of the four; one such set reads and one grounds.
+ * Multiplexers as in multiplexers.h.
  *
  * Timer TIM2 ticks; at a tick the converter takes what the multiplexer was set to at the tick
  * before, so that the time to settle is the timer's and not the software's. It comes before all
@@ -20,21 +19,17 @@
  */
 #include <math.h>
 
+#include "multiplexers.h"
 #include "registers.h"
 #include "tt_board.h"
 #include "tt_device.h"
 
-#define ELECTRODES 64u
 #define TIMER_CLOCK 84000000u /* Hz, of TIM2 and TIM5 */
-#define TICK_US 14u           /* settling of one reading, with its conversion of 2 µs */
 #define LINE_RATE 2000000u
 #define LINE_DIVIDER 0x25u /* 42 MHz / 8 / 2 Mbit/s = 2.625: 2 and 5/8 */
 #define WATCHDOG_MS 500u
 #define LONG_ENOUGH 10000u /* turns of a loop that waits for hardware */
 
-#define GROUND_SHIFT 6u
-#define ADDRESS 0x3Fu
-#define GROUND_OFF (1u << 12)
 #define SET_PINS(mask, value) (GPIO_BSRR(GPIOC) = ((mask) << 16) | (value))
 
 #ifndef HSE_MHZ
@@ -45,9 +40,6 @@
 #endif
 #define HSI_MHZ 16u
 
-#ifndef SERIAL_NUMBER
-#define SERIAL_NUMBER "0"
-#endif
 #ifndef BUS_ADDRESS
 #define BUS_ADDRESS 0
 #endif
@@ -57,20 +49,10 @@ static uint32_t last_count, high_count, mask_before;
 __attribute__((section(".kept"))) static uint32_t boots;
 
 static const struct tt_facts facts = {
-    .electrodes = ELECTRODES,
-    .settle_ground = 3,
-    .settle_read = 1,
-    .tick = 1e-6f * TICK_US,
-    .bits = 12,
-    .zero = 0,
-    .scale = 3.3f / 4096.0f,
-    .drive_voltage = 3.3f,
-    .rate = 10.0f,
+    MULTIPLEXER_FACTS,
     .line_rate = LINE_RATE,
     .address = BUS_ADDRESS,
     .name = "stm32f4",
-    .firmware = "2.0.0",
-    .serial = SERIAL_NUMBER,
 };
 
 /* ---- what the library asks for ---- */
