@@ -48,7 +48,8 @@ class FrameWatch:
         gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
-        back = stamp < self._stamp
+        # a simulated clock goes back whenever a bag starts over
+        back = stamp < self._stamp and not self._node.get_clock().ros_time_is_active
         self.stamps_back += back
         self._sequence, self._stamp = sequence, stamp
         self._recent.add(1, missed, 0, back)
