@@ -144,7 +144,8 @@ class Search:
             if more is None:
                 break
             fit = more
-        return self._simplified(fit) if len(fit.unknowns.contacts) > before else fit
+        is_new = len(fit.unknowns.contacts) > before
+        return self._simplified(fit) if is_new or any_overlap(fit.unknowns.contacts) else fit
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -211,18 +212,18 @@ class Search:
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
-        there = None if start is None else Fit(self.operator, start, rows, prior)
+        there = None if start is None else Fit(self.operator, start.in_motion(), rows, prior)
         try:
-            found = self.contacts(rows, prior, there, FIRST_LOOK)
+            return self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
             self._changing = False
-        return self.moved(found.unknowns, rows, prior)
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of the contacts of `start`, moving."""
         self._left, self._sheet = FIRST_LOOK, None
         like = Fit(self.operator, start.in_motion(), rows, prior)
-        return self._solve(like.unknowns, like)
+        fit = self._solve(like.unknowns, like)
+        return self._simplified(fit) if any_overlap(fit.unknowns.contacts) else fit
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
@@ -285,7 +286,7 @@ class Search:
         """The same, or nearer where it leaves much over."""
         if fit.chi_squared < _MISFIT * fit.rows.count:
             return fit
-        fit = approach(fit)
+        fit = approach(fit, self._left)
         self._left -= fit.work
         bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
         return self._wide_enough(fit, bare)
@@ -335,7 +336,9 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return None
-        seen = self.detector.first_look(fit.rows.corrected(self._by_reciprocity(fit)))[:MOST]
+        channels, *deviations = self._by_reciprocity(fit)
+        rows = fit.rows.corrected(channels)
+        seen = self.detector.first_look(rows, *deviations)[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
@@ -350,9 +353,6 @@ class Search:
         first = first or self._looks_like(seen, fit)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
-        if short and self._changing:
-            found = self.in_motion(found)
-            short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         more = len(seen.contacts) > len(first.unknowns.contacts)
@@ -366,16 +366,17 @@ class Search:
             found = self._other_sizes(found, which)
         return found
 
-    def _by_reciprocity(self, fit: Fit) -> Unknowns:
-        """What is expected, with gains and offsets as the rows tell them by themselves, for a first
-        look."""
+    def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
+        """What is expected, with gains and offsets as the rows tell them by themselves, and the
+        standard deviations (n,) of both, for a first look."""
         rows, prior = fit.rows, fit.prior
         frame = np.full((fit.operator.count,) * 2, np.nan)
         frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
         noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
         gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
         found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
-        return replace(fit.unknowns, gain=found.gain, offset=found.offset)
+        deviations = np.sqrt(found.covariance.diagonal()).reshape(2, -1)
+        return replace(fit.unknowns, gain=found.gain, offset=found.offset), *deviations
 
     def _falls_short(self, fit: Fit) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
@@ -553,19 +554,17 @@ class Search:
         """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
         the end."""
         contact = np.array([*place, np.log(strength), np.log(radius), 0.0, 0.0])
-        return unknowns.with_contacts(
-            np.vstack([unknowns.contacts, contact]),
-            (*unknowns.across, patches_for(radius, self.operator.pitch)),
-            np.vstack([unknowns.free, [True] * _FORM + [False] * 2]),
-        )
+        across = patches_for(radius, self.operator.pitch)
+        form = [True] * _FORM + [False] * 2
+        return unknowns.joined_by(contact, across, form, self._changing)
 
     def _discs(self, unknowns: Unknowns, radii: np.ndarray) -> Unknowns:
         """Discs of `radii` (k,), m, in the place of the contacts."""
         contacts, free = unknowns.contacts.copy(), np.zeros_like(unknowns.free)
         contacts[:, RADIUS], contacts[:, STRETCH:] = np.log(radii), 0.0
         free[:, :_FORM] = True
-        across = [patches_for(radius, self.operator.pitch) for radius in radii]
-        return unknowns.with_contacts(contacts, across, free)
+        across = tuple(patches_for(radius, self.operator.pitch) for radius in radii)
+        return replace(unknowns, contacts=contacts, across=across, free=free)
 
     def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
         """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
@@ -700,6 +699,11 @@ def overlaps(contacts: np.ndarray, which: int) -> bool:
     return bool((apart < _OVERLAP * reach).any())
 
 
+def any_overlap(contacts: np.ndarray) -> bool:
+    """Whether two contacts lie on each other."""
+    return any(overlaps(contacts, which) for which in range(1, len(contacts)))
+
+
 def merged(unknowns: Unknowns, which: int) -> Unknowns:
     """The same without contact `which`, whose conductance its nearest neighbour takes over."""
     contacts = unknowns.contacts.copy()
@@ -734,11 +738,10 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
     radius = 2 * (value[0] * value[1]) ** 0.25 if form[STRETCH] else np.sqrt(2 * value.sum())
     one = np.array([*place, np.log(strengths.sum()), np.log(radius), p, q])
     rest = chosen(unknowns, np.delete(np.arange(len(unknowns.contacts)), which))
-    return rest.with_contacts(
-        np.vstack([rest.contacts, one]),
-        (*rest.across, patches_of(one, pitch)),
-        np.vstack([rest.free, form]),
-    )
+    moving = bool(unknowns.moving[which].any())
+    joined = rest.joined_by(one, patches_of(one, pitch), form, moving)
+    joined.rates[-1] = share @ unknowns.rates[which]
+    return joined
 
 
 def patches_of(contact: np.ndarray, pitch: float) -> int:
