@@ -298,35 +298,45 @@ class Estimator:
         other."""
         timed = rows.times is not None
         there = None if start is None else Fit(search.operator, start, rows, prior)
-        late = self._grown(search, rows, prior, start, state.sensor) if timed and begun else None
+        whole = len(rows.grounded)
+        goes_on = not (begun or there is None) and search.goes_on(there, state.misfit)
+        alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
+        late = None
+        if timed and (begun or alike < whole):
+            late = self._grown(search, rows, prior, start, state.sensor, alike)
         if late is None:
-            changes = timed and not (there is None or search.goes_on(there, state.misfit))
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
             fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
-            poor = fit.chi_squared > _CHANGING * state.misfit * rows.count
-            if timed and not begun and (changes and poor or _is_suspect(fit)):
-                late = self._grown(search, rows, prior, start, state.sensor)
+            if timed and goes_on and _is_suspect(fit):
+                alike = search.of_one_state(rows, prior)
+                if alike < whole:
+                    late = self._grown(search, rows, prior, start, state.sensor, alike)
         if late is not None:
-            return late, len(rows.grounded) - len(late.rows.grounded)
-        if poor:
+            return late, whole - len(late.rows.grounded)
+        if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
-        if _is_suspect(fit) and start is not None and not (changes or begun):
+        if _is_suspect(fit) and start is not None and alike == whole:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
 
-    def _grown(self, search: Search, rows: Rows, prior: Prior, start, known) -> Fit | None:
+    def _grown(
+        self, search: Search, rows: Rows, prior: Prior, start, known: Fit | None, alike: int
+    ) -> Fit | None:
         """The fit of the last rows alone, of as many as one state of motion explains; None where
-        that are too few. The sensor is nearly as it was `known` to be in a whole frame, if it was.
+        that are too few.
 
         A few rows cannot tell a way from a place: contacts move until the readings say that they
         rest.
+
+        known : the last frame that was touched, which tells of the sensor
+        alike : number of the last rows that may be of one state
         """
         if known is not None:
             prior = _after(known)
         count = len(rows.grounded)
-        size, explained, best = min(_WINDOW, count), 0, None
+        size, explained, best = min(max(alike, _WINDOW), count), 0, None
         while size > _MORE * explained:
             part, middle = rows.part(slice(count - size, None)), _middle(rows, size)
             if best is None:
@@ -343,7 +353,7 @@ class Estimator:
                 if tells_speeds(best):
                     size = _alike(best, rows, size)
             elif best is None and size > _FEWEST:
-                size //= 2
+                size = min(_WINDOW, max(_FEWEST, size // 2))
             else:
                 break
         return None if best is None else search.at_rest(best)

@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.reciprocity import fit_gains
+from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.solver import (
     STEPS,
     Contacts,
@@ -68,6 +68,11 @@ _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to 
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 _MISFIT = 3.0
+# chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
+# also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
+_TORN = 12.0
+_ROUNDS = 3  # of a fit that judges it
+_PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
@@ -369,14 +374,26 @@ class Search:
     def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
         """What is expected, with gains and offsets as the rows tell them by themselves, and the
         standard deviations (n,) of both, for a first look."""
-        rows, prior = fit.rows, fit.prior
-        frame = np.full((fit.operator.count,) * 2, np.nan)
-        frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
-        noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
-        gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
-        found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
+        found = _reciprocity(fit.rows, fit.prior, 1)
         deviations = np.sqrt(found.covariance.diagonal()).reshape(2, -1)
         return replace(fit.unknowns, gain=found.gain, offset=found.offset), *deviations
+
+    def of_one_state(self, rows: Rows, prior: Prior) -> int:
+        """How many of the last rows may be of one state of the sheet, whatever that is: those among
+        which reciprocity holds."""
+        whole = len(rows.grounded)
+
+        def holds(count: int) -> bool:
+            part = rows.part(slice(whole - count, None))
+            return _reciprocity(part, prior, _ROUNDS).misfit[0] < _TORN
+
+        if whole <= _PAIRS or holds(whole):
+            return whole
+        least, most = _PAIRS, whole - 1
+        while least < most:
+            count = (least + most + 1) // 2
+            least, most = (count, most) if holds(count) else (least, count - 1)
+        return least
 
     def _falls_short(self, fit: Fit) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
@@ -668,6 +685,15 @@ class Search:
             keep = np.arange(len(strengths)) != weakest
             fit = self._solve(chosen(fit.unknowns, keep), fit)
         return fit
+
+
+def _reciprocity(rows: Rows, prior: Prior, steps: int) -> Gains:
+    """Gains and offsets, and how far reciprocity is violated, of rows alone."""
+    frame = np.full((len(prior.gain),) * 2, np.nan)
+    frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+    noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
+    gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
+    return fit_gains(frame[None], 1.0, noise, gain, offset, steps)
 
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.information import Information, information
 from tomotactile_ros.estimation.search import Search, as_known, resting
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
 from tomotactile_ros.estimation.touch import patches_for
-from tomotactile_ros.estimation.information import Information, information
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
 from tomotactile_ros.learning.state import SensorState
