@@ -42,12 +42,19 @@ SPECS = (
     *row_contacts.SPECS,
     *tare.SPECS,
     *learning.SPECS,
+    Spec(
+        "max_age",
+        2.0,
+        "s; contacts of older readings are not valid, and none are without new ones; 0: any age",
+        low=0.0,
+        high=3600.0,
+    ),
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
     Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
     Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
     PATH_CHANGES,
 )
-OF_THE_NODE = {"publish_every", "tare_frames", "view_range", "view_overlay", "view_size"}
+OF_THE_NODE = {"publish_every", "max_age", "tare_frames", "view_range", "view_overlay", "view_size"}
 _PLAIN_SETTINGS = (
     "profile",
     "resolution",
