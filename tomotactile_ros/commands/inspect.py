@@ -167,7 +167,12 @@ def _describe_arrays(path):
         yield f"  {_row_times(content.get('row_period'))}"
         if doubt := _doubt_of_stamps(content.get("stamps")):
             yield f"  {doubt}"
-    if _is_stack(content.get("pressure")):
+    if _is_stack(content.get("conductance")):
+        last = content["conductance"][-1]
+        yield "  no contact law: forces and pressures are not known"
+        yield f"  last image, peak {np.nanmax(last, initial=0.0):.4g} S/m2, +y up:"
+        yield from _shade(last)
+    elif _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
         yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
         yield from _shade(last)

@@ -28,7 +28,7 @@ class Shot:
 
     Attributes
     ----------
-    pressure : (H, W) Pa.
+    pressure : (H, W) Pa; without a contact law whatever is shown for it, `Result.image`.
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.

@@ -42,13 +42,15 @@ def plot(
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
     calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
-        By default yes, unless `truth` has contacts of which none has a force: bare conductors.
+        By default as the result says, but not where `truth` has contacts of which none has a
+        force: bare conductors.
     """
     if calibrated is None:
-        calibrated = not truth or any(contact.get("force") is not None for contact in truth)
+        forces = [contact.get("force") is not None for contact in truth or ()]
+        calibrated = result.calibrated and (any(forces) or not forces)
     if result.reason:
         title = "\n".join(filter(None, [title, f"contacts are withheld: {result.reason}"]))
-    figure = pressure_figure(result.pressure, layout, result.contacts, truth, title, calibrated)
+    figure = pressure_figure(result.image, layout, result.contacts, truth, title, calibrated)
     vars(figure)["_repr_png_"] = partial(_png, figure)  # what IPython asks for
     return figure
 
@@ -89,7 +91,8 @@ def pressure_figure(
 
     Parameters
     ----------
-    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline.
+    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline; `Result.image` where nothing
+        is calibrated.
     layout : gives the frame and the electrodes.
     contacts : estimates, strongest first, drawn as rings of their radius.
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
