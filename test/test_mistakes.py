@@ -73,6 +73,11 @@ def test_electrodes_in_another_order(own_frames, capsys):
         measured[:, 7] = measured[:, :, 7] = np.nan  # a channel that is not read hides nothing
         line = complaint(capsys, own_frames(measured))
         assert f"only if its electrodes are numbered {name};" in line
+    seen = [*own_frames(measured)[1:4]]
+    assert cli.main(["inspect", *seen]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "reads most: wide has it at" in shown
+    assert "numbered from the second one on, its first one last" in shown
     order = np.random.default_rng(1).permutation(60)
     line = complaint(capsys, own_frames(voltages[:, order][:, :, order]))
     assert "in another order than the layout, and in none of the usual ones" in line

@@ -44,7 +44,7 @@ def run(args: Namespace) -> None:
         print("recording; Ctrl-C ends it", file=sys.stderr)
     frames = collect(device, args.frames, args.duration)
     if args.out:
-        save_recording(args.out, layout, frames, scene and scene.contact_law)
+        save_recording(args.out, layout, frames, scene.contact_law if scene else None)
     span = frames[-1].stamp - frames[0].stamp
     rate = f", {(len(frames) - 1) / span:.3g} per second" if span > 0 else ""
     lost = frames[-1].sequence - frames[0].sequence + 1 - len(frames)
