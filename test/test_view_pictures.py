@@ -163,6 +163,15 @@ def test_a_plot_of_a_result_without_a_contact_law_shows_its_conductance():
     assert at == np.unravel_index(np.nanargmax(result.pressure), shown.shape)
 
 
+def test_a_withheld_result_says_why_and_not_that_there_is_no_contact():
+    reason = "voltages: the readings fit wide only if its electrodes are numbered column by column"
+    nothing = np.full_like(pressed(UPPER_RIGHT), np.nan)
+    figure = plot(Result(nothing, nothing, [], (), False, 0.0, "withheld", reason), LAYOUT)
+    assert reason in " ".join(figure.get_suptitle().split())
+    assert max(map(len, figure.get_suptitle().splitlines())) < 70
+    assert figure.get_supxlabel() == "contacts are not known"
+
+
 @pytest.mark.parametrize("force", [None, 2.0])
 def test_a_plot_beside_bare_conductors_has_no_newtons(force):
     image = pressed(UPPER_RIGHT)
