@@ -223,6 +223,7 @@ def touch(
     """
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
+    done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
     clock = Clock(rounds)
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
@@ -234,7 +235,6 @@ def touch(
     yield clock.step(0, evaluate_layout(layout, **evaluation), 1.0, allowed, found)
     objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
-    done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
     if not trials:
         trials = [each for each in spread(search.first, range(starts)) if each is not None]
     if not trials:
