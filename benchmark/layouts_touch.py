@@ -127,21 +127,21 @@ def pair_table(found: dict, profiles) -> list[str]:
     return list(markdown(header, rows))
 
 
-def rows_table(count: int, rows: int, name: str) -> list[str]:
-    """The profile accurate with the best `rows` rows, and with all of them."""
+def rows_table(count: int, rows: int, name: str, profiles) -> list[str]:
+    """The profiles with the best `rows` rows, and with all of them."""
     layout = layouts(count)[name]
     data = reference(layout, AMOUNTS[count], DATA)
     chosen = spread(layout.positions, Chooser(layout).best(rows))
-    header = ["rows", *(f"{kind}: mean, median, p95/mm" for kind in (EVEN, UNEVEN))]
+    header = ["profile", "rows", *(f"{kind}: mean, median, p95/mm" for kind in (EVEN, UNEVEN))]
     cells = []
     for order in (range(layout.electrodes), chosen):
-        [found] = measure(data, ["accurate"], rows=list(order), pairs=False)
-        place = [found.figures[kind] for kind in (EVEN, UNEVEN)]
-        cells.append([str(len(order))])
-        cells[-1] += [
-            ", ".join(f"{1e3 * each[key]:.3f}" for key in ("mean", "median", "p95"))
-            for each in place
-        ]
+        for found in measure(data, profiles, rows=list(order), pairs=False):
+            place = [found.figures[kind] for kind in (EVEN, UNEVEN)]
+            cells.append([found.profile, str(len(order))])
+            cells[-1] += [
+                ", ".join(f"{1e3 * each[key]:.3f}" for key in ("mean", "median", "p95"))
+                for each in place
+            ]
     return list(markdown(header, cells))
 
 
@@ -180,7 +180,8 @@ def main():
         )
         return
     if args.rows is not None:
-        print("\n".join(rows_table(args.count, args.rows, (args.only or ["equal"])[0])))
+        name = (args.only or ["equal"])[0]
+        print("\n".join(rows_table(args.count, args.rows, name, args.profiles)))
         return
     every = layouts(args.count)
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
