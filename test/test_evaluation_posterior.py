@@ -97,6 +97,8 @@ def test_rows_are_chosen_by_what_they_tell_and_spread_in_time():
     chooser = Chooser(LAYOUT, places=4)
     best = chooser.best(6)
     assert len(set(best)) == 6 and chooser.best(6) == best
+    for count in (8, 15):
+        assert len(set(chooser.best(count))) == count
     random = np.random.default_rng(0)
     others = [random.choice(16, 6, replace=False) for _ in range(20)]
     errors = [chooser.information.figures(each)[0].mean() for each in others]

@@ -295,10 +295,10 @@ def _explore(args, start, report):
             f"{choice.layout.electrodes:10d} {len(choice.rows):5d} {1e3 * choice.frame_time:9.3g} "
             f"{1e6 * choice.place:9.1f} {1e6 * choice.worst_tenth:15.1f} {100 * choice.force:8.2f}"
         )
-    save_exploration(report, found)
     limit = "" if args.frame_time is None else f" within {1e3 * args.frame_time:g} ms"
     wanted = f"{1e3 * args.place:g} mm in the worst tenth{limit}"
     best = answer([each for choices in found for each in choices], args.place, args.frame_time)
+    save_exploration(report, found, args.place, args.frame_time, best)
     if best is None:
         raise InputError(
             f"--explore: none of these numbers of electrodes is expected to come to {wanted}; {report} "

@@ -111,8 +111,8 @@ class Chooser:
             kept, leaves = chosen[1:], chosen[0]
             weights = np.bincount(kept, minlength=self.layout.electrodes).astype(float)
             slopes = self.information.mean_place(weights)[1]
-            slopes[chosen] = np.inf
-            trials = [[*kept, e] for e in np.argsort(slopes)[:candidates].tolist()]
+            others = [e for e in np.argsort(slopes).tolist() if e not in chosen]
+            trials = [[*kept, e] for e in others[:candidates]]
             costs = np.array([self._error(each) for each in trials])
             best = int(costs.argmin())
             gains = costs[best] < error * (1 - _LITTLE)
