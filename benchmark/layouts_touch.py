@@ -45,7 +45,7 @@ AMOUNTS = {
     "hex-37": Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
     "ring-16": Amount(40, 16, (0.04, 0.05)),
 }
-ELLIPSES = {"4": 12, "8": 16, "hex-37": 16, "ring-16": 12}  # along a side, of pictures
+ELLIPSES = {"4": 12, "8": 12, "hex-37": 16, "ring-16": 12}  # along a side, of pictures
 PLACES = {"4": 24, "8": 12, "hex-37": 16, "ring-16": 16}  # of what is expected, along a side
 
 
@@ -77,15 +77,15 @@ WORDS = {
     "equal": "grid from rim to rim",
     "rand1": "moved at random, 1",
     "rand2": "moved at random, 2",
-    "r_2": "grid, electrodes of half the radius",
-    "r_1.6": "grid, electrodes of 1.6 times the radius",
+    "r_2": "electrodes of half the radius",
+    "r_1.6": "electrodes of 1.6 times the radius",
     "optimized": "paper's method",
 }
 
 
 def words(name: str, kind: str) -> str:
-    if name == "equal" and not kind.isdigit():
-        return kind
+    if not kind.isdigit():
+        return kind if name == "equal" else WORDS.get(name, name)
     return WORDS.get(name, f"grid scaled by {name[1:]}" if name.startswith("x") else name)
 
 
