@@ -2,7 +2,8 @@
 what is expected without frames.
 
     scripts/setup python3 benchmark/layouts_touch.py 4
-    scripts/setup python3 benchmark/layouts_touch.py 8 --layout touch-8x8.yaml --only equal r_2 touch-8x8
+    scripts/setup python3 benchmark/layouts_touch.py 8 --layout mine.yaml --only equal r_2 mine
+    scripts/setup python3 benchmark/layouts_touch.py ring-16 --layout mine.yaml
 
 Tables are Markdown on standard output. What electrodes see is kept in build/layouts: half a minute
 for a layout of 4 x 4, three for one of 8 x 8, and half as much for the profiles. Needs Gmsh and
@@ -39,54 +40,59 @@ SCALES = (0.95, 0.9, 0.86)
 SHIPPED = ("free", "optimized", "balanced", "touch")
 MOVED = 0.25  # of a spacing, uniform, of layouts at random
 AMOUNTS = {
-    4: Amount(40, 16, (0.04, 0.05)),
-    8: Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
+    "4": Amount(40, 16, (0.04, 0.05)),
+    "8": Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
+    "hex-37": Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
+    "ring-16": Amount(40, 16, (0.04, 0.05)),
 }
-ELLIPSES = {4: 12, 8: 16}  # along a side, of pictures
-PLACES = {4: 24, 8: 12}  # of what is expected, along a side
+ELLIPSES = {"4": 12, "8": 12, "hex-37": 16, "ring-16": 12}  # along a side, of pictures
+PLACES = {"4": 24, "8": 12, "hex-37": 16, "ring-16": 16}  # of what is expected, along a side
 
 
-def layouts(count: int) -> dict[str, Layout]:
-    """All that are compared, of count x count electrodes."""
-    equal = load_layout(f"equal-{count}x{count}")
+def layouts(kind: str) -> dict[str, Layout]:
+    """All that are compared: of `kind` x `kind` electrodes, or like the shipped layout `kind`."""
+    grid = kind.isdigit()
+    equal = load_layout(f"equal-{kind}x{kind}" if grid else kind)
     found = {"equal": equal}
-    for scale in SCALES:
-        found[f"x{scale:g}"] = replace(equal, positions=equal.positions * scale)
-    for seed in (1, 2):
-        reach = MOVED * 2 / (count - 1) * np.array(equal.outline.size) / 2
-        moves = np.random.default_rng(seed).uniform(-1, 1, equal.positions.shape) * reach
-        limit = np.array(equal.outline.size) / 2
-        found[f"rand{seed}"] = replace(
-            equal, positions=np.clip(equal.positions + moves, -limit, limit)
-        )
+    if grid:
+        for scale in SCALES:
+            found[f"x{scale:g}"] = replace(equal, positions=equal.positions * scale)
+        for seed in (1, 2):
+            reach = MOVED * 2 / (int(kind) - 1) * np.array(equal.outline.size) / 2
+            moves = np.random.default_rng(seed).uniform(-1, 1, equal.positions.shape) * reach
+            limit = np.array(equal.outline.size) / 2
+            moved = np.clip(equal.positions + moves, -limit, limit)
+            found[f"rand{seed}"] = replace(equal, positions=moved)
     found["r_2"] = replace(equal, radius=equal.radius / 2)
     found["r_1.6"] = replace(equal, radius=equal.radius * 1.6)
     for name in SHIPPED:
         try:
-            found[name] = load_layout(f"{name}-{count}x{count}")
+            found[name] = load_layout(f"{name}-{kind}x{kind}" if grid else f"{name}-{kind}")
         except InputError:
             continue  # is not shipped
-    return {name: replace(layout, name=f"{count}-{name}") for name, layout in found.items()}
+    return {name: replace(layout, name=f"{kind}-{name}") for name, layout in found.items()}
 
 
 WORDS = {
     "equal": "grid from rim to rim",
     "rand1": "moved at random, 1",
     "rand2": "moved at random, 2",
-    "r_2": "grid, electrodes of half the radius",
-    "r_1.6": "grid, electrodes of 1.6 times the radius",
+    "r_2": "electrodes of half the radius",
+    "r_1.6": "electrodes of 1.6 times the radius",
     "optimized": "paper's method",
 }
 
 
-def words(name: str) -> str:
+def words(name: str, kind: str) -> str:
+    if not kind.isdigit():
+        return kind if name == "equal" else WORDS.get(name, name)
     return WORDS.get(name, f"grid scaled by {name[1:]}" if name.startswith("x") else name)
 
 
-def figures(layout: Layout, count: int, profiles) -> dict:
+def figures(layout: Layout, kind: str, profiles) -> dict:
     """What is expected and what is measured, as plain data."""
-    found = expected(layout, Conditions(apart=usual_apart(layout)), PLACES[count])
-    data = reference(layout, AMOUNTS[count], DATA)
+    found = expected(layout, Conditions(apart=usual_apart(layout)), PLACES[kind])
+    data = reference(layout, AMOUNTS[kind], DATA)
     return {
         "expected": [*map(float, found.lengths), found.score],
         "measured": {each.profile: each.figures for each in measure(data, profiles)},
@@ -102,59 +108,59 @@ def version() -> str:
     return code.hexdigest()[:8]
 
 
-def place_table(found: dict, profiles) -> list[str]:
+def place_table(found: dict, profiles, kind) -> list[str]:
     header = ["layout", "expected, mean and worst tenth/um"]
-    header += [f"{p}, {kind}: mean, p95/mm" for p in profiles for kind in (EVEN, UNEVEN)]
+    header += [f"{p}, {sheet}: mean, p95/mm" for p in profiles for sheet in (EVEN, UNEVEN)]
     rows = []
     for name, each in found.items():
         mean, tenth = (f"{1e6 * length:.0f}" for length in each["expected"][:2])
-        cells = [words(name), f"{mean}, {tenth}"]
+        cells = [words(name, kind), f"{mean}, {tenth}"]
         for profile in profiles:
-            for kind in (EVEN, UNEVEN):
-                figure = each["measured"][profile][kind]
+            for sheet in (EVEN, UNEVEN):
+                figure = each["measured"][profile][sheet]
                 cells.append(f"{1e3 * figure['mean']:.3f}, {1e3 * figure['p95']:.3f}")
         rows.append(cells)
     return list(markdown(header, rows))
 
 
-def pair_table(found: dict, profiles) -> list[str]:
+def pair_table(found: dict, profiles, kind) -> list[str]:
     apart = list(next(iter(found.values()))["measured"][profiles[0]]["told"])
     header = ["layout", *(f"{p}, {1e3 * float(d):g} mm" for p in profiles for d in apart)]
     rows = []
     for name, each in found.items():
         told = [each["measured"][p]["told"][d] for p in profiles for d in apart]
-        rows.append([words(name), *(f"{100 * part:.0f} %" for part in told)])
+        rows.append([words(name, kind), *(f"{100 * part:.0f} %" for part in told)])
     return list(markdown(header, rows))
 
 
-def rows_table(count: int, rows: int, name: str) -> list[str]:
-    """The profile accurate with the best `rows` rows, and with all of them."""
-    layout = layouts(count)[name]
-    data = reference(layout, AMOUNTS[count], DATA)
+def rows_table(kind: str, rows: int, name: str, profiles) -> list[str]:
+    """The profiles with the best `rows` rows, and with all of them."""
+    layout = layouts(kind)[name]
+    data = reference(layout, AMOUNTS[kind], DATA)
     chosen = spread(layout.positions, Chooser(layout).best(rows))
-    header = ["rows", *(f"{kind}: mean, median, p95/mm" for kind in (EVEN, UNEVEN))]
+    header = ["profile", "rows", *(f"{sheet}: mean, median, p95/mm" for sheet in (EVEN, UNEVEN))]
     cells = []
     for order in (range(layout.electrodes), chosen):
-        [found] = measure(data, ["accurate"], rows=list(order), pairs=False)
-        place = [found.figures[kind] for kind in (EVEN, UNEVEN)]
-        cells.append([str(len(order))])
-        cells[-1] += [
-            ", ".join(f"{1e3 * each[key]:.3f}" for key in ("mean", "median", "p95"))
-            for each in place
-        ]
+        for found in measure(data, profiles, rows=list(order), pairs=False):
+            place = [found.figures[sheet] for sheet in (EVEN, UNEVEN)]
+            cells.append([found.profile, str(len(order))])
+            cells[-1] += [
+                ", ".join(f"{1e3 * each[key]:.3f}" for key in ("mean", "median", "p95"))
+                for each in place
+            ]
     return list(markdown(header, cells))
 
 
-def rank_table(found: dict, profiles) -> list[str]:
+def rank_table(found: dict, profiles, _kind) -> list[str]:
     """Spearman's rho between the score that is expected and what was measured."""
     score = [each["expected"][-1] for each in found.values()]
     header = ("profile", *(f"{k}, {q}" for k in (EVEN, UNEVEN) for q in ("mean", "median", "p95")))
     rows = []
     for profile in profiles:
         cells = [profile]
-        for kind in (EVEN, UNEVEN):
+        for sheet in (EVEN, UNEVEN):
             for key in ("mean", "median", "p95"):
-                values = [each["measured"][profile][kind][key] for each in found.values()]
+                values = [each["measured"][profile][sheet][key] for each in found.values()]
                 cells.append(f"{spearmanr(score, values).statistic:.2f}")
         rows.append(cells)
     return list(markdown(header, rows))
@@ -162,7 +168,7 @@ def rank_table(found: dict, profiles) -> list[str]:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, choices=sorted(AMOUNTS), help="electrodes along a side")
+    parser.add_argument("kind", choices=AMOUNTS, help="electrodes along a side, or a layout")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="layouts to compare")
     parser.add_argument("--layout", action="append", default=[], help="another one, a file")
     parser.add_argument("--profiles", nargs="+", choices=PROFILES, default=PROFILES)
@@ -170,19 +176,20 @@ def main():
     parser.add_argument("--picture", help="ellipses of the layouts, a file, instead")
     args = parser.parse_args()
     if args.picture:
-        chosen = layouts(args.count)
+        chosen = layouts(args.kind)
         save_comparison(
             args.picture,
             [
-                (chosen[name], expected(chosen[name], places=ELLIPSES[args.count]))
+                (chosen[name], expected(chosen[name], places=ELLIPSES[args.kind]))
                 for name in args.only or ("equal", "touch")
             ],
         )
         return
     if args.rows is not None:
-        print("\n".join(rows_table(args.count, args.rows, (args.only or ["equal"])[0])))
+        name = (args.only or ["equal"])[0]
+        print("\n".join(rows_table(args.kind, args.rows, name, args.profiles)))
         return
-    every = layouts(args.count)
+    every = layouts(args.kind)
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
     found = {}
     DATA.mkdir(parents=True, exist_ok=True)
@@ -194,7 +201,7 @@ def main():
         if kept.exists():
             found[name] = json.loads(kept.read_text())
         else:
-            found[name] = figures(layout, args.count, PROFILES)
+            found[name] = figures(layout, args.kind, PROFILES)
             kept.write_text(json.dumps(found[name]))
         print(name, json.dumps(found[name]), file=sys.stderr, flush=True)
     tables = [place_table, pair_table]
@@ -202,7 +209,7 @@ def main():
         tables.append(rank_table)
     for table in tables:
         print()
-        print("\n".join(table(found, args.profiles)))
+        print("\n".join(table(found, args.profiles, args.kind)))
 
 
 def _stem(path):

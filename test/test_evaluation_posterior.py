@@ -1,6 +1,8 @@
 """What a contact can be known to: against what the estimator says of itself, and between
 layouts."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -94,7 +96,9 @@ def test_places_are_even_and_on_no_lattice():
 def test_rows_are_chosen_by_what_they_tell_and_spread_in_time():
     chooser = Chooser(LAYOUT, places=4)
     best = chooser.best(6)
-    assert len(set(best)) == 6 and chooser.best(3) == best[:3]
+    assert len(set(best)) == 6 and chooser.best(6) == best
+    for count in (8, 15):
+        assert len(set(chooser.best(count))) == count
     random = np.random.default_rng(0)
     others = [random.choice(16, 6, replace=False) for _ in range(20)]
     errors = [chooser.information.figures(each)[0].mean() for each in others]
@@ -103,3 +107,29 @@ def test_rows_are_chosen_by_what_they_tell_and_spread_in_time():
     order = spread(LAYOUT.positions, list(range(16)))
     assert sorted(order) == list(range(16))
     assert chooser.after(order) < chooser.after(range(16))
+
+
+def test_no_choice_of_rows_is_below_the_bound_and_the_one_taken_is_the_best():
+    chooser = Chooser(LAYOUT, places=3)
+    every = itertools.combinations(range(16), 3)
+    errors = [chooser.information.figures(each)[0].mean() for each in every]
+    found = chooser.information.figures(chooser.best(3))[0].mean()
+    assert found < 1.02 * min(errors)
+    assert 0.3 * min(errors) < chooser.least(3) < min(errors)
+    whole = chooser.information.figures(range(16))[0].mean()
+    assert chooser.least(16) == pytest.approx(whole, rel=1e-9)
+
+
+def test_slopes_of_the_place_error_by_shares_of_rows():
+    information = RowInformation(EXPECTATION, CENTRES)
+    shares = np.random.default_rng(0).uniform(0.1, 1, 16)
+    error, slopes = information.mean_place(shares)
+    whole = np.zeros(16)
+    whole[[3, 9, 12]] = 1, 2, 1
+    assert information.mean_place(whole)[0] == pytest.approx(
+        information.figures([3, 9, 9, 12])[0].mean()
+    )
+    way = np.random.default_rng(1).normal(size=16)
+    beside = [information.mean_place(shares + step * way)[0] for step in (1e-4, -1e-4)]
+    assert (beside[0] - beside[1]) / 2e-4 == pytest.approx(slopes @ way, rel=1e-5)
+    assert np.mean(beside) > error  # convex

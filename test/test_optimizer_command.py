@@ -170,6 +170,15 @@ def test_evaluate_a_profile(capsys):
             ["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"],
             "one row takes",
         ),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "scan", "--keep-out", "0", "0", "0.02"],
+            "--keep-out: only methods touch and free know it",
+        ),
+        (["--rows", "4", "--cols", "4", "--seed", "3"], "seed: only method free knows it"),
+        (["--rows", "4", "--cols", "4", "--conditions", "4"], "--conditions: only method scan"),
+        (["--explore", "9", "1"], "--explore: 1 is not a whole number from 4"),
+        (["--explore", "9", "--fixed", "3"], "--fixed: only method touch knows it"),
+        (["--layout", "equal-4x4", "--resume"], "x.search.json is not there"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):

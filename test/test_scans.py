@@ -18,7 +18,9 @@ from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
 from tomotactile_ros.optimizer.scan import Chooser
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -96,6 +98,37 @@ def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
         device = make_device(replace(settings, port=port.path, scan=(2,)))
         with watched(device) as watch:
             watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [2])
+
+
+def test_eight_of_64_rows_at_125_frames_a_second_through_driver_and_reconstruction():
+    """The rows that `optimize --method scan` chooses, told to a sensor at the end of a line."""
+    whole = load_layout("equal-8x8")
+    layout = replace(whole, scan=tuple(spread(whole.positions, Chooser(whole, places=3).best(8))))
+    touch = Contact("disc", center=(0.021, -0.034), radius=0.006, pressure=2e4)
+    law = ContactLaw(1e-4, 1.0)
+    scene = Scene("touch", 3.3, (touch,), contact_law=law, noise=Noise(1e-3, seed=1))
+    seen = Simulator(whole, scene, "closed_form")
+    device = EmulatedDevice(lambda time, sequence, order: seen.frame(0.0)[order], 64, rate=125.0)
+    frames, enough = [], threading.Event()
+
+    def take(frame):
+        if len(frame.grounded) == 8:
+            frames.append(frame)
+        if len(frames) == 5:
+            enough.set()
+
+    with plugged(device) as port:
+        driver = make_device(DeviceSettings(layout, "serial", port=port.path, rate=125.0))
+        driver.open(take)
+        assert enough.wait(PATIENCE), driver.status()
+        driver.close()
+    pipeline = Pipeline(layout, Settings("accurate", contact_law=law))
+    for frame in frames[:5]:
+        assert frame.grounded.tolist() == list(layout.scan)
+        assert 8 * frame.row_period == pytest.approx(1 / 125)
+        result = pipeline.process(frame.voltages, frame.grounded, 3.3, frame.row_period)
+        (contact,) = result.contacts
+        assert np.hypot(contact.x - 0.021, contact.y + 0.034) < 3e-4
 
 
 def test_a_device_of_version_1_keeps_its_order_and_says_so():

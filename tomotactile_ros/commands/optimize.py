@@ -13,8 +13,18 @@ import numpy as np
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.evaluation.posterior import NOISE, Conditions
+from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.optimizer.checkpoint import state_file_of
-from tomotactile_ros.optimizer.options import OPTIONS, Option, command_of, request_of, start_of
+from tomotactile_ros.optimizer.explore import FEWEST
+from tomotactile_ros.optimizer.options import (
+    OPTIONS,
+    SEARCH,
+    Option,
+    command_of,
+    refuse_unknown,
+    request_of,
+    start_of,
+)
 from tomotactile_ros.optimizer.request import ALIASES, METHODS
 from tomotactile_ros.optimizer.scan import spread
 from tomotactile_ros.optimizer.step import best_of, ratio
@@ -29,6 +39,7 @@ HELP = "optimize where the electrodes are, or which of them to ground"
 
 _PLACE = 0.002  # m
 _SCANS = ("scan", "grounding")  # the second is the name of old
+_OF_EXPLORE = ("noise",)  # of the search's options
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -95,8 +106,11 @@ def _add_option(parser: ArgumentParser, option: Option) -> None:
 
 
 def run(args: Namespace) -> None:
+    for count in args.explore or ():
+        checks.integer(count, "--explore", FEWEST, MAX_SPREAD)
     if args.explore and not args.layout and not args.rows:
         args.electrodes = args.explore[0]  # any number: of the start the sheet alone counts
+    _refuse(args)
     start = start_of(vars(args), "--")
     report = args.report or Path(args.out).with_suffix(".png")
     check_out(args.out, *YAML)
@@ -107,6 +121,20 @@ def run(args: Namespace) -> None:
         _choose_scan(args, start, report)
     else:
         _move_electrodes(args, start, report)
+
+
+def _refuse(args):
+    """Raise InputError for options that what is to be done would leave out."""
+    if args.explore:
+        left_out = [option for option in SEARCH if option.name not in _OF_EXPLORE]
+        refuse_unknown(left_out, "scan", vars(args), "--")
+    elif args.method in _SCANS:
+        refuse_unknown(SEARCH, "scan", vars(args), "--")
+    elif args.conditions or args.frame_time is not None:
+        name = "--conditions" if args.conditions else "--frame-time"
+        raise InputError(f"{name}: only method scan knows it, and --explore a frame time")
+    if args.explore and args.conditions:
+        raise InputError("--conditions: of --method scan, --explore compares numbers of its own")
 
 
 def _move_electrodes(args, start, report):
@@ -225,7 +253,13 @@ def _choose_scan(args, layout, report):
             f"{1e3 * images['position_error']['mean']:18.2f}"
         )
     asked = args.conditions or args.frame_time is not None
-    taken = found[-1 if asked else 0].grounded
+    scan = found[-1 if asked else 0]
+    taken = scan.grounded
+    if len(taken) < layout.electrodes:
+        print(
+            f"{len(taken)} rows: {1e6 * scan.metrics['place']['mean']:.1f} um, and no choice of as many "
+            f"is expected below {1e6 * chooser.least(len(taken)):.1f} um"
+        )
     rows = min(FEW, len(taken))
     in_turn, order = (1e3 * chooser.after(each) for each in (np.sort(taken), taken))
     print(
@@ -261,10 +295,10 @@ def _explore(args, start, report):
             f"{choice.layout.electrodes:10d} {len(choice.rows):5d} {1e3 * choice.frame_time:9.3g} "
             f"{1e6 * choice.place:9.1f} {1e6 * choice.worst_tenth:15.1f} {100 * choice.force:8.2f}"
         )
-    save_exploration(report, found)
     limit = "" if args.frame_time is None else f" within {1e3 * args.frame_time:g} ms"
     wanted = f"{1e3 * args.place:g} mm in the worst tenth{limit}"
     best = answer([each for choices in found for each in choices], args.place, args.frame_time)
+    save_exploration(report, found, args.place, args.frame_time, best)
     if best is None:
         raise InputError(
             f"--explore: none of these numbers of electrodes is expected to come to {wanted}; {report} "

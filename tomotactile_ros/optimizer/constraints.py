@@ -126,11 +126,12 @@ class Constraints:
             )
         for i, region in enumerate(self.keep_out):
             if not self.outline.overlaps(region.shell[None])[0] > 0:
-                x, y = region.shell.mean(axis=0)
+                x, y = region.shell.mean(axis=0).round(9) + 0.0  # no -0
                 xmin, ymin, xmax, ymax = self.outline.bounds
                 raise InputError(
                     f"keep_out[{i}]: the disc around ({x:g}, {y:g}) m is nowhere on the sheet, which "
-                    f"goes from ({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; the origin is its middle"
+                    f"goes from ({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m"
+                    + (", with holes" if self.outline.holes else "; the origin is its middle")
                 )
         a, b = self.outline.size
         if 2 * self.margin >= min(a, b):

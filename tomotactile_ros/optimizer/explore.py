@@ -20,6 +20,7 @@ from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.scan import Chooser
 from tomotactile_ros.support import checks
 
+FEWEST = 4  # electrodes
 FEWEST_ROWS = 2
 
 
@@ -50,7 +51,7 @@ def explore(
     """
     checks.positive(row_period, "row_period", "time in s")
     for count in counts:
-        checks.integer(count, "explore", 4, MAX_SPREAD)
+        checks.integer(count, "explore", FEWEST, MAX_SPREAD)
         layout = layout_of(count, outline, radius, sheet_resistance)
         chooser = Chooser(layout, conditions)
         found = []

@@ -7,7 +7,7 @@ an empty text or an empty list.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,11 @@ from tomotactile_ros.layouts.layout import Layout, check_usual_size, equal_grid,
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.equalize import SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
-from tomotactile_ros.optimizer.request import Request, method_of
+from tomotactile_ros.optimizer.request import METHODS, Request, method_of
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, doubt
 
+_MOVING = "touch", "free"  # methods that move electrodes one by one
 _SEEDS = 2**31 - 1  # the largest integer of a parameter of 32 bits
 
 
@@ -45,6 +46,7 @@ class Option:
     high : of a number, which is not negative
     metavar : names of the numbers of a list
     repeated : a list of any length, its numbers in groups of `metavar`
+    methods : that know it; (): all do
     """
 
     name: str
@@ -55,6 +57,7 @@ class Option:
     high: float = 1e9
     metavar: tuple[str, ...] = ()
     repeated: bool = False
+    methods: tuple[str, ...] = ()
 
     @property
     def unset(self) -> Any:
@@ -103,6 +106,7 @@ SEARCH = (
         "whose worst region is best",
         SELECTIONS[0],
         choices=SELECTIONS,
+        methods=("equalize",),
     ),
     Option(
         "steps",
@@ -110,6 +114,7 @@ SEARCH = (
         "Rounds of touch (default: 2), updates of equalize (default: 5), or generations of evolution "
         "at the end of free (default: none on rectangles, 30 on other outlines)",
         high=100_000,
+        methods=METHODS,
     ),
     Option("regularization", float, "Lambda^2", REGULARIZATION, high=1e30),
     Option("resolution", int, "Contact positions along the longer side", RESOLUTION, high=400),
@@ -117,9 +122,14 @@ SEARCH = (
         "spacing",
         float,
         "Of touch and free: smallest distance of two centres, m (default: 2.2 radii)",
+        methods=_MOVING,
     ),
     Option(
-        "margin", float, "Of touch and free: smallest distance of a centre from the rim, m", 0.0
+        "margin",
+        float,
+        "Of touch and free: smallest distance of a centre from the rim, m",
+        0.0,
+        methods=_MOVING,
     ),
     Option(
         "keep_out",
@@ -128,8 +138,11 @@ SEARCH = (
         default=(),
         metavar=("X", "Y", "R"),
         repeated=True,
+        methods=_MOVING,
     ),
-    Option("asymmetric", bool, "Of touch and free: keep no symmetry (slow)", False),
+    Option(
+        "asymmetric", bool, "Of touch and free: keep no symmetry (slow)", False, methods=_MOVING
+    ),
     Option(
         "fixed",
         int,
@@ -137,6 +150,7 @@ SEARCH = (
         default=(),
         metavar=("N",),
         repeated=True,
+        methods=("touch",),
     ),
     Option(
         "radius_range",
@@ -144,29 +158,51 @@ SEARCH = (
         "Of touch: electrodes may have any radius between these, one for all, m (default: as the "
         "start)",
         metavar=("MIN", "MAX"),
+        methods=("touch",),
     ),
-    Option("noise", float, f"Of touch: noise of a reading, V rms (default: {NOISE:g})", high=100.0),
+    Option(
+        "noise",
+        float,
+        f"Of touch: noise of a reading, V rms (default: {NOISE:g})",
+        high=100.0,
+        methods=("touch",),
+    ),
     Option(
         "apart",
         float,
         "Of touch: distance of two contacts that are to be told apart, m (default: 0.6 spacings)",
+        methods=("touch",),
     ),
-    Option("resume", bool, "Of touch: go on where a search that was stopped has been", False),
+    Option(
+        "resume",
+        bool,
+        "Of touch: go on where a search that was stopped has been",
+        False,
+        methods=("touch",),
+    ),
     Option(
         "aims",
         float,
         "Of free, relative to the start: mean HWHM, worst tenth, mean position error, and position "
         "error at lambda^2 / 10 and * 10 (default: 0.8 0.8 0.72 1.0)",
         metavar=("MEAN", "WORST", "ERROR", "OTHER"),
+        methods=("free",),
     ),
     Option(
         "scenes",
         float,
         "Of free: count the blur of scenes with two and with wide contacts, too, with this aim "
         "relative to the start, for instance 0.9",
+        methods=("free",),
     ),
-    Option("starts", int, "Layouts to start from: of touch (default: 2), of free (8)", high=10_000),
-    Option("seed", int, "Of the search of free", 0, high=_SEEDS),
+    Option(
+        "starts",
+        int,
+        "Layouts to start from: of touch (default: 2), of free (8)",
+        high=10_000,
+        methods=_MOVING,
+    ),
+    Option("seed", int, "Of the search of free", 0, high=_SEEDS, methods=("free",)),
 )
 OPTIONS = (*START, *SEARCH)
 
@@ -257,6 +293,7 @@ def request_of(
 
     state_file : where a search keeps its state after every round
     """
+    refuse_unknown(SEARCH, method_of(method), values)
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
@@ -281,6 +318,20 @@ def request_of(
         resume=values["resume"],
         state_file=state_file,
     )
+
+
+def refuse_unknown(
+    options: Iterable[Option], method: str, values: Mapping[str, Any], mark: str = ""
+) -> None:
+    """Raise InputError for an option that was given and that `method` would leave out."""
+    for option in options:
+        value = values[option.name]
+        given = bool(value) if option.repeated else value != option.default
+        if given and option.methods and method not in option.methods:
+            kinds = " and ".join(option.methods)
+            words = f"method {kinds} knows" if len(option.methods) == 1 else f"methods {kinds} know"
+            name = option.name.replace("_", "-") if mark else option.name
+            raise InputError(f"{mark}{name}: only {words} it")
 
 
 def command_of(method: str, values: Mapping[str, Any]) -> str:

@@ -223,6 +223,7 @@ def touch(
     """
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
+    done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
     clock = Clock(rounds)
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
@@ -234,7 +235,6 @@ def touch(
     yield clock.step(0, evaluate_layout(layout, **evaluation), 1.0, allowed, found)
     objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
-    done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
     if not trials:
         trials = [each for each in spread(search.first, range(starts)) if each is not None]
     if not trials:
@@ -243,6 +243,7 @@ def touch(
             f"{constraints.margin:g} m margin and the zones to keep out of"
         )
     judged = trials
+    known = {_key(layout): (Trial(layout.positions, layout.radius, 1.0), found)}  # at these places
     for number in range(max(done, 1), rounds + 1):
         if number > done:
             moves = _FIRST_MOVES * 2 ** (number - 1)
@@ -252,10 +253,17 @@ def touch(
             if checkpoint is not None:
                 checkpoint.keep(number, trials)
         judged = judged + trials if number == 1 else trials  # the starts as they are, too
-        best, found = min(spread(judge.judge, judged), key=lambda each: each[0].score)
+        new = list({_key(each): each for each in judged if _key(each) not in known}.values())
+        known |= zip(map(_key, new), spread(judge.judge, new), strict=True)
+        best, found = min((known[_key(each)] for each in judged), key=lambda each: each[0].score)
         moved = replace(layout, positions=best.positions, radius=best.radius, provenance={})
         quality = evaluate_layout(moved, **evaluation)
         yield clock.step(number, quality, best.score, posterior=found)
+
+
+def _key(electrodes: Layout | Trial) -> tuple[bytes, float]:
+    """The same for the same electrodes: what is expected of them is not found out twice."""
+    return electrodes.positions.tobytes(), electrodes.radius
 
 
 def _check_fixed(layout, constraints):

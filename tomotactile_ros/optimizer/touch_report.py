@@ -111,14 +111,23 @@ def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, wor
     )
 
 
-def save_exploration(path: str | os.PathLike, found: Sequence[Sequence[Choice]]) -> None:
-    """Write a picture: error against the number of electrodes, and against the time of a frame."""
+def save_exploration(
+    path: str | os.PathLike,
+    found: Sequence[Sequence[Choice]],
+    place: float | None = None,
+    frame_time: float | None = None,
+    best: Choice | None = None,
+) -> None:
+    """Write a picture: error against the number of electrodes, and against the time of a frame.
+
+    place, m, and frame_time, s, that were asked for are lines, and `best` is a ring.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     figure.supxlabel(
         "Expected by the estimator's own model, of contacts all over the sheet: a real sensor is not "
-        "better. Solid: mean; dashed: worst tenth",
+        "better. Solid: mean; dashed: worst tenth; dotted: what was asked for; ring: what was chosen",
         fontsize=8.5,
     )
     axes = figure.subplots(1, 2)
@@ -128,26 +137,50 @@ def save_exploration(path: str | os.PathLike, found: Sequence[Sequence[Choice]])
     axes[0].plot(counts, [1e3 * each.worst_tenth for each in whole], "s--", label="worst tenth")
     axes[0].set_xscale("log", base=2)
     axes[0].set_xticks(counts, [str(count) for count in counts])
-    axes[0].minorticks_off()
     axes[0].set(xlabel="electrodes, all of them grounded in a frame", ylabel="place error / mm")
     axes[0].legend()
     for choices in found:
         times = [1e3 * each.frame_time for each in choices]
-        [line] = axes[1].plot(
-            times,
-            [1e3 * each.place for each in choices],
-            "o-",
-            label=f"{choices[0].layout.electrodes} electrodes",
-        )
+        means = [1e3 * each.place for each in choices]
+        name = f"{choices[0].layout.electrodes} electrodes"
+        [line] = axes[1].plot(times, means, "o-", label=name)
         tenth = [1e3 * each.worst_tenth for each in choices]
         axes[1].plot(times, tenth, "s--", color=line.get_color(), markersize=4)
+    if best is not None:
+        at = 1e3 * best.frame_time, 1e3 * best.worst_tenth
+        axes[1].plot(*at, "o", markersize=13, fillstyle="none", color="k")
+    if frame_time is not None:
+        axes[1].axvline(1e3 * frame_time, color="0.3", linestyle=":")
     axes[1].set_xscale("log", base=2)
+    times = sorted({1e3 * each.frame_time for choices in found for each in choices})
+    axes[1].set_xticks(_apart(times), [f"{each:g}" for each in _apart(times)])
     axes[1].set(xlabel="time of a frame / ms", ylabel="place error / mm")
     axes[1].legend()
     for axis in axes:
         axis.set_yscale("log")
-        axis.grid(alpha=0.3)
+        if place is not None:
+            axis.axhline(1e3 * place, color="0.3", linestyle=":")
+        for which in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+            which(lambda value, _: f"{value:.3g}" if f"{value:e}"[0] in "125" else "")
+        axis.xaxis.set_minor_locator(_no_ticks())
+        axis.grid(alpha=0.3, which="both", axis="y")
+        axis.grid(alpha=0.3, axis="x")
     save_figure(figure, path)
+
+
+def _no_ticks():
+    from matplotlib.ticker import NullLocator
+
+    return NullLocator()
+
+
+def _apart(times):
+    """Those of increasing times whose labels have room beside each other."""
+    kept = times[:1]
+    for each in times[1:]:
+        if each > 1.4 * kept[-1]:
+            kept.append(each)
+    return kept
 
 
 def _factor(posterior):
