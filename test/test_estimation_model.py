@@ -8,6 +8,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
@@ -317,6 +318,19 @@ def test_the_limit_of_a_bare_conductor(radius, place, limit):
         assert prediction.conductances[0] > last
         last = prediction.conductances[0]
     assert np.abs(DRIVE * prediction.readings - frame)[OFF].max() < limit
+
+
+@pytest.mark.parametrize("harder, known", [(1.0, True), (1e3, False), (1e9, False)])
+def test_the_force_of_a_bare_conductor_is_a_lower_bound(harder, known):
+    """A smaller contact that conducts better looks the same: no deviation could hold the truth."""
+    law = ContactLaw(harder * LAW.coefficient, 1.0)
+    press = Contact("disc", center=(0.03, 0.02), radius=0.005, pressure=2e4)
+    frame = Simulator(LAYOUT, Scene("test", DRIVE, (press,), contact_law=law)).ideal_frame(0.0)
+    estimator = Estimator(LAYOUT, noise=1e-3, law=law, radius=0.005)
+    (found,) = estimator.estimate(frame, ALL, DRIVE, State()).contacts
+    true = press.pressure * np.pi * press.radius**2
+    assert np.isfinite(found.force_std) == known
+    assert abs(found.force - true) < 1.96 * found.force_std if known else found.force < true
 
 
 def test_what_channels_do_to_readings():

@@ -198,7 +198,7 @@ def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
     """What a result file says of a contact.
 
     position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in
-    JSON, where the profile estimates none; id is 0 where nobody follows contacts. Without a contact
+    JSON, where the profile estimates none, force_std also of a bare conductor; id is 0 where nobody follows contacts. Without a contact
     law force (N), pressure (Pa) and force_std are None, and conductance (S) is there instead.
     """
     entry = asdict(contact)
@@ -206,6 +206,8 @@ def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
         entry.update(dict.fromkeys(("force", "pressure", "force_std")))
     else:
         del entry["conductance"]
+        if not math.isfinite(contact.force_std):
+            entry["force_std"] = None
     vx, vy = entry.pop("velocity")
     covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
     if not np.isfinite(covariance).all():

@@ -62,6 +62,10 @@ FORCE_FLOOR = 0.02  # the same of forces, relative
 READING_FLOOR = 3e-5
 # the same of the mean D of a contact: all that is left of the force of a bare conductor
 IMPEDANCE_FLOOR = 0.003
+# of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
+# tell, a smaller one that conducts better looks the same
+BARE = 0.2
+_MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ class Contact:
     uncertainty.
 
     conductance : g as a whole, S
-    covariance : (4,) of x and y, row by row, m²; force_std : N; radius_std : m
+    covariance : (4,) of x and y, row by row, m²; radius_std : m
+    force_std : N; inf of a bare conductor, whose force is only known from below
     probability : that it is there; velocity : (2,) of x and y, m/s, 0 where it rests
     """
 
@@ -428,6 +433,7 @@ class Estimator:
             slope = prediction.force_slope(i, self.law.exponent)[free]
             bare = IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
             relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2 + bare**2))
+            relative = bounded(relative, prediction.conductances[i] * prediction.means[i])
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
             place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
@@ -444,7 +450,7 @@ class Estimator:
                     radius,
                     g,
                     tuple(float(each) for each in place.ravel()),
-                    abs(pressure * area) * min(relative, 10.0),
+                    abs(pressure * area) * relative,
                     radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
                     float(1 - np.exp(-certainties[i] / 2)),
                     tuple(float(each) for each in u.rates[i, :2]),
@@ -475,6 +481,12 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
     by_row = (part.weights * there.misfit**2).sum(axis=1)
     others = np.flatnonzero(by_row > _REFUSED * (part.weights > 0).sum(axis=1))
     return most - 1 - int(others[-1]) if len(others) else most
+
+
+def bounded(relative: float, filled: float) -> float:
+    """The relative standard deviation of a force, inf where it is only known from below; `filled` :
+    g times mean D of the contact."""
+    return np.inf if BARE * filled > 1 else min(relative, _MOST_RELATIVE)
 
 
 def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.estimator import (
     Contact,
     Estimator,
     State,
+    bounded,
 )
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
@@ -325,12 +326,12 @@ class RowEstimator:
         g, by_strength, by_mean = touches.conductance(0)
         operator, law, covered = touches.operator, self.estimator.law, float(touches.covered[0])
         area = math.pi * math.exp(2 * contact[3]) * covered
-        g = g * covered
-        pressure = float(law.pressure(g / area))
+        pressure = float(law.pressure(g * covered / area))
         force, m = pressure * area, law.exponent
         by_size = 2 * (1 - 1 / m) - by_mean * operator.resistance / (2 * math.pi) / m
         strength = float(covariance[STRENGTH, STRENGTH])
         relative = by_strength**2 * strength / m**2 + by_size**2 * size_variance
+        relative = bounded(math.sqrt(relative + FORCE_FLOOR**2), g * float(touches.mean[0]))
         floor = (PLACE_FLOOR * operator.pitch) ** 2
         (xx, xy), (yx, yy) = covariance[:2, :2].tolist()
         x, y, vx, vy = mean[:4].tolist()
@@ -342,9 +343,9 @@ class RowEstimator:
             pressure,
             area,
             radius,
-            g,
+            g * covered,
             (xx + floor, xy, yx, yy + floor),
-            force * min(math.sqrt(relative + FORCE_FLOOR**2), 10.0),
+            force * relative,
             radius * math.sqrt(size_variance),
             1 - math.exp(-0.5 / max(strength, 1e-12)),
             (vx, vy),

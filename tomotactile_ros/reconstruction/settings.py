@@ -95,8 +95,9 @@ class ContactEstimate:
 
     force, pressure and force_std are NaN where there is no contact law: they are not known.
 
-    position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there.
-        NaN where nothing was estimated of them.
+    position_covariance : of x and y, row by row, m²; force_std : N, inf of a bare conductor, whose
+        force is at least what is given; probability : that it is there. NaN where nothing was
+        estimated of them.
     conductance : of the whole contact, S, whatever the contact law.
     id : of the same contact as long as it lasts, 0 where nobody follows it; age : s since it began;
         velocity : m/s along x and y of the sheet.
