@@ -143,14 +143,12 @@ class Search:
             fit = self._continued(start, usual)
         else:
             fit = self._first(start or self._at_rest(rows, prior))
-        before = len(fit.unknowns.contacts)
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
             if more is None:
                 break
             fit = more
-        is_new = len(fit.unknowns.contacts) > before
-        return self._simplified(fit) if is_new or any_overlap(fit.unknowns.contacts) else fit
+        return self._simplified(fit)
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -227,8 +225,7 @@ class Search:
         """The fit of the contacts of `start`, moving."""
         self._left, self._sheet = FIRST_LOOK, None
         like = Fit(self.operator, start.in_motion(), rows, prior)
-        fit = self._solve(like.unknowns, like)
-        return self._simplified(fit) if any_overlap(fit.unknowns.contacts) else fit
+        return self._simplified(self._solve(like.unknowns, like))
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
@@ -615,7 +612,8 @@ class Search:
 
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each
-        left to its neighbour."""
+        left to its neighbour; whatever is left of the budget."""
+        self._left = max(self._left, _LEAST_WORK)
         fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1 and self._left > 0:
@@ -723,11 +721,6 @@ def overlaps(contacts: np.ndarray, which: int) -> bool:
     apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T)
     reach = np.exp(np.maximum(others[:, RADIUS], contacts[which, RADIUS]))
     return bool((apart < _OVERLAP * reach).any())
-
-
-def any_overlap(contacts: np.ndarray) -> bool:
-    """Whether two contacts lie on each other."""
-    return any(overlaps(contacts, which) for which in range(1, len(contacts)))
 
 
 def merged(unknowns: Unknowns, which: int) -> Unknowns:

@@ -1,0 +1,166 @@
+"""Sensors that nobody tuned on: ghosts, misses, places and forces of touches on random ones.
+
+Each number is a sensor of its own: rows and columns (3 to 10), spacing (6 to 80 mm), sheet resistance
+(0.3 to 300 kilohm), electrodes, drive voltage, gains (ideal or off by 2 %), sheet (even, or uneven by
+10 or 20 %), and one to three contacts of 0.12 to 0.4 spacings, which rest or begin within the second
+frame. Frames are made by finite elements, every row at its own time; nothing is learned, and the
+reconstruction is told the noise, the contact law and a typical radius.
+
+    python3 benchmark/random_sensors.py [--first 0] [--count 40] [--profile accurate]
+
+A ghost is a contact more than 0.4 spacings from every true one, or a second one at the same.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+
+import tomotactile_ros as tt
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.channels import Channels
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Adc, Noise, Scene
+from tomotactile_ros.scenes.sheet_field import SheetVariation
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+
+FRAMES = 4
+REACH = 0.4  # spacings: a contact further from a true one is another
+NOISE, BITS = 3e-4, 12  # of the drive voltage; of the converter
+
+
+class Sensor:
+    """The sensor and the scene of one number."""
+
+    def __init__(self, number: int):
+        draw = np.random.default_rng(number)
+        rows, columns = int(draw.integers(3, 11)), int(draw.integers(3, 11))
+        pitch = 10 ** draw.uniform(-2.2, -1.1)
+        width = (columns - 1) * pitch + 2 * draw.uniform(0, 0.5) * pitch
+        height = (rows - 1) * pitch * draw.uniform(0.7, 1.2) + pitch * draw.uniform(0, 1)
+        radius = pitch * draw.uniform(0.05, 0.2)
+        resistance = 10 ** draw.uniform(2.5, 5.5)
+        self.layout = equal_grid(rows, columns, (width, height), radius, resistance)
+        self.drive = float(draw.choice([1.0, 3.3, 5.0]))
+        self.pitch = min(width / (columns - 1), height / (rows - 1))
+        count = int(draw.integers(1, 4))
+        draw.choice([0.7, 1.0, 1.3])
+        self.law = ContactLaw(1 / resistance * (0.025 / pitch) ** 2, 1.0)
+        self.contacts = self._contacts(draw, count, width, height)
+        self.period = rows * columns * ROW_PERIOD
+        begins = int(draw.integers(0, 3)) > 0
+        starts = [self.period * draw.uniform(1, 2) if begins else 0.0 for _ in self.contacts]
+        self.contacts = [replace(c, start=start) for c, start in zip(self.contacts, starts)]
+        gains, uneven = float(draw.choice([0, 0, 0.02])), float(draw.choice([0, 0.1, 0.2]))
+        defects = Defects()
+        if gains:
+            off = gains * draw.standard_normal(rows * columns)
+            defects = Defects(channels=Channels(gain=tuple(1 + off)))
+        if uneven:
+            variation = SheetVariation(uneven, max(width, height) / 4, number)
+            defects = replace(defects, sheet_variation=variation)
+        self.scene = Scene(
+            f"random {number}",
+            self.drive,
+            tuple(self.contacts),
+            contact_law=self.law,
+            noise=Noise(rms=self.drive * NOISE),
+            adc=Adc(bits=BITS, range=self.drive),
+            defects=defects,
+        )
+        self.text = (
+            f"{number:3} {rows} x {columns}, {1e3 * pitch:2.0f} mm, {resistance / 1e3:5.1f} kohm, "
+            f"gains {gains:.0%}, uneven {uneven:3.0%}, {count} {'begin' if begins else 'rest '}"
+        )
+
+    def _contacts(self, draw, count, width, height):
+        margin = 0.3 * self.pitch
+        low = np.array([-width / 2 + margin, -height / 2 + margin])
+        found: list[Contact] = []
+        for _ in range(200):
+            if len(found) == count:
+                break
+            center = draw.uniform(low, -low)
+            apart = [np.hypot(*(center - np.array(other.center))) for other in found]
+            if min(apart, default=np.inf) > 2.2 * self.pitch:
+                radius = self.pitch * draw.uniform(0.12, 0.4)
+                pressure = 2e4 * 10 ** draw.uniform(-0.5, 0.5)
+                found.append(
+                    Contact("disc", center=tuple(center), radius=radius, pressure=pressure)
+                )
+        return found
+
+
+class Score:
+    """Sums over frames."""
+
+    def __init__(self):
+        self.frames = self.withheld = self.ghosts = self.missed = 0
+        self.places, self.forces, self.times = [], [], []
+
+    def add(self, sensor: Sensor, result, when: float) -> str:
+        """Judges the result of a frame, which holds for the time `when`, s; says it in a word."""
+        self.frames += 1
+        if result.reason:
+            self.withheld += 1
+            return "withheld"
+        true = [c for c in sensor.contacts if c.start <= when]
+        places = np.array([c.center for c in true]).reshape(-1, 2)
+        taken, ghosts = set(), 0
+        for contact in result.contacts:
+            apart = np.hypot(*(places - [contact.x, contact.y]).T) / sensor.pitch
+            nearest = int(apart.argmin()) if len(apart) else -1
+            if nearest < 0 or apart[nearest] > REACH or nearest in taken:
+                ghosts += 1
+                continue
+            taken.add(nearest)
+            force = true[nearest].pressure * np.pi * true[nearest].radius ** 2
+            self.places.append(float(apart[nearest]))
+            self.forces.append(abs(contact.force / force - 1))
+        missed = len(true) - len(taken)
+        self.ghosts, self.missed = self.ghosts + ghosts, self.missed + missed
+        wrong = f" {ghosts} ghosts" * (ghosts > 0) + f" {missed} missed" * (missed > 0)
+        return f"{len(result.contacts)}/{len(true)}{wrong}"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--first", type=int, default=0, help="number of the first sensor")
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--profile", default="accurate")
+    asked = parser.parse_args()
+    score = Score()
+    for number in range(asked.first, asked.first + asked.count):
+        sensor = Sensor(number)
+        simulator = Simulator(sensor.layout, sensor.scene, model="fem")
+        pipeline = tt.Pipeline(
+            sensor.layout,
+            tt.Settings(
+                asked.profile,
+                noise=sensor.drive * NOISE,
+                contact_law=sensor.law,
+                contact_radius=0.25 * sensor.pitch,
+            ),
+        )
+        said = []
+        for n in range(FRAMES):
+            begun = n * sensor.period
+            frame, start = simulator.frame(begun, n), time.process_time()
+            result = pipeline.process(frame, simulator.grounded, sensor.drive, ROW_PERIOD, begun)
+            score.times.append(time.process_time() - start)
+            said.append(score.add(sensor, result, begun + result.holds))
+        print(f"{sensor.text} | {', '.join(said)}", flush=True)
+    quantile = [50, 95]
+    print(
+        f"\n{score.frames} frames of {asked.count} sensors, {asked.profile}: {score.ghosts} ghosts, "
+        f"{score.missed} missed, {score.withheld} withheld\n"
+        f"place, median and p95: {np.percentile(score.places, quantile).round(3)} spacings; "
+        f"force: {(100 * np.percentile(score.forces, quantile)).round(1)} %; "
+        f"time: {(1e3 * np.percentile(score.times, quantile)).round()} ms of processor"
+    )
+
+
+if __name__ == "__main__":
+    main()
