@@ -6,7 +6,7 @@ Each number is a sensor of its own: rows and columns (3 to 10), spacing (6 to 80
 frame. Frames are made by finite elements, every row at its own time; nothing is learned, and the
 reconstruction is told the noise, the contact law and a typical radius.
 
-    python3 benchmark/random_sensors.py [--first 0] [--count 40] [--profile accurate]
+    scripts/setup python3 benchmark/random_sensors.py [--first 0] [--count 40] [--profile accurate]
 
 A ghost is a contact more than 0.4 spacings from every true one, or a second one at the same.
 """
@@ -46,7 +46,6 @@ class Sensor:
         self.drive = float(draw.choice([1.0, 3.3, 5.0]))
         self.pitch = min(width / (columns - 1), height / (rows - 1))
         count = int(draw.integers(1, 4))
-        draw.choice([0.7, 1.0, 1.3])
         self.law = ContactLaw(1 / resistance * (0.025 / pitch) ** 2, 1.0)
         self.contacts = self._contacts(draw, count, width, height)
         self.period = rows * columns * ROW_PERIOD

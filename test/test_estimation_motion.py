@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.estimation import motion
+from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.motion import Moving, predicted
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.solver import Prior, Rows
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.scene import Noise, Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -159,3 +163,55 @@ def test_few_rows_do_not_tell_what_the_sensor_is_like():
     assert first > 0 and after == 0
     np.testing.assert_array_equal(few[0], whole[0])
     np.testing.assert_array_equal(few[1], whole[1])
+
+
+EIGHT = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+FRAME = 64 * ROW_PERIOD
+TIMES_OF_64 = ROW_PERIOD * (np.arange(64) - 31.5)
+FIRST = Contact("disc", center=(-0.03, 0.0), radius=0.006, pressure=2e4)
+
+
+def simulator_of(*contacts, gains=None) -> Simulator:
+    """8 x 8 electrodes at 1 mV of noise."""
+    defects = Defects() if gains is None else Defects(channels=Channels(gain=tuple(gains)))
+    noise = Noise(rms=1e-3)
+    return Simulator(
+        EIGHT, Scene("test", 3.3, contacts, noise=noise, contact_law=LAW, defects=defects)
+    )
+
+
+@pytest.mark.parametrize("off", [0.0, 0.05])
+@pytest.mark.parametrize("row", [20, 47, 58])
+def test_reciprocity_says_which_rows_are_of_one_state(row, off):
+    """Whatever touches, and with channels of which nothing is known."""
+    second = Contact(
+        "disc", center=(0.03, 0.01), radius=0.005, pressure=1e4, start=row * ROW_PERIOD
+    )
+    gains = 1 + off * np.random.default_rng(3).standard_normal(64)
+    simulator = simulator_of(FIRST, second, gains=gains)
+    search = Search(SheetOperator(EIGHT))
+    channels = ChannelPrior(gain=max(off, 0.03))
+    prior = Prior.unknown(search.operator, channels, RADIUS, 3.3)
+    for begun, alike in ((0.0, 64 - row), (FRAME, 64)):
+        frame = simulator.frame(begun) / 3.3
+        weights = np.where(np.eye(64, dtype=bool), 0.0, 3.3e3**2)
+        rows = Rows(np.where(weights > 0, frame, 0.0), weights, np.arange(64), TIMES_OF_64)
+        assert alike - 2 <= search.of_one_state(rows, prior) <= alike + 1
+
+
+@pytest.mark.parametrize("profile", ["balanced", "accurate"])
+def test_two_touches_stay_two(profile):
+    """The second begins in the middle of a frame, 60 mm away: no frame shows one between them, or
+    one alone, and none is withheld but the one in which it begins."""
+    second = replace(FIRST, center=(0.03, 0.0), start=2 * FRAME + 16 * ROW_PERIOD)
+    simulator = simulator_of(FIRST, second)
+    pipeline = Pipeline(EIGHT, Settings(profile, noise=1e-3, contact_law=LAW))
+    for n in range(7):
+        begun = n * FRAME
+        frame = simulator.frame(begun, n)
+        result = pipeline.process(frame, simulator.grounded, 3.3, ROW_PERIOD, begun)
+        if n == 2 and result.state == "withheld":
+            continue
+        assert result.state == "valid"
+        found = sorted(c.x for c in result.contacts)
+        assert found == pytest.approx([-0.03] if n < 2 else [-0.03, 0.03], abs=1e-3)

@@ -174,7 +174,8 @@ class _Terms:
         self.normal = (self.normal + self.normal.T) / 2
         self.right = np.concatenate(pull[1:]) - mixed.T @ self._start
         self.cost = float((e**2).sum() / 2)
-        self.misfit = self.cost / max(np.count_nonzero(both) / 2 - count, 1)
+        factors = np.count_nonzero(both.any(axis=1))
+        self.misfit = self.cost / max(np.count_nonzero(both) / 2 - factors, 1)
 
     def follow(self, change):
         return self._start - self._back @ change
