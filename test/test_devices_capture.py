@@ -3,6 +3,8 @@
 import errno
 import itertools
 import json
+import re
+import struct
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from devices_support import E, Watch, connected, plugged, sensor
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.devices import capture as capture_module
-from tomotactile_ros.devices.capture import FORMAT, relive
+from tomotactile_ros.devices.capture import FORMAT, Capture, Relived, relive
 from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.frames_file import load_frames
@@ -116,6 +118,18 @@ def test_a_capture_goes_no_further_than_its_largest_size(tmp_path, monkeypatch):
     relive(tmp_path / "a.raw", lambda frame: None)  # good up to there
 
 
+def with_first_tag(data, content):
+    """The capture with something else than the first tag in the record that tells it."""
+    record = b"G" + struct.pack("<dI", 0.0, len(content)) + content
+    return re.sub(rb"G\0{8}.\0{3}\d+", lambda _: record, data, count=1, flags=re.DOTALL)
+
+
+def test_the_header_of_the_largest_sensor_is_read_again(tmp_path):
+    header = {"usual_order": list(range(65535))}
+    Capture(tmp_path / "a.raw", header, None).close()
+    assert Relived(tmp_path / "a.raw").header == header
+
+
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
@@ -125,6 +139,11 @@ def test_a_capture_goes_no_further_than_its_largest_size(tmp_path, monkeypatch):
         (lambda data: FORMAT + json.dumps({"port": 3}).encode() + b"\n", "line 2: "),
         (lambda data: data.replace(b"O", b"?", 1), "the device"),
         (lambda data: data + 13 * b"\xff", "bytes are too many"),
+        (lambda data: FORMAT + 9000 * b"[" + b"\n", "line 2: is no JSON"),
+        (lambda data: data.replace(b'"usual_order": []', b'"usual_order": 3', 1), "list of electr"),
+        (lambda data: data.replace(b'"address": 0', b'"address": 999', 1), "is damaged"),
+        (lambda data: with_first_tag(data, b"1e999"), "is damaged"),
+        (lambda data: with_first_tag(data, 9000 * b"["), "is no JSON"),
     ],
 )
 def test_a_file_that_is_no_capture_or_another_one_is_refused_in_one_line(

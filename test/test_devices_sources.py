@@ -460,6 +460,16 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage):
         damaged.write_bytes(whole)
 
 
+@pytest.mark.parametrize(
+    "text", ["root:$6$SECRET:1\n- x: [\n", "a: [" + "1, " * 150_000 + "1]\n", "a: &a [1]\nb: *a\n"]
+)
+def test_the_metadata_of_a_bag_are_limited_and_not_repeated(tmp_path, text):
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(InputError, match="metadata.yaml: line .: not valid YAML") as refusal:
+        list(read_frames(tmp_path))
+    assert "SECRET" not in str(refusal.value) and "x:" not in str(refusal.value)
+
+
 def test_files_that_are_no_recordings_are_refused(tmp_path):
     (tmp_path / "text.npz").write_text("hello")
     (tmp_path / "text.mcap").write_text("hello")

@@ -24,7 +24,7 @@ from tomotactile_ros.layouts.layout import (
     load_layout,
 )
 from tomotactile_ros.reconstruction.calibration import load_calibration
-from tomotactile_ros.reconstruction.settings import ContactEstimate, Result
+from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.support.errors import InputError
 
@@ -135,13 +135,15 @@ def test_the_calibration_loads_and_needs_what_the_table_says(tmp_path):
 
 
 def test_every_array_of_a_result_is_explained(tmp_path):
-    known = ContactEstimate(0, 0, 1, 1, 1, 1, (1.0, 0.0, 0.0, 1.0), 0.1, 0.9)
+    known = ContactEstimate(0, 0, 1, 1, 1, 1, (1.0, 0.0, 0.0, 1.0), 0.1, 0.9, conductance=1e-6)
     image = np.zeros((2, 2))
     result = Result(image, image, [known], (), False, 0.0, state="withheld", reason="why")
-    with results_writer(tmp_path / "result.npz") as take:
+    result = result.without_law(DEFAULT_LAW)
+    with results_writer(tmp_path / "result.npz", law=None) as take:
         take(result, 0.1, 2.5)
     with np.load(tmp_path / "result.npz") as written:
         assert set(written.files) == set(rows("Result"))
         (contact,) = json.loads(str(written["contacts"]))[0]
-    assert contact == contact_entry(known)
+    assert contact == contact_entry(result.contacts[0])
+    assert contact["force"] is contact["pressure"] is contact["force_std"] is None
     assert set(contact) <= set(re.findall(r"`(\w+)`", rows("Result")["contacts"][-1]))

@@ -67,10 +67,33 @@ def test_electrodes_in_another_order(own_frames, capsys):
     for order, name in (
         (grid.T.ravel(), "column by column"),
         (serpentine.ravel(), "row by row, to and fro"),
+        (np.roll(np.arange(60), -1), "from the second one on, its first one last"),
     ):
         measured = voltages[:, order][:, :, order]
+        measured[:, 7] = measured[:, :, 7] = np.nan  # a channel that is not read hides nothing
         line = complaint(capsys, own_frames(measured))
         assert f"only if its electrodes are numbered {name};" in line
+    seen = [*own_frames(measured)[1:4]]
+    assert cli.main(["inspect", *seen]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "reads most: wide has it at" in shown
+    assert "numbered from the second one on, its first one last" in shown
+    order = np.random.default_rng(1).permutation(60)
+    line = complaint(capsys, own_frames(voltages[:, order][:, :, order]))
+    assert "in another order than the layout, and in none of the usual ones" in line
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_a_pipeline_withholds_frames_of_another_order_at_once_and_says_what_was_meant(profile):
+    """Without a search among contacts, which takes seconds and finds none."""
+    (voltages,) = frames_of(WIDE, "default", times=(0.2,))
+    order = np.arange(60).reshape(6, 10).T.ravel()
+    pipeline = Pipeline(WIDE, Settings(profile))
+    for number in range(2):
+        result = pipeline.process(voltages[np.ix_(order, order)], np.arange(60), 3.3)
+        assert result.state == "withheld" and "are numbered column by column" in result.reason
+    right = pipeline.process(voltages, np.arange(60), 3.3)
+    assert right.state == "valid" and right.contacts
 
 
 def test_a_layout_that_lists_its_electrodes_as_they_are_read_is_right(own_frames):
@@ -85,6 +108,15 @@ def test_right_frames_are_not_doubted_however_worn_the_sensor_is(scene):
     layout = load_layout("equal-8x8")
     voltages = frames_of(layout, scene, "fem" if scene in ("worn-sensor", "defects") else "auto")
     refuse_mistakes(layout, voltages, np.arange(64), 3.3, 0.001)
+
+
+def test_a_touch_that_begins_while_rows_are_read_is_no_other_order():
+    """Rows before it and after it contradict each other, as those of another order seem to."""
+    layout = load_layout("equal-8x8")
+    touched, idle = frames_of(layout, "hand", times=(0.5,))[0], np.zeros((64, 64))
+    for row in (5, 20, 32, 50, 60):
+        frame = np.vstack([idle[:row], touched[row:]])
+        refuse_mistakes(layout, [frame], np.arange(64), 3.3, 0.001)
 
 
 @pytest.mark.parametrize(

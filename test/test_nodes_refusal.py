@@ -1,7 +1,10 @@
 """The reconstruction refuses frames that do not fit, goes on, and says why there is no image."""
 
 import itertools
+import re
 import threading
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,21 +13,24 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_support import LIMIT, ends_cleanly, ros_arguments
 from sensor_msgs.msg import Image
-from std_msgs.msg import Header, String
+from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.conversions import frame_to_message, make_header
+from tomotactile_ros.nodes.conversions import check_frame, frame_to_message, make_header
 from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.nodes.tactile import DirectReconstruction
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STATUS = "reconstruction: reconstruction"
 
 
@@ -174,7 +180,49 @@ def test_two_publishers_and_old_frames_are_told(probe, start):
         probe, STATUS, DiagnosticStatus.ERROR, "2 publish /voltage_frame: frames are mixed"
     )
     second.close()
-    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, " s old: clocks differ")
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, " s old: clocks differ")
+    message = probe.wait_for(ContactArray, "/contacts")
+    assert message.state == ContactArray.STALE and "(max_age 2 s)" in message.reason
+    assert probe.wait_for(Bool, "/touched", qos=LATCHED).data  # for what anybody knows
+
+
+def test_what_was_valid_is_taken_back_where_nothing_follows(probe, start):
+    """Who believes the last message would go on pressing while the driver is dead."""
+    start("reconstruction", {"layout": "equal-4x4", "max_age": 0.5})
+    source = Source(probe)
+    source.stamp = int(time.time()) + 3600  # valid as long as it comes
+    source.send()
+    contacts, wrenches = (
+        probe.listen(ContactArray, "/contacts"),
+        probe.listen(WrenchStamped, "/wrench"),
+    )
+    touched = probe.listen(Bool, "/touched", LATCHED)
+    probe.until(
+        lambda: contacts and wrenches and contacts[-1].state == ContactArray.VALID, "contacts"
+    )
+    probe.until(lambda: touched and not touched[-1].data, "untouched sheet")
+    source.close()
+    probe.until(lambda: contacts[-1].state == ContactArray.STALE, "word that they are old")
+    assert contacts[-1].reason == "no contacts for 0.5 s (max_age)" and not contacts[-1].contacts
+    probe.until(lambda: np.isnan(wrenches[-1].wrench.force.z), "unknown wrench")
+    probe.until(lambda: touched[-1].data, "touch, for what anybody knows")
+
+
+@pytest.mark.parametrize(
+    "changes, complaint",
+    [
+        ({"row_period": 1e12}, "the row period is 1e+12 s"),
+        ({"row_period": 3e38}, "the row period is 3e+38 s"),
+        ({"row_period": float("nan")}, "the row period is nan s"),
+        ({"stamp": 2**31 - 1e-9}, "at the end of all time"),
+    ],
+)
+def test_times_that_no_message_can_hold_are_refused(changes, complaint):
+    """Contacts hold some row periods after the stamp: what overflowed there ended the node."""
+    layout = load_layout("equal-4x4")
+    check_frame(a_frame(), layout)
+    with pytest.raises(InputError, match=re.escape(complaint)):
+        check_frame(replace(a_frame(), **changes), layout)
 
 
 def test_stamps_that_go_back_or_lie_ahead_are_told(probe, start):

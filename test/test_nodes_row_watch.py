@@ -1,5 +1,14 @@
 """Rows that never came, were left out or came late."""
 
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.nodes import row_contacts
 from tomotactile_ros.nodes.row_watch import RowWatch
 
 
@@ -40,3 +49,27 @@ def test_rows_that_were_left_out_are_not_lost():
 def test_rows_that_are_known_late_are_told():
     assert names(watched((0, 16), late=0.5)) == ["rows late"]
     assert watched((0, 16), late=0.5).figures()["row_latency_p50_ms"] == 500.0
+
+
+def test_a_message_of_very_many_rows_does_not_keep_the_node(monkeypatch):
+    """Anybody can send 65535 rows at once; a minute of work for them would be one of silence."""
+    now = [100.0]
+    monkeypatch.setattr(row_contacts, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0))
+
+    def follow_row(*row):
+        now[0] += 0.3
+
+    pipeline = SimpleNamespace(
+        baseline=None,
+        follows=True,
+        rows=lambda **_: SimpleNamespace(touching=False),
+        follow_row=follow_row,
+        after_row=lambda state: SimpleNamespace(idle=True, reason="none here"),
+    )
+    outputs = SimpleNamespace(say_touched=lambda *_: None, withhold=lambda *_: None)
+    rows = row_contacts.Rows(
+        SimpleNamespace(get_clock=lambda: clock), lambda: {"publish_every": 8}, outputs
+    )
+    rows.take(pipeline, Frame(np.zeros((100, 4)), np.arange(100), 0, 0.0, 3.3), "skin")
+    assert rows.watch.rows < 10 and rows.watch.rows + rows.watch.skipped == 100

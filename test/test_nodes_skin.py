@@ -110,6 +110,20 @@ def test_a_sensor_whose_contacts_are_withheld_or_nowhere_is_named(probe, start, 
     assert "left: torn" in message.reason and "none of frame 'elsewhere'" in message.reason
 
 
+def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
+    """Withheld without a reason, and forces that are no numbers, were felt as they came."""
+    Sensor(probe, "left", "left_link", state=ContactArray.WITHHELD)
+    nowhere = Contact(normal=Vector3(z=1.0), tangent=Vector3(x=1.0), force=float("nan"), id=3)
+    Sensor(probe, "right", "right_link", contacts=[nowhere])
+    start("skin", {"sensors": "[left, right]", "poses": poses})
+    message = merged(probe, lambda m: "left: its" in m.reason and "right: a contact" in m.reason)
+    assert message.state == ContactArray.STALE and not message.contacts
+    Sensor(probe, "left", "left_link")
+    ros_checks.check_diagnostics(
+        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish left/contacts"
+    )
+
+
 @pytest.mark.parametrize(
     "parameters, complaint",
     [

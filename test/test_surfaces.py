@@ -1,5 +1,8 @@
 """Bent sheets: where points lie in space, and that bending keeps lengths."""
 
+import bz2
+import struct
+
 import numpy as np
 import pytest
 
@@ -124,7 +127,8 @@ def test_a_sheet_on_a_ball_keeps_the_lengths_from_its_centre(tmp_path):
     [
         ({"file": "none.stl"}, "none.stl: cannot be read"),
         ({"file": "package://none/x.stl"}, "mesh.file: package://none/x.stl: no such file"),
-        ({"file": "notes.txt"}, "is no mesh that trimesh reads"),
+        ({"file": "notes.txt"}, "notes.txt: meshes are .stl, .obj, .ply, .off"),
+        ({"scale": 1e30}, "a corner has no finite lengths"),
         ({"x_axis": (0.0, 1.0, 0.0)}, "mesh.x_axis: points out of the surface"),
         ({"scale": -1.0}, "mesh.scale: -1.0 is not a positive number"),
         ({"size": (0.2, 2.5)}, "the sheet ends beyond the rim of the mesh"),
@@ -134,6 +138,33 @@ def test_a_mesh_that_does_not_do_is_refused(tmp_path, changes, complaint):
     (tmp_path / "notes.txt").write_text("nothing")
     with pytest.raises(InputError, match=complaint):
         on_tube(tmp_path, **{"size": (0.2, 0.0018), **changes})
+
+
+def stl(*corners: float, count: int | None = None) -> bytes:
+    """A binary STL of triangles; nine numbers each."""
+    triangles = np.reshape(corners, (-1, 9))
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *t, 0) for t in triangles)
+    return bytes(80) + struct.pack("<I", len(triangles) if count is None else count) + body
+
+
+@pytest.mark.parametrize(
+    "name, data, complaint",
+    [
+        ("m.stl", stl(*range(9), count=4_000_000_000), "is damaged, or no STL file"),
+        ("m.stl", stl(*[0.0] * 27), "no triangle has an area"),
+        ("m.stl", stl(-1e30, 0, 0, 1e30, 0, 0, 0, 1e30, 0), "a corner has no finite lengths"),
+        ("m.ply", b"ply\nformat SECRET 1.0\nelement vertex SECRET\nend_header\n", "no PLY file"),
+        ("m.off", b"OFF\n4000000000 4000000000 0\n0 0 0\n", "no OFF file"),
+        ("m.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 99\n", "no OFF file"),
+        ("m.bz2", bz2.compress(bytes(10**8)), "meshes are .stl"),
+    ],
+)
+def test_a_hostile_mesh_is_one_line_that_tells_nothing_of_it(tmp_path, name, data, complaint):
+    pytest.importorskip("trimesh")
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=complaint) as refusal:
+        Mesh.load(name, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0, tmp_path, SIZE)
+    assert "SECRET" not in str(refusal.value)
 
 
 def test_layouts_with_any_surface_survive_their_file(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.view.colours import (
     OUTSIDE,
@@ -151,9 +152,30 @@ def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
     assert "100 %" in lines[0] and not any("Pa" in line for line in lines)
 
 
+def test_a_plot_of_a_result_without_a_contact_law_shows_its_conductance():
+    image, known = pressed(UPPER_RIGHT), ContactEstimate(**vars(UPPER_RIGHT))
+    result = Result(image, image, [known], (), False, 0.0)
+    figure = plot(result.without_law(DEFAULT_LAW), LAYOUT)
+    assert "no contact law" in figure.get_supxlabel() and " N" not in figure.get_supxlabel()
+    shown = figure.axes[0].images[0].get_array()
+    np.testing.assert_allclose(np.nanmax(shown), 100.0)
+    at = np.unravel_index(np.nanargmax(shown), shown.shape)
+    assert at == np.unravel_index(np.nanargmax(result.pressure), shown.shape)
+
+
+def test_a_withheld_result_says_why_and_not_that_there_is_no_contact():
+    reason = "voltages: the readings fit wide only if its electrodes are numbered column by column"
+    nothing = np.full_like(pressed(UPPER_RIGHT), np.nan)
+    figure = plot(Result(nothing, nothing, [], (), False, 0.0, "withheld", reason), LAYOUT)
+    assert reason in " ".join(figure.get_suptitle().split())
+    assert max(map(len, figure.get_suptitle().splitlines())) < 70
+    assert figure.get_supxlabel() == "contacts are not known"
+
+
 @pytest.mark.parametrize("force", [None, 2.0])
 def test_a_plot_beside_bare_conductors_has_no_newtons(force):
-    result = SimpleNamespace(reason="", pressure=pressed(UPPER_RIGHT), contacts=[UPPER_RIGHT])
+    image = pressed(UPPER_RIGHT)
+    result = Result(image, image, [UPPER_RIGHT], (), False, 0.0)
     truth = [{"x": 0.05, "y": 0.07, "force": force, "pressure": 2e4}]
     figure = plot(result, LAYOUT, truth)
     below = figure.get_supxlabel()

@@ -45,6 +45,8 @@ class FramesFile:
     stamps : (N,) s.
     truth : for each frame a list of contacts, see `contacts_of`.
     contact_law : of the contacts.
+    lawless : the file says that there is no contact law, as of bare conductors; otherwise it says
+        nothing of one where `contact_law` is None.
     row_period : s; row i of a frame was taken at its stamp + i * row_period; 0 for all at once, and
         where the file says nothing.
     """
@@ -56,6 +58,7 @@ class FramesFile:
     truth: list[list[dict]] | None = None
     contact_law: ContactLaw | None = None
     row_period: float = 0.0
+    lawless: bool = False
 
 
 class StoredFrames:
@@ -148,6 +151,7 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
         _row_period(path, arrays),
+        "contact_law" in arrays and not arrays["contact_law"].size,
     )
 
 
@@ -287,11 +291,16 @@ def save_frames(
         "layout_id": layout.id,
         "drive_voltage": scene.drive_voltage,
         "row_period": float(row_period),
-        "contact_law": [] if law is None else [law.coefficient, law.exponent],
+        "contact_law": law_entry(law),
     }
     if row_period > 0:
         content["truth_last"] = json.dumps([scene.truth(t) for t in last])
     save_arrays(path, content)
+
+
+def law_entry(law: ContactLaw | None) -> list[float]:
+    """A contact law as a file of frames or of results says it; empty: there is none."""
+    return [] if law is None else [law.coefficient, law.exponent]
 
 
 def save_arrays(path: str | os.PathLike, content: dict) -> None:

@@ -8,6 +8,7 @@ from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction.calibration import (
+    Fit,
     fit_contact_law,
     measure_conductance,
     save_calibration,
@@ -66,12 +67,19 @@ def run(args: Namespace) -> None:
     fit = fit_contact_law(forces, conductances, areas, args.exponent)
     save_calibration(args.out, fit)
     print(
-        f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, "
-        f"forces within {fit.error:.1%} rms of {fit.presses} presses"
+        f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, {_told(fit)}"
     )
     if args.picture:
         save_fit(args.picture, fit.law, forces, conductances, areas)
         print(f"{args.picture} written")
+
+
+def _told(fit: Fit) -> str:
+    """How far a law is off the presses that it was fitted to; with one press there is nothing to
+    compare it with."""
+    if fit.presses == 1:
+        return "from one press: how well it fits others is not told"
+    return f"forces within {fit.error:.1%} rms of {fit.presses} presses"
 
 
 def _measure(path, layout, recorded, sensor, foot_radius):

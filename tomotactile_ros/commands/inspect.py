@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.frames_file import contacts_of, doubt_of, load_arrays
+from tomotactile_ros.frames_file import DEFAULT_DRIVE, contacts_of, doubt_of, load_arrays
 from tomotactile_ros.layouts.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
+from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import course_to_dict
 from tomotactile_ros.scenes.defects import named_defects
@@ -32,20 +34,22 @@ _LONGEST = 400  # characters of a value
 _SHOWN = 16  # rows of a scan, entries of a provenance, contacts of a scene
 _PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
+
 _SHADES = " .:-=+*#%@"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("file", help="file, or name of an installed layout or scene")
     parser.add_argument(
-        "--layout", default="equal-8x8", help="sheet to draw a scene on (default: equal-8x8)"
+        "--layout",
+        help="sheet to draw a scene on (default: equal-8x8), or that frames are of (default: what they name)",
     )
 
 
 def run(args: Namespace) -> None:
     path = _find(args.file)
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
-        _show(_describe_arrays(path))
+        _show(_describe_arrays(path, args.layout))
         return
     content = read_mapping(path)
     kind = content.get("format")
@@ -53,7 +57,7 @@ def run(args: Namespace) -> None:
         _show(describe_layout(load_layout(path, content)))
     elif kind == SCENE_FORMAT:
         scene = load_scene(path, content)
-        _show(_describe_scene(scene, load_layout(scene.layout or args.layout)))
+        _show(_describe_scene(scene, load_layout(scene.layout or args.layout or "equal-8x8")))
     else:
         found = show(kind) if str(kind).startswith("tomotactile-") else "what it names"
         raise InputError(
@@ -157,17 +161,23 @@ def _describe_contact(contact: Contact):
     return text + (f", from {contact.start:g}{until} s" if contact.start or until else "")
 
 
-def _describe_arrays(path):
+def _describe_arrays(path, layout):
     content = load_arrays(path)
     yield f"{Path(path).name}:"
     for key, value in content.items():
         yield f"  {key:14} {value.dtype.name if value.dtype.kind != 'U' else 'text'} {value.shape}"
     if _is_stack(content.get("voltages")):
         yield from _describe_voltages(content["voltages"])
+        yield from _describe_order(content, layout or str(content.get("layout_id", "")))
         yield f"  {_row_times(content.get('row_period'))}"
         if doubt := _doubt_of_stamps(content.get("stamps")):
             yield f"  {doubt}"
-    if _is_stack(content.get("pressure")):
+    if _is_stack(content.get("conductance")):
+        last = content["conductance"][-1]
+        yield "  no contact law: forces and pressures are not known"
+        yield f"  last image, peak {np.nanmax(last, initial=0.0):.4g} S/m2, +y up:"
+        yield from _shade(last)
+    elif _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
         yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
         yield from _shade(last)
@@ -209,6 +219,33 @@ def _describe_voltages(voltages):
     yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
     yield "  last frame, a row for each grounded electrode, dark = 0 V:"
     yield from _shade(voltages[-1])
+
+
+def _describe_order(content, name):
+    """Which electrode reads most, and what the readings say against the order of the layout `name`,
+    an installed one or a file."""
+    frames, grounded = content["voltages"], content.get("grounded")
+    means = np.nan_to_num(frames).mean(axis=1)
+    highest = means[means.max(axis=1).argmax()]
+    if highest.max() < Settings().threshold * Settings().noise:
+        yield "  nothing seems to touch in any frame"
+        return
+    text = f"  electrode {highest.argmax()} reads most"
+    try:
+        layout = load_layout(name.partition("#")[0])
+    except InputError:
+        yield f"{text} (where is it? --layout LAYOUT tells)"
+        return
+    if grounded is None or frames.shape[2] != layout.electrodes:
+        yield f"{text}; {layout.name} has {layout.electrodes} electrodes"
+        return
+    x, y = 1e3 * layout.positions[highest.argmax()]
+    yield f"{text}: {layout.name} has it at ({x:.1f}, {y:.1f}) mm"
+    try:
+        drive = float(np.ravel(content.get("drive_voltage", DEFAULT_DRIVE))[0])
+        refuse_mistakes(layout, frames, grounded, drive, Settings().noise)
+    except InputError as mistake:
+        yield f"  {mistake}"
 
 
 def _describe_contacts(key, frames):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from argparse import ArgumentParser, Namespace
 from collections import Counter
@@ -14,13 +15,14 @@ import numpy as np
 
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
 from tomotactile_ros.devices.recording import open_recording
-from tomotactile_ros.frames_file import doubt_of
+from tomotactile_ros.frames_file import FramesFile, doubt_of
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
-from tomotactile_ros.reconstruction.settings import PROFILES, ContactEstimate, Result
+from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, PROFILES, ContactEstimate, Result
+from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD
 from tomotactile_ros.support.errors import complaints_at
@@ -60,7 +62,7 @@ def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     recorded = open_recording(args.frames, layout, args.drive_voltage, args.topic)
     check_out(args.out, ".npz")
-    law = load_calibration(args.calibration) if args.calibration else recorded.contact_law
+    law, of_law = _contact_law(args.calibration, recorded)
     settings = Settings(
         args.profile,
         resolution=args.resolution,
@@ -83,7 +85,7 @@ def run(args: Namespace) -> None:
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
     process = _every_row if args.every_row else _every_frame
-    with results_writer(args.out, images=not args.every_row) as take:
+    with results_writer(args.out, images=not args.every_row, law=law) as take:
         frames = zip(recorded.voltages, stamps)
         doing = track(frames, "reconstructing frames", len(recorded.voltages))
         with complaints_at(f"{args.frames}: "):
@@ -103,8 +105,25 @@ def run(args: Namespace) -> None:
         print(f"{count} {each}s withheld: {reason}")
     for electrode, why in sorted(left_out.items()):
         print(f"electrode {electrode} left out: {why}")
-    if law is None:
-        print("no contact law: places are right, forces are not (see 'tomotactile calibrate')")
+    if of_law:
+        print(of_law)
+
+
+def _contact_law(calibration: str | None, recorded: FramesFile) -> tuple[ContactLaw | None, str]:
+    """The contact law of a recording, None where it says that there is none, and a line to print
+    where forces are not known, or known for an assumed law only."""
+    if calibration:
+        return load_calibration(calibration), ""
+    if recorded.contact_law is not None:
+        return recorded.contact_law, ""
+    hint = "(see 'tomotactile calibrate')"
+    if recorded.lawless:
+        return None, f"no contact law: places and conductances, but no forces and pressures {hint}"
+    law = DEFAULT_LAW
+    return law, (
+        "the file says nothing of a contact law: forces and pressures hold for "
+        f"{law.coefficient:g} S/m^2 per Pa, and are wrong by a factor for any other contact {hint}"
+    )
 
 
 def _every_frame(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
@@ -142,13 +161,14 @@ def _stamps(recorded) -> tuple[np.ndarray, str]:
 
 @contextmanager
 def results_writer(
-    path: str, images: bool = True
+    path: str, images: bool = True, law: ContactLaw | None = DEFAULT_LAW
 ) -> Iterator[Callable[[Result, float, float], None]]:
     """A function that takes each result, its latency, s, and the time for which it holds, s, into a
     file.
 
     pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s,
         stamps (N,) s;
+    without a contact law: conductance (N, H, W) S/m² with `images`, and pressure NaN;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.
     """
@@ -160,6 +180,8 @@ def results_writer(
                 pressure=np.asarray(result.pressure, np.float32),
                 potential=np.asarray(result.potential, np.float32),
             )
+            if law is None:
+                writer.append(conductance=np.asarray(result.conductance, np.float32))
         writer.append(latency=latency, stamps=float(stamp))
         contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
         writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
@@ -176,9 +198,14 @@ def contact_entry(contact: ContactEstimate) -> dict[str, float | None]:
     """What a result file says of a contact.
 
     position_std (m), force_std (N), probability and the velocity vx, vy (m/s) are None, null in
-    JSON, where the profile estimates none; id is 0 where nobody follows contacts.
+    JSON, where the profile estimates none; id is 0 where nobody follows contacts. Without a contact
+    law force (N), pressure (Pa) and force_std are None, and conductance (S) is there instead.
     """
     entry = asdict(contact)
+    if math.isnan(contact.force):
+        entry.update(dict.fromkeys(("force", "pressure", "force_std")))
+    else:
+        del entry["conductance"]
     vx, vy = entry.pop("velocity")
     covariance = np.reshape(entry.pop("position_covariance"), (2, 2))
     if not np.isfinite(covariance).all():

@@ -39,12 +39,12 @@ def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     if args.out:
         check_out(args.out, ".npz")
-    device, _ = open_device(args, layout, capture=args.raw or "")
+    device, scene = open_device(args, layout, capture=args.raw or "")
     if args.frames is None and args.duration is None and sys.stderr.isatty():
         print("recording; Ctrl-C ends it", file=sys.stderr)
     frames = collect(device, args.frames, args.duration)
     if args.out:
-        save_recording(args.out, layout, frames)
+        save_recording(args.out, layout, frames, scene.contact_law if scene else None)
     span = frames[-1].stamp - frames[0].stamp
     rate = f", {(len(frames) - 1) / span:.3g} per second" if span > 0 else ""
     lost = frames[-1].sequence - frames[0].sequence + 1 - len(frames)

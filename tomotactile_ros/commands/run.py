@@ -76,7 +76,7 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             first = frame.stamp - before, arrivals[0]
         span = arrivals[-1] - arrivals[0]
         yield Shot(
-            pressure=result.pressure,
+            pressure=result.image,
             contacts=result.contacts,
             scene_time=frame.stamp + result.holds - first[0],
             rate=(len(arrivals) - 1) / span if span > 0 else 0.0,

@@ -13,9 +13,11 @@ from pathlib import Path
 
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import shared_folders
+from tomotactile_ros.support.yamlio import read_mapping
 
 MESSAGE = "tomotactile_ros/msg/VoltageFrame"
 ROWS_TOPIC = "voltage_rows"
+_METADATA = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
@@ -41,10 +43,13 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[object]:
 
 
 def _check_plain(path: Path) -> None:
-    """A bag's files must be plain ones: a named pipe would keep the reader waiting."""
+    """A bag's files must be plain ones: a named pipe would keep the reader waiting. What lies there
+    as metadata must be YAML of a bag's size; otherwise its reader takes minutes, and cites it."""
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise InputError(f"{file}: cannot be read: is no plain file")
+    if (path / _METADATA).is_file():
+        read_mapping(path / _METADATA)
 
 
 def _has_ros() -> bool:

@@ -18,8 +18,8 @@ from typing import IO, TYPE_CHECKING
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.line import Line, LineFault
 from tomotactile_ros.devices.world import Settings, World
-from tomotactile_ros.support.checks import show
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import open_regular
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FORMAT = b"tomotactile-raw/1\n"
 MAX_BYTES = 16_000_000_000
 _RECORD = struct.Struct("<cdI")
-_LONGEST_HEADER = 10_000
+_LONGEST_HEADER = 1 << 20  # an order of 65535 rows fits
 _LONGEST_RECORD = 1 << 20
 _FLUSH_PERIOD = 1.0  # s
 
@@ -229,7 +229,7 @@ class Relived:
     def _json(self, record: _Record):
         try:
             return json.loads(record.content)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise InputError(f"{self._path}: record at byte {record.at}: is no JSON") from None
 
     def _mismatch(self, what: str) -> InputError:
@@ -266,7 +266,7 @@ def relive(
     )
     device.max_age = _setting(path, header, "max_age", float) or math.inf
     device.run_length = max(1, run_length)
-    device.usual_order = tuple(header.get("usual_order", ()))
+    device.usual_order = _usual_order(path, header)
     raised: list[Exception] = []
 
     def guarded(receive: Callable[[Frame], None]) -> Callable[[Frame], None]:
@@ -283,9 +283,9 @@ def relive(
         device.relive(world, guarded(on_frame), rows)
     except EndOfCapture:
         pass
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - what the file says steers all of it
         raise InputError(f"{path}: is damaged: {type(error).__name__}: {error}") from None
     if raised:
         raise raised[0]
@@ -301,8 +301,17 @@ def _setting(path: str | os.PathLike, header: dict, name: str, kind: type):
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not kind:
-        raise InputError(f"{path}: line 2: {name}: {show(value)} is not what it should be")
+        raise InputError(f"{path}: line 2: {name}: {checks.show(value)} is not what it should be")
     return value
+
+
+def _usual_order(path: str | os.PathLike, header: dict) -> tuple[int, ...]:
+    """The order of the header; none where it names none, as those before there was one."""
+    found = header.get("usual_order", [])
+    if found == []:
+        return ()
+    with complaints_at(f"{path}: line 2: "):
+        return tuple(checks.order(found, "usual_order", header["electrodes"]).tolist())
 
 
 @dataclass(frozen=True)
@@ -366,7 +375,7 @@ def _records(path: str | os.PathLike) -> Iterator[_Record]:
 def _header(path: str | os.PathLike, line: bytes) -> dict:
     try:
         header = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InputError(f"{path}: line 2: is no JSON") from None
     if not isinstance(header, dict):
         raise InputError(f"{path}: line 2: is no mapping of settings")

@@ -20,11 +20,13 @@ from tomotactile_ros.frames_file import (
     DEFAULT_DRIVE,
     FramesFile,
     StoredFrames,
+    law_entry,
     load_frames,
     open_frames,
 )
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.layout_ids import matches, note_bare
+from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.npz_writer import npz_writer
@@ -131,9 +133,15 @@ def _driven(path, found: FramesFile, drive_voltage: float | None) -> FramesFile:
     return replace(found, drive_voltage=drive_voltage)
 
 
-def save_recording(path: str | os.PathLike[str], layout: Layout, frames: Sequence[Frame]) -> None:
-    """Write frames as `frames.npz`; InputError where more than readings and times differ."""
-    with frames_writer(path, layout.id) as take:
+def save_recording(
+    path: str | os.PathLike[str],
+    layout: Layout,
+    frames: Sequence[Frame],
+    law: ContactLaw | None = None,
+) -> None:
+    """Write frames as `frames.npz`, of contacts with this law or with none that is known; InputError
+    where more than readings and times differ."""
+    with frames_writer(path, layout.id, law) as take:
         for frame in frames:
             take(frame)
 
@@ -259,7 +267,7 @@ def _frame_of_message(path: Path, message: object) -> Frame:
 
 @contextmanager
 def frames_writer(
-    path: str | os.PathLike[str], layout_id: str | None = None
+    path: str | os.PathLike[str], layout_id: str | None = None, law: ContactLaw | None = None
 ) -> Iterator[Callable[[Frame], None]]:
     """A function that takes frames into a `frames.npz`, in little memory however many there are.
 
@@ -283,6 +291,7 @@ def frames_writer(
             grounded=np.asarray(first[0].grounded, np.uint16),
             drive_voltage=float(first[0].drive_voltage),
             row_period=float(np.median(row_periods)),
+            contact_law=np.array(law_entry(law)),
         )
         if layout_id is not None:
             writer.put(layout_id=layout_id)

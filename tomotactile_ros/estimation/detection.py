@@ -74,14 +74,17 @@ class Detector:
         best = along / power
         return np.where(best > 0, along * best, 0.0), best
 
-    def first_look(self, rows: Rows) -> list[tuple[np.ndarray, float]]:
+    def first_look(
+        self, rows: Rows, gain: np.ndarray, offset: np.ndarray
+    ) -> list[tuple[np.ndarray, float]]:
         """Place (2,), m, and conductance, S, of contacts that together explain most, strongest
         first.
 
-        `rows` without what is known of gains and offsets (`Rows.corrected`).
+        `rows` without what is known of gains and offsets (`Rows.corrected`); gain (n,), offset (n,)
+        in parts of V0: standard deviations of what is not.
         """
         currents, ratio = self._currents(rows)
-        metric = self._metric(currents, rows)
+        metric = self._metric(currents, ratio, rows, gain, offset)
         ground = np.arange(len(rows.grounded)), rows.grounded
         seen = ratio @ self.share
         local = self.share[rows.grounded]
@@ -130,14 +133,19 @@ class Detector:
         currents[missing] = 0.0
         return currents, ratio
 
-    def _metric(self, currents, rows):
-        """(n, n) inverse covariance of the currents: noise of the readings, and a part of
-        themselves."""
+    def _metric(self, currents, ratio, rows, gain, offset):
+        """(n, n) inverse covariance of the currents of a row: noise of the readings, what is not
+        known of the channels, and a part of themselves.
+
+        Rows have their channels in common: of L rows, what these err by looks like a contact the
+        less, the more there are.
+        """
         admittance = self.operator.expected
         noise = 1 / np.median(rows.weights[rows.weights > 0])
+        channels = gain**2 * ((1 - ratio) ** 2).mean(axis=0) + offset**2
         unknown = _INEXACT**2 * (currents**2).mean()
-        covariance = noise * admittance @ admittance + unknown * np.eye(len(admittance))
-        inverse = np.linalg.inv(covariance)
+        covariance = (admittance * (noise + channels / len(ratio))) @ admittance
+        inverse = np.linalg.inv(covariance + unknown * np.eye(len(admittance)))
         return (inverse + inverse.T) / 2
 
     def _gathered(self, picked, strengths):

@@ -12,6 +12,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.screening import (
@@ -48,7 +49,6 @@ _WINDOW = 4
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
-_LEARNT = 0.1  # standard deviation of sheet and channels after a frame, in parts of that before any
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 4000  # budget of a search in other rows or without a channel
 # standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
@@ -114,7 +114,9 @@ class State:
     of which electrodes."""
 
     unknowns: Unknowns | None = None
-    sensor: Unknowns | None = None  # sheet and channels as the last whole frame had them
+    sensor: Fit | None = (
+        None  # of the last whole frame that was touched: what it tells of the sensor
+    )
     sheet: SheetColumns | None = None
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
@@ -225,9 +227,10 @@ class Estimator:
         ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
         unknowns = _ahead(fit.unknowns, ahead)
         if len(fit.rows.grounded) < len(rows.grounded):
-            unknowns = as_known(unknowns, state.sensor or prior)  # few rows do not tell
-        else:
-            state.sensor = unknowns
+            seen = prior if state.sensor is None else state.sensor.unknowns
+            unknowns = as_known(unknowns, seen)  # few rows do not tell
+        elif len(unknowns.contacts):
+            state.sensor = fit
         state.unknowns, state.sheet, state.used = unknowns, fit.sheet, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
@@ -295,34 +298,45 @@ class Estimator:
         other."""
         timed = rows.times is not None
         there = None if start is None else Fit(search.operator, start, rows, prior)
-        changes = timed and (begun or not (there is None or search.goes_on(there, state.misfit)))
-        late = self._grown(search, rows, prior, start, state.sensor) if changes else None
+        whole = len(rows.grounded)
+        goes_on = not (begun or there is None) and search.goes_on(there, state.misfit)
+        alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
+        late = None
+        if timed and (begun or alike < whole):
+            late = self._grown(search, rows, prior, start, state.sensor, alike)
         if late is None:
-            quick = timed and there is not None or changes
+            quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
             fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
-            if timed and not changes and _is_suspect(fit):
-                late = self._grown(search, rows, prior, start, state.sensor)
+            if timed and goes_on and _is_suspect(fit):
+                alike = search.of_one_state(rows, prior)
+                if alike < whole:
+                    late = self._grown(search, rows, prior, start, state.sensor, alike)
         if late is not None:
-            return late, len(rows.grounded) - len(late.rows.grounded)
+            return late, whole - len(late.rows.grounded)
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
-        if _is_suspect(fit) and start is not None and not changes:
+        if _is_suspect(fit) and start is not None and alike == whole:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
 
-    def _grown(self, search: Search, rows: Rows, prior: Prior, start, known) -> Fit | None:
+    def _grown(
+        self, search: Search, rows: Rows, prior: Prior, start, known: Fit | None, alike: int
+    ) -> Fit | None:
         """The fit of the last rows alone, of as many as one state of motion explains; None where
-        that are too few. The sensor is nearly as it was `known` to be in a whole frame, if it was.
+        that are too few.
 
         A few rows cannot tell a way from a place: contacts move until the readings say that they
         rest.
+
+        known : the last frame that was touched, which tells of the sensor
+        alike : number of the last rows that may be of one state
         """
         if known is not None:
-            prior = _after_a_frame(prior, known)
+            prior = _after(known)
         count = len(rows.grounded)
-        size, explained, best = min(_WINDOW, count), 0, None
+        size, explained, best = min(max(alike, _WINDOW), count), 0, None
         while size > _MORE * explained:
             part, middle = rows.part(slice(count - size, None)), _middle(rows, size)
             if best is None:
@@ -331,15 +345,15 @@ class Estimator:
             else:
                 ahead = middle - _middle(rows, explained)
                 late = search.moved(best.unknowns.after(ahead), part, prior)
-            if late.chi_squared > _CHANGING * part.count:
+            if not _explains(late):
                 late = search.one_more(late)
-            if late.chi_squared < _CHANGING * part.count:
+            if _explains(late):
                 best, explained = late, size
                 size = min(2 * size, count)
                 if tells_speeds(best):
                     size = _alike(best, rows, size)
             elif best is None and size > _FEWEST:
-                size //= 2
+                size = min(_WINDOW, max(_FEWEST, size // 2))
             else:
                 break
         return None if best is None else search.at_rest(best)
@@ -356,6 +370,8 @@ class Estimator:
             worst = int(by_column.argmax())
             if _lies_on(fit, used[worst]):
                 break  # there the model errs most
+            if by_column[worst] < fit.chi_squared / (2 * _MOST_LEFT_OUT):
+                break  # it is not what a few channels do
             weights = fit.rows.weights.copy()
             weights[:, worst] = 0.0
             weights[fit.rows.grounded == worst] = 0.0
@@ -397,11 +413,14 @@ class Estimator:
         inflation = fit.doubt
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
-        found, which, sure, first = [], [], [], 0
+        certainties = _certainties(fit, covariance, group)
+        found, which, first = [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
             own = covariance[first : first + count, first : first + count]
             first += count
+            if certainties[i] < _LIKELY**2:
+                continue
             index = {which: k for k, which in enumerate(np.flatnonzero(free))}
             area = np.pi * float(np.exp(2 * contact[RADIUS])) * touches.covered[i]
             g = prediction.conductances[i] * touches.covered[i]
@@ -414,11 +433,6 @@ class Estimator:
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
             place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
             radius = float(np.sqrt(area / np.pi))
-            strength = prediction.strength_slope(i)[free]
-            certainty = 1 / max(float(strength @ own @ strength), 1e-12)
-            if certainty < _LIKELY**2:
-                continue
-            sure.append(certainty > _CERTAIN**2)
             which.append(i)
             found.append(
                 Contact(
@@ -432,13 +446,19 @@ class Estimator:
                     tuple(float(each) for each in place.ravel()),
                     abs(pressure * area) * min(relative, 10.0),
                     radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
-                    float(1 - np.exp(-certainty / 2)),
+                    float(1 - np.exp(-certainties[i] / 2)),
                     tuple(float(each) for each in u.rates[i, :2]),
                 )
             )
-        likely = [i for i, certain in enumerate(sure) if certain or not any(sure)]
+        sure = certainties[which] > _CERTAIN**2
+        likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
         order = sorted(likely, key=lambda i: -found[i].force)
         return [found[i] for i in order], group[[which[i] for i in order]]
+
+
+def _explains(fit: Fit) -> bool:
+    """Whether contacts explain rows with a sensor that is likely."""
+    return fit.chi_squared + fit.of_sensor < _CHANGING * fit.rows.count
 
 
 def _middle(rows: Rows, size: int) -> float:
@@ -455,6 +475,27 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
     by_row = (part.weights * there.misfit**2).sum(axis=1)
     others = np.flatnonzero(by_row > _REFUSED * (part.weights > 0).sum(axis=1))
     return most - 1 - int(others[-1]) if len(others) else most
+
+
+def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """(k,) of the contact that each disc of a fit is part of: what it and the way to it conduct over
+    its deviation, squared.
+
+    covariance (F, F) of the fit; group (k,) number of the contact of each disc. Discs of one contact
+    may be uncertain one by one.
+    """
+    free, prediction = fit.unknowns.free, fit.prediction
+    strengths = 1 / (1 / prediction.conductances + prediction.means)
+    slopes = np.zeros((len(group), free.size))
+    for i, strength in enumerate(strengths):
+        slopes[group[i], i * free.shape[1] :][: free.shape[1]] += (
+            strength * prediction.strength_slope(i)
+        )
+    slopes = slopes[:, free.ravel()]
+    count = slopes.shape[1]
+    totals = np.bincount(group, strengths, len(group))
+    variances = np.einsum("gf,fh,gh->g", slopes, covariance[:count, :count], slopes)
+    return (totals**2 / np.maximum(variances, 1e-12 * totals**2 + 1e-300))[group]
 
 
 def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
@@ -476,15 +517,11 @@ def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
     return replace(later, rates=later.rates * [1.0, 1.0, 0.0])
 
 
-def _after_a_frame(prior: Prior, seen: Unknowns) -> Prior:
-    """What is expected of the sensor once a frame has been explained: what was found there."""
-    return replace(
-        prior.narrowed(_LEARNT),
-        sheet=seen.sheet,
-        gain=seen.gain,
-        offset=seen.offset,
-        resistance=seen.resistance,
-    )
+def _after(seen: Fit) -> Prior:
+    """What is expected of the sensor once a frame has been explained: its posterior, contacts
+    marginal."""
+    told = information(seen.operator, seen.unknowns, seen.rows, seen.prior, 1.0)
+    return seen.prior.told(seen.unknowns, told.matrix / seen.doubt)
 
 
 def joined(parts: list[Contact], group: np.ndarray) -> list[Contact]:

@@ -59,6 +59,19 @@ class Unknowns:
             self, contacts=contacts, across=tuple(across), free=free, rates=None, moving=None
         )
 
+    def joined_by(self, contact: np.ndarray, across: int, free, moving: bool = False) -> Unknowns:
+        """The same with one `contact` (6,) more, at the end, at rest; `moving` if its rates are
+        estimated, as they are if others' are."""
+        moving = moving or bool(self.moving.any())
+        return replace(
+            self,
+            contacts=np.vstack([self.contacts, contact]),
+            across=(*self.across, across),
+            free=np.vstack([self.free, free]),
+            rates=np.vstack([self.rates, np.zeros(len(RATED))]),
+            moving=np.append(self.moving, moving),
+        )
+
     def in_motion(self, moving: bool = True) -> Unknowns:
         """The same with all contacts free to move while rows are read, or none."""
         rates = self.rates if moving else None

@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.reciprocity import fit_gains
+from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.solver import (
     STEPS,
     Contacts,
@@ -68,6 +68,11 @@ _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to 
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 _MISFIT = 3.0
+# chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
+# also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
+_TORN = 12.0
+_ROUNDS = 3  # of a fit that judges it
+_PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
@@ -144,7 +149,8 @@ class Search:
             if more is None:
                 break
             fit = more
-        return self._simplified(fit) if len(fit.unknowns.contacts) > before else fit
+        is_new = len(fit.unknowns.contacts) > before
+        return self._simplified(fit) if is_new or any_overlap(fit.unknowns.contacts) else fit
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -211,18 +217,18 @@ class Search:
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
-        there = None if start is None else Fit(self.operator, start, rows, prior)
+        there = None if start is None else Fit(self.operator, start.in_motion(), rows, prior)
         try:
-            found = self.contacts(rows, prior, there, FIRST_LOOK)
+            return self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
             self._changing = False
-        return self.moved(found.unknowns, rows, prior)
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of the contacts of `start`, moving."""
         self._left, self._sheet = FIRST_LOOK, None
         like = Fit(self.operator, start.in_motion(), rows, prior)
-        return self._solve(like.unknowns, like)
+        fit = self._solve(like.unknowns, like)
+        return self._simplified(fit) if any_overlap(fit.unknowns.contacts) else fit
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
@@ -285,7 +291,7 @@ class Search:
         """The same, or nearer where it leaves much over."""
         if fit.chi_squared < _MISFIT * fit.rows.count:
             return fit
-        fit = approach(fit)
+        fit = approach(fit, self._left)
         self._left -= fit.work
         bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
         return self._wide_enough(fit, bare)
@@ -335,7 +341,9 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return None
-        seen = self.detector.first_look(fit.rows.corrected(self._by_reciprocity(fit)))[:MOST]
+        channels, *deviations = self._by_reciprocity(fit)
+        rows = fit.rows.corrected(channels)
+        seen = self.detector.first_look(rows, *deviations)[:MOST]
         unknowns = fit.unknowns
         for place, strength in seen:
             unknowns = self._added(unknowns, place, strength, fit.prior.radius)
@@ -350,9 +358,6 @@ class Search:
         first = first or self._looks_like(seen, fit)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
-        if short and self._changing:
-            found = self.in_motion(found)
-            short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         more = len(seen.contacts) > len(first.unknowns.contacts)
@@ -366,16 +371,29 @@ class Search:
             found = self._other_sizes(found, which)
         return found
 
-    def _by_reciprocity(self, fit: Fit) -> Unknowns:
-        """What is expected, with gains and offsets as the rows tell them by themselves, for a first
-        look."""
-        rows, prior = fit.rows, fit.prior
-        frame = np.full((fit.operator.count,) * 2, np.nan)
-        frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
-        noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
-        gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
-        found = fit_gains(frame[None], 1.0, noise, gain, offset, steps=1)
-        return replace(fit.unknowns, gain=found.gain, offset=found.offset)
+    def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
+        """What is expected, with gains and offsets as the rows tell them by themselves, and the
+        standard deviations (n,) of both, for a first look."""
+        found = _reciprocity(fit.rows, fit.prior, 1)
+        deviations = np.sqrt(found.covariance.diagonal()).reshape(2, -1)
+        return replace(fit.unknowns, gain=found.gain, offset=found.offset), *deviations
+
+    def of_one_state(self, rows: Rows, prior: Prior) -> int:
+        """How many of the last rows may be of one state of the sheet, whatever that is: those among
+        which reciprocity holds."""
+        whole = len(rows.grounded)
+
+        def holds(count: int) -> bool:
+            part = rows.part(slice(whole - count, None))
+            return _reciprocity(part, prior, _ROUNDS).misfit[0] < _TORN
+
+        if whole <= _PAIRS or holds(whole):
+            return whole
+        least, most = _PAIRS, whole - 1
+        while least < most:
+            count = (least + most + 1) // 2
+            least, most = (count, most) if holds(count) else (least, count - 1)
+        return least
 
     def _falls_short(self, fit: Fit) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
@@ -553,19 +571,17 @@ class Search:
         """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
         the end."""
         contact = np.array([*place, np.log(strength), np.log(radius), 0.0, 0.0])
-        return unknowns.with_contacts(
-            np.vstack([unknowns.contacts, contact]),
-            (*unknowns.across, patches_for(radius, self.operator.pitch)),
-            np.vstack([unknowns.free, [True] * _FORM + [False] * 2]),
-        )
+        across = patches_for(radius, self.operator.pitch)
+        form = [True] * _FORM + [False] * 2
+        return unknowns.joined_by(contact, across, form, self._changing)
 
     def _discs(self, unknowns: Unknowns, radii: np.ndarray) -> Unknowns:
         """Discs of `radii` (k,), m, in the place of the contacts."""
         contacts, free = unknowns.contacts.copy(), np.zeros_like(unknowns.free)
         contacts[:, RADIUS], contacts[:, STRETCH:] = np.log(radii), 0.0
         free[:, :_FORM] = True
-        across = [patches_for(radius, self.operator.pitch) for radius in radii]
-        return unknowns.with_contacts(contacts, across, free)
+        across = tuple(patches_for(radius, self.operator.pitch) for radius in radii)
+        return replace(unknowns, contacts=contacts, across=across, free=free)
 
     def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
         """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
@@ -671,6 +687,15 @@ class Search:
         return fit
 
 
+def _reciprocity(rows: Rows, prior: Prior, steps: int) -> Gains:
+    """Gains and offsets, and how far reciprocity is violated, of rows alone."""
+    frame = np.full((len(prior.gain),) * 2, np.nan)
+    frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+    noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
+    gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
+    return fit_gains(frame[None], 1.0, noise, gain, offset, steps)
+
+
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
     """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
     return bool(apart @ prior.pull(apart) < chi2.isf(FALSE_ALARMS, len(apart)))
@@ -698,6 +723,11 @@ def overlaps(contacts: np.ndarray, which: int) -> bool:
     apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T)
     reach = np.exp(np.maximum(others[:, RADIUS], contacts[which, RADIUS]))
     return bool((apart < _OVERLAP * reach).any())
+
+
+def any_overlap(contacts: np.ndarray) -> bool:
+    """Whether two contacts lie on each other."""
+    return any(overlaps(contacts, which) for which in range(1, len(contacts)))
 
 
 def merged(unknowns: Unknowns, which: int) -> Unknowns:
@@ -734,11 +764,10 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
     radius = 2 * (value[0] * value[1]) ** 0.25 if form[STRETCH] else np.sqrt(2 * value.sum())
     one = np.array([*place, np.log(strengths.sum()), np.log(radius), p, q])
     rest = chosen(unknowns, np.delete(np.arange(len(unknowns.contacts)), which))
-    return rest.with_contacts(
-        np.vstack([rest.contacts, one]),
-        (*rest.across, patches_of(one, pitch)),
-        np.vstack([rest.free, form]),
-    )
+    moving = bool(unknowns.moving[which].any())
+    joined = rest.joined_by(one, patches_of(one, pitch), form, moving)
+    joined.rates[-1] = share @ unknowns.rates[which]
+    return joined
 
 
 def patches_of(contact: np.ndarray, pitch: float) -> int:

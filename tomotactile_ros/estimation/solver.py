@@ -125,6 +125,26 @@ class Prior:
             precision=None if self.precision is None else self.precision / part**2,
         )
 
+    def told(self, found: Unknowns, information: np.ndarray) -> Prior:
+        """The sensor as it was `found`, with what rows say of it: `information` (J + 3 n, J + 3 n)
+        in the units of `precision`."""
+        before = self.precision
+        if before is None:
+            before = np.diag(np.concatenate([self.sheet_deviation, *self.deviations]) ** -2.0)
+        precision = before + information
+        deviation = np.sqrt(np.linalg.inv(precision).diagonal())
+        modes = len(self.sheet)
+        return replace(
+            self,
+            sheet=found.sheet,
+            gain=found.gain,
+            offset=found.offset,
+            resistance=found.resistance,
+            sheet_deviation=deviation[:modes],
+            deviations=tuple(deviation[modes:].reshape(3, -1)),
+            precision=precision,
+        )
+
     def apart(self, unknowns: Unknowns) -> np.ndarray:
         """(J + 3 n,) what sheet, gains, offsets and resistances are more than expected."""
         expected = self.sheet, self.gain, self.offset, self.resistance
@@ -197,10 +217,15 @@ class Fit:
         other.cost = self.cost - self.chi_squared + other.chi_squared
         return other
 
+    @property
+    def of_sensor(self) -> float:
+        """What the prior of the sensor takes of the cost."""
+        apart = self.prior.apart(self.unknowns)
+        return float(apart @ self.prior.pull(apart))
+
     def _of_priors(self) -> float:
         u, prior = self.unknowns, self.prior
-        apart = prior.apart(u)
-        cost = apart @ prior.pull(apart)
+        cost = self.of_sensor
         contacts = u.contacts
         cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
         cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()

@@ -66,7 +66,7 @@ def evaluate_profile(
     places, sizes = off_lattice(pipeline.grid, radii, random)
     h = max(layout.outline.size) / _ELEMENTS
     sheet = make_sheet(layout, "fem", h=h)
-    conductance = float(settings.contact_law.conductance(PRESSURE))
+    conductance = float(settings.law.conductance(PRESSURE))
     grounded = layout.grounded
     images, scores = np.empty((len(places), len(pipeline.grid.pixels))), []
     for i in track(range(len(places))):

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.information import Information, information
 from tomotactile_ros.estimation.search import Search, as_known, resting
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
 from tomotactile_ros.estimation.touch import patches_for
-from tomotactile_ros.learning.information import Information, information
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
 from tomotactile_ros.learning.state import SensorState
@@ -168,7 +168,8 @@ class Learner:
 
     def _single(self, rows, prior):
         """The best fit of one contact, None where nothing is seen."""
-        seen = self.search.detector.first_look(rows.corrected(prior))
+        expected = rows.corrected(prior)
+        seen = self.search.detector.first_look(expected, *prior.deviations[:2])
         best = None
         for size in _SIZES if seen else ():
             place, strength = seen[0]

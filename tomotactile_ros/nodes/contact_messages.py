@@ -15,19 +15,22 @@ from tomotactile_ros.spatial import SpatialContacts
 
 
 def contacts_to_message(
-    contacts: Sequence[ContactEstimate], placed: SpatialContacts, header: Header
+    contacts: Sequence[ContactEstimate], placed: SpatialContacts, header: Header, stale: str = ""
 ) -> ContactArray:
-    """Contact estimates, strongest first, and where they are."""
+    """Contact estimates, strongest first, and where they are; `stale` says why that is too old."""
     return ContactArray(
         header=header,
-        state=ContactArray.VALID,
+        state=ContactArray.STALE if stale else ContactArray.VALID,
+        reason=stale,
         contacts=[_contact(c, placed, i) for i, c in enumerate(contacts)],
     )
 
 
-def withheld_message(header: Header, reason: str) -> ContactArray:
+def withheld_message(
+    header: Header, reason: str, state: int = ContactArray.WITHHELD
+) -> ContactArray:
     """Contacts that are not known, and why."""
-    return ContactArray(header=header, state=ContactArray.WITHHELD, reason=reason)
+    return ContactArray(header=header, state=state, reason=reason)
 
 
 def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> Contact:

@@ -19,6 +19,8 @@ from tomotactile_ros.support.errors import InputError
 
 _BIG_ENDIAN = sys.byteorder == "big"
 _NANO = 1_000_000_000
+_LONGEST = 3600.0  # s of a frame; of the slowest device it takes a quarter of an hour
+_LATEST = 2.0**31 - 2 * _LONGEST  # s that a stamp can be, and what is added to it
 
 
 def make_header(stamp: float, frame_id: str) -> Header:
@@ -89,8 +91,13 @@ def check_frame(frame: Frame, layout: Layout) -> None:
         )
     if not (np.isfinite(frame.drive_voltage) and frame.drive_voltage > 0):
         raise InputError(f"the drive voltage is {frame.drive_voltage:g} V, it must be positive")
-    if not (np.isfinite(frame.row_period) and frame.row_period >= 0):
-        raise InputError(f"the row period is {frame.row_period:g} s, it must be 0 or positive")
+    if not 0 <= frame.row_period * len(frame.grounded) <= _LONGEST:
+        raise InputError(
+            f"the row period is {frame.row_period:g} s, it must be 0 or positive, and a frame of "
+            f"{len(frame.grounded)} rows no longer than {_LONGEST:g} s"
+        )
+    if not abs(frame.stamp) <= _LATEST:
+        raise InputError(f"its stamp, {frame.stamp:.10g} s, is at the end of all time")
     largest = np.fmax.reduce(np.abs(frame.voltages), axis=None)
     if np.isnan(largest):
         raise InputError("no voltage is valid")

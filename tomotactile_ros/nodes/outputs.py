@@ -4,6 +4,8 @@ markers, curved surface.
 Whatever takes time and nobody listens to is not made.
 """
 
+import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ from tomotactile_ros.nodes.contact_messages import (
     withheld_message,
     wrench_to_message,
 )
-from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message
+from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message, stamp_of
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.spatial import in_space
 from tomotactile_ros.view.colours import Overlay, colour, full_scale, palette
@@ -52,9 +54,13 @@ class Outputs:
         self.frame_id = "tactile_link"
         self._layout: Layout | None = None
         self._grid: Grid | None = None
+        self._max_age = 0.0
+        self._order = threading.Lock()  # of contacts and of what takes them back
+        self._valid_since: float | None = None  # s, monotonic; None where what was said last is not
 
     def configure(self, layout: Layout, grid: Grid, values: dict[str, Any]) -> None:
         """Prepare for images of this layout and grid, drawn as the parameters say."""
+        self._max_age = values["max_age"]
         self._range, self._draw = values["view_range"], values["view_overlay"]
         zoom = max(1, round(values["view_size"] / max(grid.shape)))
         self._overlay = Overlay(grid, zoom, layout.positions, layout.radius)
@@ -81,27 +87,59 @@ class Outputs:
             self._surface.publish(cloud_to_message(self._points, values, header))
 
     def publish_contacts(self, contacts: list, header: Header) -> None:
-        """Publish contacts that are known; `header` has the time for which they hold."""
+        """Publish contacts that are known; `header` has the time for which they hold.
+
+        Where that is longer ago than `max_age` they are not valid, and the wrench is not known.
+        """
         contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
-        self._contacts.publish(contacts_to_message(contacts, placed, header))
-        if self._wrench.get_subscription_count() > 0:
-            self._wrench.publish(wrench_to_message(*placed.wrench(), header))
+        stale = self._too_old(header)
+        wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
+        with self._order:
+            self._contacts.publish(contacts_to_message(contacts, placed, header, stale))
+            if self._wrench.get_subscription_count() > 0:
+                self._wrench.publish(wrench_to_message(*wrench, header))
+            self._valid_since = None if stale else time.monotonic()
         if header.frame_id != self.frame_id:  # the driver has another than was thought
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
             self._markers.publish(self._contact_markers.of(contacts, placed, header))
 
-    def say_touched(self, touched: bool) -> None:
-        """Publish whether something touches, or that is not known, where that has changed."""
+    def say_touched(self, touched: bool, header: Header) -> None:
+        """Publish whether something touches at the time of `header`, or that is not known, where
+        that has changed."""
+        touched = touched or bool(self._too_old(header))
         if touched != self._touched_before:
             self._touched_before = touched
             self._touched.publish(Bool(data=touched))
 
     def withhold(self, reason: str, header: Header) -> None:
         """Say that contacts are not known at the time of `header`; no image is published."""
-        self._contacts.publish(withheld_message(header, reason))
-        self._wrench.publish(wrench_to_message(_UNKNOWN, _UNKNOWN, header))
+        with self._order:
+            self._withhold(withheld_message(header, reason))
+
+    def watch(self) -> None:
+        """Take back what was said last, once, where nothing has been said for `max_age`."""
+        with self._order:
+            since = self._valid_since
+            if since is None or not 0 < self._max_age < time.monotonic() - since:
+                return
+            header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self.frame_id)
+            reason = f"no contacts for {self._max_age:g} s (max_age)"
+            self._withhold(withheld_message(header, reason, ContactArray.STALE))
+        self.say_touched(True, header)
+
+    def _withhold(self, message: ContactArray) -> None:
+        self._valid_since = None
+        self._contacts.publish(message)
+        self._wrench.publish(wrench_to_message(_UNKNOWN, _UNKNOWN, message.header))
+
+    def _too_old(self, header: Header) -> str:
+        """Why contacts of this time are not valid any more, or nothing."""
+        age = self._node.get_clock().now().nanoseconds * 1e-9 - stamp_of(header)
+        if not 0 < self._max_age < age:
+            return ""
+        return f"readings of {age:.3g} s ago (max_age {self._max_age:g} s)"
 
     def _show_layout(self, frame_id: str) -> None:
         self.frame_id = frame_id

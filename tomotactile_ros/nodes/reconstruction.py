@@ -7,6 +7,8 @@ import time
 from typing import Any
 
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -33,6 +35,7 @@ from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
 _EVERY = 5.0  # s between two warnings of a kind
+_LOOK = 0.1  # s between two looks whether contacts have grown old
 
 
 class Reconstruction:
@@ -76,6 +79,12 @@ class Reconstruction:
         )
         self._learning = Learning(
             node, lambda: self.parameters.values, self._use_sensor, lambda: self._outputs.frame_id
+        )
+        self._timer = node.create_timer(
+            _LOOK,
+            self._look,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
         self._diagnostics = Diagnostics(node, "reconstruction", self._hardware_id, self.report)
         self.parameters.warn_of_typos()
@@ -157,7 +166,7 @@ class Reconstruction:
             self._log.warning(complaint, throttle_duration_sec=_EVERY)
             return Report(diagnostics.ERROR, complaint, figures)
         troubles = [
-            *self._watch.troubles(),
+            *self._watch.troubles(self.parameters["max_age"]),
             *self._rows.troubles(),
             *self._taring.troubles(),
             *self._learning.troubles(),
@@ -180,6 +189,11 @@ class Reconstruction:
         message = "; ".join(trouble.text for trouble in troubles) or "images are made"
         return Report(level, message, figures)
 
+    def _look(self) -> None:
+        if self._active:
+            with unless_stopped(self._node):
+                self._outputs.watch()
+
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         self._check(frame, layout_id)
@@ -201,17 +215,18 @@ class Reconstruction:
         self._taring.remember(frame)
         self._learning.offer(frame)
         self._withheld = self._rows.withheld if followed else result.reason
+        holds = later(header, result.holds)
         if not followed:
-            self._outputs.say_touched(not result.idle)
+            self._outputs.say_touched(not result.idle, holds)
         if result.reason:
             if not followed:
-                self._outputs.withhold(result.reason, later(header, result.holds))
+                self._outputs.withhold(result.reason, holds)
         elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
         else:
             self._outputs.publish(result.pressure, result.contacts, header)
             if not followed:
-                self._outputs.publish_contacts(result.contacts, later(header, result.holds))
+                self._outputs.publish_contacts(result.contacts, holds)
         self._excluded = result.excluded
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9

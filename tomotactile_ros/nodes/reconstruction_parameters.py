@@ -31,7 +31,13 @@ SPECS = (
         "File of `tomotactile calibrate`; overrides the contact law below",
         path=True,
     ),
-    Spec("contact_coefficient", 1e-4, "c of the contact law g = c p^m", low=1e-12, high=1e6),
+    Spec(
+        "contact_coefficient",
+        1e-4,
+        "c of the contact law g = c p^m; the default is no calibration",
+        low=1e-12,
+        high=1e6,
+    ),
     Spec("contact_exponent", 1.0, "m of the contact law g = c p^m", low=0.1, high=10.0),
     Spec("contact_radius", 0.005, "Typical radius of a contact, m", low=1e-5, high=1.0),
     Spec("threshold", 3.0, "Idle below this many times the noise", low=0.1, high=1000.0),
@@ -42,12 +48,19 @@ SPECS = (
     *row_contacts.SPECS,
     *tare.SPECS,
     *learning.SPECS,
+    Spec(
+        "max_age",
+        2.0,
+        "s; contacts of older readings are not valid, and none are without new ones; 0: any age",
+        low=0.0,
+        high=3600.0,
+    ),
     Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
     Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
     Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
     PATH_CHANGES,
 )
-OF_THE_NODE = {"publish_every", "tare_frames", "view_range", "view_overlay", "view_size"}
+OF_THE_NODE = {"publish_every", "max_age", "tare_frames", "view_range", "view_overlay", "view_size"}
 _PLAIN_SETTINGS = (
     "profile",
     "resolution",

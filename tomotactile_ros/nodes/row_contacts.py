@@ -32,6 +32,7 @@ SPECS = (
     ),
 )
 _TURNS, _TURN = 10, 0.005  # times, s, that a frame waits for its last rows
+_LONGEST = 1.0  # s of work for the rows of one message; those left over then are left out
 _PATIENCE = 1.0  # s without rows after which contacts are those of frames again
 
 
@@ -91,9 +92,13 @@ class Rows:
             if self._since >= every or touching != self._touching:
                 self._since, self._touching = 0, touching
                 self._publish(pipeline, make_header(now, frame_id))
-        self._last = time.monotonic()
+            self._last = time.monotonic()
+            if self._last - begun > _LONGEST:
+                break
         age = self._node.get_clock().now().nanoseconds * 1e-9 - now
-        self.watch.followed(rows.sequence, len(rows.grounded), age, self._last - begun)
+        self.watch.followed(rows.sequence, i + 1, age, self._last - begun)
+        if i + 1 < len(rows.grounded):
+            self.watch.skip(rows.sequence, len(rows.grounded) - i - 1)
 
     def leaves_out(self, pipeline: Pipeline, frame: Frame) -> bool:
         """Whether a frame is not worth its time: rows saw something begin or end in it, and know it
@@ -140,7 +145,7 @@ class Rows:
     def _publish(self, pipeline: Pipeline, header: Header) -> None:
         result = pipeline.after_row(self._state)
         self.withheld = result.reason
-        self._outputs.say_touched(not result.idle)
+        self._outputs.say_touched(not result.idle, header)
         if result.reason:
             self._outputs.withhold(result.reason, header)
         else:

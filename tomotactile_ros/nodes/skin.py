@@ -23,7 +23,7 @@ from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.skin import Skin
 from tomotactile_ros.spatial import Pose, wrench_of
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, printable
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
@@ -87,14 +87,20 @@ class SkinPart:
         """Which sensors are silent, for /diagnostics."""
         problems = self._skin.problems(time.monotonic())
         figures = {"sensors": len(self._skin.members), "silent": len(problems)}
+        problems |= self._mixed()
         if problems:
             return Report(diagnostics.ERROR, _reason(problems), figures)
         return Report(diagnostics.OK, "all sensors are felt", figures)
 
+    def _mixed(self) -> dict[str, str]:
+        """Sensors whose contacts come from several nodes in turn."""
+        found = {name: self._node.count_publishers(_topic(name)) for name in self._skin.members}
+        return {name: f"{n} publish {_topic(name)}" for name, n in found.items() if n > 1}
+
     def _listen(self, name: str) -> None:
         self._node.create_subscription(
             ContactArray,
-            f"{name.rstrip('/')}/contacts",
+            _topic(name),
             lambda message: self._on_contacts(name, message),
             _HEARING,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -103,8 +109,11 @@ class SkinPart:
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]
         member.arrival, member.contacts = time.monotonic(), []
-        member.complaint = "" if message.state == ContactArray.VALID else message.reason
+        member.complaint = ""
+        if message.state != ContactArray.VALID:
+            member.complaint = printable(message.reason) or "its contacts are not valid"
         try:
+            _check(message.contacts)
             member.contacts = moved(message.contacts, self._locate(message.header))
             member.force, member.torque = wrench_of(
                 [_array(c.position) for c in member.contacts],
@@ -138,6 +147,18 @@ class SkinPart:
 
     def _change(self, changed: set[str], values: dict) -> None:
         self._skin.timeout = values["timeout"]
+
+
+def _topic(name: str) -> str:
+    return f"{name.rstrip('/')}/contacts"
+
+
+def _check(contacts: list[Contact]) -> None:
+    """Refuse contacts that are nowhere or press with no finite force."""
+    for c in contacts:
+        values = (*_array(c.position), *_array(c.normal), *_array(c.tangent), c.force)
+        if not np.isfinite(values).all():
+            raise InputError("a contact has a place, a direction or a force that is not finite")
 
 
 def moved(contacts: list[Contact], pose: Pose) -> list[Contact]:

@@ -68,8 +68,11 @@ class FrameWatch:
         """Note that a publisher's quality of service does not suit."""
         self._incompatible = policy
 
-    def troubles(self) -> list[Trouble]:
-        """What is wrong with the frames of the last 10 s, though there are some."""
+    def troubles(self, max_age: float = 0.0) -> list[Trouble]:
+        """What is wrong with the frames of the last 10 s, though there are some.
+
+        Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
+        """
         processed, missed, refused, back = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
@@ -98,7 +101,7 @@ class FrameWatch:
         age = float(np.median(self._latencies)) if self._latencies else 0.0
         if age > _OLD:
             text = f"frames are {age:.3g} s old: clocks differ, or the way is slow"
-            found.append(Trouble("old", False, text))
+            found.append(Trouble("old", 0 < max_age < age, text))
         elif age < -_OLD:
             text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
             found.append(Trouble("ahead", False, text))

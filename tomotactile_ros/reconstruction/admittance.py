@@ -130,6 +130,15 @@ class AdmittanceMeter:
             return 0.0
         return -float((measured.entries.take(self._distant) / self._distant_scale).min(initial=0.0))
 
+    def far_couplings(self, measured: Grounded) -> np.ndarray:
+        """(n, n) coupling of distant electrodes, in parts of their own admittance, 0 for others; one
+        triangle of it is filled."""
+        far = np.zeros(self.scale.shape)
+        if measured.entries is not None:
+            couplings = -measured.entries.take(self._distant) / self._distant_scale
+            far.ravel()[self._distant] = couplings
+        return far
+
     def scaled(self, impedance: np.ndarray) -> np.ndarray:
         """(n, n) Y, S, of Z that is known but for a factor."""
         inverse = np.linalg.inv(impedance)

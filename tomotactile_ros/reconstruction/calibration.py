@@ -64,7 +64,7 @@ def _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius):
     estimator = Estimator(
         layout,
         noise=settings.noise,
-        law=settings.contact_law,
+        law=settings.law,
         radius=settings.contact_radius if foot_radius is None else foot_radius,
         sensor=sensor,
         spread=None if foot_radius is None else _FOOT,

@@ -8,7 +8,7 @@ all pairs of places in the blob.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -188,7 +188,8 @@ def contacts_and_pressure(blobs, values, found, law, grid):
         pressure[blob.pixels] += pressed * area * shape / (shape.sum() * grid.cell_area)
         radius = float(np.sqrt(strength.area / np.pi))
         x, y = map(float, strength.position)
-        contacts.append(ContactEstimate(x, y, pressed * area, pressed, float(area), radius))
+        seen = ContactEstimate(x, y, pressed * area, pressed, float(area), radius)
+        contacts.append(replace(seen, conductance=strength.conductance))
     return sorted(contacts, key=lambda contact: -contact.force), pressure
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
@@ -31,6 +32,7 @@ from tomotactile_ros.reconstruction.frame_checks import (
     ordered_row,
 )
 from tomotactile_ros.reconstruction.linear import LinearImage
+from tomotactile_ros.reconstruction.mistakes import Doubts
 from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
@@ -104,6 +106,8 @@ class Pipeline:
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
         self._imaged_before: tuple | None = None  # last frame, where an image explained it
+        self._doubts: Doubts | None = None
+        self._explained_one = False  # the last touched frame was what the layout says
         self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
@@ -115,7 +119,7 @@ class Pipeline:
         return Estimator(
             self.layout,
             noise=settings.noise,
-            law=settings.contact_law,
+            law=settings.law,
             radius=settings.contact_radius,
             model=settings.model,
             excluded=settings.excluded,
@@ -209,17 +213,44 @@ class Pipeline:
         Raises InputError where the frame does not fit the layout.
         """
         drive_voltage = check_drive_voltage(drive_voltage)
-        if self.profile in ESTIMATED:
+        mistake = self._mistake(voltages, grounded, drive_voltage)
+        if mistake:
+            lasts = row_period * max(len(grounded) - 1, 0)
+            result = self._withheld(mistake, self._excluded, {}, math.nan, lasts)
+        elif self.profile in ESTIMATED:
             result = self._estimated(voltages, grounded, drive_voltage, row_period)
         else:
             result = self._imaged(voltages, grounded, drive_voltage, row_period)
+        if result.contacts or result.reason:
+            self._explained_one = not result.reason
         if stamp is not None and not result.reason:
             followed = self._tracks.follow(result.contacts, stamp + result.holds)
             result.contacts = [
                 replace(contact, id=number, age=age)
                 for contact, (number, age) in zip(result.contacts, followed)
             ]
-        return result
+        return self._as_known(result)
+
+    def _as_known(self, result: Result) -> Result:
+        """Without forces and pressures where no contact law gives them."""
+        settings = self.settings
+        return result if settings.contact_law is not None else result.without_law(settings.law)
+
+    def _mistake(self, voltages, grounded, drive_voltage) -> str:
+        """What was probably done wrong where a frame is not what the layout says, looked for until
+        one was explained: no search among contacts would end well."""
+        if self._explained_one:
+            return ""
+        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
+        missing = np.isnan(frame)
+        if is_idle(frame, missing, self._excluded, self.settings.threshold * self.settings.noise):
+            return ""
+        if self._doubts is None:
+            transfer = self._model.sheet.transfer(self.layout.positions[:1], self.layout.radius)
+            self._doubts = Doubts(self.layout, transfer, self.settings.noise)
+        frame[:, self._excluded] = np.nan
+        frame[self._excluded] = np.nan
+        return self._doubts.mistake([frame], drive_voltage)
 
     def rows(self, waits: bool = True, after: RowsState | None = None) -> RowsState:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
@@ -259,6 +290,9 @@ class Pipeline:
 
     def after_row(self, state: RowsState) -> Result:
         """Contacts at the time of the last row that `state` was given."""
+        return self._as_known(self._after_row(state))
+
+    def _after_row(self, state: RowsState) -> Result:
         followed = self._row_estimator().report(state)
         self._tracks.last = max(self._tracks.last, state.highest)
         contacts = [_reported(contact, number, age) for number, age, contact in followed.contacts]
@@ -280,10 +314,10 @@ class Pipeline:
     def image_after_row(self, state: RowsState) -> Result:
         """`after_row` with an image of its contacts: what profiles that fit contacts show of a
         frame, without looking at one."""
-        result = self.after_row(state)
+        result = self._after_row(state)
         discs = [contact for _, _, contact in self._row_estimator().report(state).contacts]
         pressure = self.grid.fill(self._drawn(discs)[0])
-        return replace(result, pressure=pressure)
+        return self._as_known(replace(result, pressure=pressure))
 
     def correct(
         self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
@@ -427,7 +461,7 @@ class Pipeline:
         else:
             potential = self._one_step(frame, bad)
         contacts, pressure = contacts_and_pressure(
-            image.blobs, image.values, image.strengths, self.settings.contact_law, self.grid
+            image.blobs, image.values, image.strengths, self.settings.law, self.grid
         )
         return Result(
             self.grid.fill(potential),
@@ -616,6 +650,7 @@ def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
         number,
         age,
         contact.velocity,
+        contact.conductance,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tomotactile_ros.support.errors import InputError
 
 PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
 PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
+# of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 LARGEST_REGULARIZATION = 1e30
 
@@ -33,7 +34,8 @@ class Settings:
     regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
         to 1e30; None: the profile's own image, of `paper` 1000. Contacts and pressure do not depend on it.
     noise : of a reading, V rms.
-    contact_law : conductance per area against pressure, from calibration.
+    contact_law : conductance per area against pressure, from calibration; None: there is none, as
+        of bare conductors and sensors that are not calibrated, and results have no forces.
     contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact
         is.
     deadline : time for one frame, s; only `auto` uses it.
@@ -46,7 +48,7 @@ class Settings:
     resolution: int = 40
     regularization: float | None = None
     noise: float = 0.001
-    contact_law: ContactLaw = DEFAULT_LAW
+    contact_law: ContactLaw | None = DEFAULT_LAW
     contact_radius: float = 0.005
     deadline: float = 0.05
     excluded: tuple[int, ...] = ()
@@ -64,8 +66,6 @@ class Settings:
             value = checks.not_negative(self.regularization, "regularization", "number")
             if value > LARGEST_REGULARIZATION:
                 raise InputError(f"regularization: {value:g} is above {LARGEST_REGULARIZATION:g}")
-        if self.contact_law is None:
-            object.__setattr__(self, "contact_law", DEFAULT_LAW)
         checks.integer(self.resolution, "resolution", 2, 200)
         checks.positive(self.noise, "noise", "voltage in V")
         checks.length(self.contact_radius, "contact_radius")
@@ -73,6 +73,12 @@ class Settings:
         checks.positive(self.threshold, "threshold", "number")
         excluded = tuple(checks.integer(e, "excluded", 0, 65534) for e in self.excluded)
         object.__setattr__(self, "excluded", excluded)
+
+    @property
+    def law(self) -> ContactLaw:
+        """The law that estimates are made with, also where none gives forces: without one it only
+        says in which numbers conductances are written down on the way."""
+        return DEFAULT_LAW if self.contact_law is None else self.contact_law
 
     @property
     def level(self) -> float | None:
@@ -87,8 +93,11 @@ class ContactEstimate:
     """One contact: centre x, y (m), force (N), peak pressure (Pa), area on the sheet (m²), radius of
     the disc of its area (m).
 
+    force, pressure and force_std are NaN where there is no contact law: they are not known.
+
     position_covariance : of x and y, row by row, m²; force_std : N; probability : that it is there.
         NaN where nothing was estimated of them.
+    conductance : of the whole contact, S, whatever the contact law.
     id : of the same contact as long as it lasts, 0 where nobody follows it; age : s since it began;
         velocity : m/s along x and y of the sheet.
     """
@@ -105,6 +114,7 @@ class ContactEstimate:
     id: int = 0
     age: float = 0.0
     velocity: tuple[float, float] = (0.0, 0.0)
+    conductance: float = math.nan
 
 
 @dataclass
@@ -114,7 +124,7 @@ class Result:
     Attributes
     ----------
     potential : (H, W) potential input distribution of eq. 1, V; NaN outside the outline.
-    pressure : (H, W) Pa; NaN outside the outline.
+    pressure : (H, W) Pa; NaN outside the outline, and everywhere where `conductance` is given.
     contacts : strongest first.
     excluded : electrodes that were left out of this frame.
     idle : nothing above the noise; the image is zero.
@@ -127,6 +137,8 @@ class Result:
     holds : s after the frame's first row, the time for which its contacts hold: that of the last row
         where rows were estimated at their own times, the middle where all were taken for rows of one
         state of the sheet.
+    conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
+        pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
 
     potential: np.ndarray
@@ -140,3 +152,26 @@ class Result:
     misfit: float = math.nan
     faults: dict[int, str] = field(default_factory=dict)
     holds: float = 0.0
+    conductance: np.ndarray | None = None
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether forces and pressures are known."""
+        return self.conductance is None
+
+    @property
+    def image(self) -> np.ndarray:
+        """(H, W) what there is to show: the pressure, Pa, or without a contact law the conductance,
+        S/m²."""
+        return self.pressure if self.conductance is None else self.conductance
+
+    def without_law(self, law: ContactLaw) -> Result:
+        """The same result of a sensor without a contact law, made with the linear `law` as if it had
+        one: what the law was asked for is taken back."""
+        nan = math.nan
+        contacts = [
+            replace(contact, force=nan, pressure=nan, force_std=nan) for contact in self.contacts
+        ]
+        unknown = np.full_like(self.pressure, nan)
+        conductance = law.coefficient * self.pressure
+        return replace(self, contacts=contacts, pressure=unknown, conductance=conductance)

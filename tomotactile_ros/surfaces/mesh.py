@@ -21,6 +21,7 @@ from tomotactile_ros.surfaces.point_grid import PointGrid
 
 MAX_BYTES = 100_000_000
 MAX_FACES = 2_000_000
+KINDS = ("stl", "obj", "ply", "off")  # not what trimesh unpacks first, nor what names more files
 _SAMPLES = 65  # a side of the grid that is laid down
 _PACKAGE = "package://"
 _STEEP = 0.1  # of its length is the least of the x axis that has to lie along the surface
@@ -57,7 +58,10 @@ class Mesh(Surface):
         fit."""
         scale = checks.positive(scale, "mesh.scale", "number of m per unit")
         vertices, faces = _read(_resolve(file, folder))
-        points = _Drape(scale * vertices, faces).lay(np.array(center), np.array(x_axis), size)
+        vertices *= scale
+        if not (np.abs(vertices) <= checks.LONGEST).all():
+            raise InputError(f"mesh.file: {file}: a corner has no finite lengths in m")
+        points = _Drape(vertices, faces).lay(np.array(center), np.array(x_axis), size)
         draped = PointGrid(points, size, "mesh")
         return cls(file, tuple(center), tuple(x_axis), scale, draped, folder)
 
@@ -90,20 +94,25 @@ def _resolve(file: str, folder: Path) -> Path:
 
 
 def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 3) vertices and (F, 3) faces of a file that trimesh knows."""
+    """(V, 3) vertices and (F, 3) faces of a file of one of `KINDS`.
+
+    What stands in the file is not repeated where it cannot be read.
+    """
     try:
         import trimesh
     except ImportError:
         raise InputError(f"mesh.file: {path}: needs the Python package trimesh") from None
     kind = path.suffix.lower().lstrip(".")
+    if kind not in KINDS:
+        raise InputError(f"mesh.file: {path}: meshes are .{', .'.join(KINDS)}")
     data = read_limited(path, MAX_BYTES)
     try:
-        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind)
+        with np.errstate(all="ignore"):
+            mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind)
         vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, int)
-    except Exception as error:  # noqa: BLE001 - a damaged file ends in errors of many kinds
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"mesh.file: {path}: is no mesh that trimesh reads ({reason})") from None
-    if not 1 <= len(faces) <= MAX_FACES or not np.isfinite(vertices).all():
+    except Exception:  # noqa: BLE001 - a damaged file ends in errors of many kinds
+        raise InputError(f"mesh.file: {path}: is damaged, or no {kind.upper()} file") from None
+    if not 1 <= len(faces) <= MAX_FACES:
         raise InputError(f"mesh.file: {path}: {len(faces)} triangles, 1 to {MAX_FACES} work")
     return vertices, faces
 
@@ -121,6 +130,8 @@ class _Drape:
         corners = vertices[faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         areas = np.linalg.norm(normals, axis=1)
+        if not (areas > 0).any():
+            raise InputError("mesh.file: no triangle has an area")
         solid = areas > 1e-12 * areas.max()  # triangles without area carry nothing
         self._faces, self._corners = faces[solid], corners[solid]
         self._normals = normals[solid] / areas[solid, None]

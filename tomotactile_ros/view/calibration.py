@@ -36,14 +36,19 @@ def save_fit(
     left.plot(pressure / 1e3, density, "o", label="presses")
     left.set(xscale="log", yscale="log", xlabel="pressure / kPa", ylabel="conductance / (S/m²)")
     for axis in (left.xaxis, left.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(NullFormatter())
     left.legend(frameon=False)
     right.axhline(0, color="0.5")
-    right.plot(force, 100 * (found / force - 1), "o")
-    right.set(xlabel="force that pressed / N", ylabel="force by the law, off / %")
+    off = 100 * (found / force - 1)
+    right.plot(force, off, "o")
+    most = max(1.0, 1.1 * float(np.abs(off).max()))  # rounding alone is not blown up
+    right.set(
+        ylim=(-most, most), xlabel="force that pressed / N", ylabel="force by the law, off / %"
+    )
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
-    figure.suptitle(f"contact law from {len(force)} presses")
+    presses = "one press" if len(force) == 1 else f"{len(force)} presses"
+    figure.suptitle(f"contact law from {presses}")
     save_figure(figure, path)

@@ -48,6 +48,11 @@ def contact_lines(
     return lines or ["no contact"]
 
 
+def withheld_line(reason: str) -> str:
+    """What is said in place of contacts that are withheld."""
+    return f"contacts are withheld: {reason}"
+
+
 def fitting(parts: Sequence[str], width: int) -> str:
     """As many of the parts as fit, the first one cut between words if even that does not."""
     text = parts[0]

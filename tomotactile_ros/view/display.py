@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import TextIO
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import SteadyScale, full_scale
-from tomotactile_ros.view.contact_lines import contact_lines, fitting
+from tomotactile_ros.view.contact_lines import contact_lines, fitting, withheld_line
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 
@@ -28,7 +29,7 @@ class Shot:
 
     Attributes
     ----------
-    pressure : (H, W) Pa.
+    pressure : (H, W) Pa; without a contact law whatever is shown for it, `Result.image`.
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
@@ -93,9 +94,8 @@ class Display:
         last = self.last
         title = f"{self._source} on {self._layout.name}, {last.scene_time:.2f} s"
         truth = self._truth(last.scene_time)
-        save_pressure(
-            path, last.pressure, self._layout, last.contacts, truth, title, self._calibrated
-        )
+        shown = last.pressure, self._layout, last.contacts, truth, title, self._calibrated
+        save_pressure(path, *shown, reason=last.reason)
         self.say(f"{path} written")
 
     def close(self) -> None:
@@ -120,7 +120,7 @@ class Display:
 
     def _lines(self, shot: Shot, width: int = 200) -> list[str]:
         if shot.reason:
-            return [fitting([f"contacts are withheld: {shot.reason}"], width)]
+            return wrap(withheld_line(shot.reason), width)
         return contact_lines(shot.contacts, self._truth(shot.scene_time), self._calibrated, width)
 
     def _truth(self, t: float) -> list[dict] | None:

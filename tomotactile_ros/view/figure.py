@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import save_figure
-from tomotactile_ros.view.contact_lines import contact_lines
+from tomotactile_ros.view.contact_lines import contact_lines, withheld_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 _MOST_LINES = 6  # about contacts, below the picture
 _LEAST_SCALE = 1.0  # kPa; noise alone is not blown up
+_TITLE = 62  # characters of a line of the title
 _LINE_WIDTH = 88  # characters of a line about a contact
 
 
@@ -42,13 +44,14 @@ def plot(
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
     calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
-        By default yes, unless `truth` has contacts of which none has a force: bare conductors.
+        By default as the result says, but not where `truth` has contacts of which none has a
+        force: bare conductors.
     """
     if calibrated is None:
-        calibrated = not truth or any(contact.get("force") is not None for contact in truth)
-    if result.reason:
-        title = "\n".join(filter(None, [title, f"contacts are withheld: {result.reason}"]))
-    figure = pressure_figure(result.pressure, layout, result.contacts, truth, title, calibrated)
+        forces = [contact.get("force") is not None for contact in truth or ()]
+        calibrated = result.calibrated and (any(forces) or not forces)
+    shown = result.image, layout, result.contacts, truth, title, calibrated
+    figure = pressure_figure(*shown, reason=result.reason)
     vars(figure)["_repr_png_"] = partial(_png, figure)  # what IPython asks for
     return figure
 
@@ -67,9 +70,12 @@ def save_pressure(
     truth: Sequence[dict] | None = None,
     title: str = "",
     calibrated: bool = True,
+    *,
+    reason: str = "",
 ) -> None:
     """Write the figure of `pressure_figure` as PNG, SVG or PDF by its name; its folder is made."""
-    figure = pressure_figure(pressure, layout, contacts, truth, title, calibrated)
+    shown = pressure, layout, contacts, truth, title, calibrated
+    figure = pressure_figure(*shown, reason=reason)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -84,17 +90,21 @@ def pressure_figure(
     truth: Sequence[dict] | None = None,
     title: str = "",
     calibrated: bool = True,
+    *,
+    reason: str = "",
 ) -> Figure:
     """The figure.
 
     Parameters
     ----------
-    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline.
+    pressure : (H, W) Pa, row 0 at the +y edge, NaN outside the outline; `Result.image` where nothing
+        is calibrated.
     layout : gives the frame and the electrodes.
     contacts : estimates, strongest first, drawn as rings of their radius.
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
     calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+    reason : why contacts are withheld, below the title; empty: they are not.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -126,6 +136,9 @@ def pressure_figure(
     _draw_contacts(axes, contacts, truth or ())
     axes.set(xlabel="x / mm", ylabel="y / mm", xlim=(xmin, xmax), ylim=(ymin, ymax))
     lines = contact_lines(contacts, truth, calibrated, _LINE_WIDTH)[:_MOST_LINES]
+    if reason:
+        lines = ["contacts are not known"]
+        title = "\n".join([*filter(None, [title]), *wrap(withheld_line(reason), _TITLE)])
     if not calibrated:
         lines.append("no contact law: forces and pressures are not known")
     figure.supxlabel("\n".join(lines), fontsize=7.5, family="monospace")

@@ -26,7 +26,7 @@ def picture(
 
     Parameters
     ----------
-    pressure : (H, W) Pa, NaN outside the outline.
+    pressure : (H, W) Pa, NaN outside the outline; any unit where it is not calibrated.
     bounds : xmin, ymin, xmax, ymax of the image, m.
     scale : pressure of the brightest colour, Pa.
     columns, lines : room on the terminal; larger images are shown coarser.
