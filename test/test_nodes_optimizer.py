@@ -93,6 +93,8 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
     [
         ({"layout": "none"}, "'none': no such file"),
         ({"steps": -1}, "steps"),
+        ({"resolution": 1}, "resolution: 1 is not"),
+        ({"method": "equalize", "seed": 3}, "seed: only method free knows it"),
         ({"name": "''"}, "name: '' is not"),
         ({"method": "guess"}, "method: 'guess' is none of"),
         ({"layout": "equal-4x4", "steps": 1, "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
