@@ -325,6 +325,10 @@ def test_sensor_file_holds_for_other_signs_and_order_of_modes(tmp_path):
         (lambda text: text.replace("correlation: ", "correlation: A"), "correlation: is not"),
         (lambda text: text.replace("anisotropy: [", "anisotropie: ["), "anisotropy: is missing"),
         (
+            lambda text: text.replace("coefficients: [", "coefficients: [" + "0," * 1000),
+            "coefficients: .* more than 1000",
+        ),
+        (
             lambda text: text.replace("sensor/1", "layout/1"),
             "must say 'format: tomotactile-sensor/1'",
         ),

@@ -26,6 +26,7 @@ from tomotactile_ros.support.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-sensor/1"
 MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
+_MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up to 256 cells
 _UNITS = {"gain": 1.0, "offset": "V", "resistance": "ohm"}
 _DIGITS = 9
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
@@ -96,8 +97,13 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
         ):
             reader.refuse(key, float(channels[key].min()), "is not a positive number")
     sheet = reader.section("sheet")
-    coefficients = sheet.items("coefficients")
-    modes = len(coefficients)
+    modes = len(sheet.items("coefficients"))
+    if modes > _MOST_MODES:
+        sheet.refuse("coefficients", f"{modes} numbers", f"are more than {_MOST_MODES}")
+    if len(sheet.items("places")) > _MOST_PLACES:
+        sheet.refuse(
+            "places", f"{len(sheet.items('places'))} points", f"are more than {_MOST_PLACES}"
+        )
     coefficients = np.array(sheet.numbers("coefficients", modes))
     spread = np.array(sheet.numbers("coefficients_deviation", modes))
     anisotropy = sheet.numbers("anisotropy", 2)
