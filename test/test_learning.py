@@ -369,3 +369,14 @@ def test_learn_then_reconstruct(tmp_path, monkeypatch, capsys):
     assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "sensor.yaml"]) == 0
     assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "layout.yaml"]) == 2
     assert "tomotactile-sensor/1" in capsys.readouterr().err
+
+
+def test_touches_that_move_while_rows_are_read_teach_nothing():
+    """They were learned from as if they rested: resistances of -246 ohm, known to 25."""
+    slide = Contact("disc", center=(0.0, -0.05), radius=0.006, pressure=2e4, velocity=(0.05, 0.3))
+    sensor = Simulator(layout(), replace(simulator().scene, contacts=(slide,)))
+    read = np.array([sensor.frame(t, i) for i, t in enumerate((0.02, 0.06, 0.1, 0.14))])
+    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
+    assert (found.moved, found.state.touches) == (4, 0)
+    assert found.state.known("gain").max() < 1e-9
+    assert "hold each touch still" in "\n".join(findings.lines(found))

@@ -54,6 +54,11 @@ def lines(learned: Learned) -> Iterator[str]:
         yield f"  {_count(learned.alike, 'frame')} like others, which say no more"
     if learned.unexplained:
         yield f"  {_count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
+    if learned.moved:
+        yield (
+            f"  {_count(learned.moved, 'frame')} in which something moved while rows were read: not "
+            "learned from; hold each touch still for a frame"
+        )
     for electrode, fault in sorted(learned.faults.items()):
         yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
     if learned.asymmetry is not None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.reciprocity import fit_gains
+from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
@@ -34,7 +34,10 @@ _NEW = 1.5  # times what noise makes of the difference of two frames: another to
 _ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
-_GAINS = 24  # frames that reciprocity is tried on
+_GAINS = 24  # frames that reciprocity is tried on at once
+# chi-squared per equation of reciprocity, beyond which something moves while rows are read: 1 at rest, 3
+# where channels keep 0.5 % of the row before, 4.5 and more with two fingers at 20 and 30 mm/s
+_MOVING = 4.0
 
 Watch = Callable[[Iterable, str], Iterable]
 
@@ -45,6 +48,7 @@ class Learned:
 
     untouched, alike, unexplained : frames without a touch, like another one, and those that no
         contacts explain
+    moved : frames in which something moved while rows were read
     ended : electrodes whose offset lies below what the converter shows
     faults : {electrode: what is wrong with its channel}
     asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None
@@ -58,6 +62,7 @@ class Learned:
     untouched: int = 0
     alike: int = 0
     unexplained: int = 0
+    moved: int = 0
     ended: tuple[int, ...] = ()
     faults: dict[int, str] = field(default_factory=dict)
     asymmetry: float | None = None
@@ -116,7 +121,11 @@ def learn(
     if not len(chosen):
         return done
     start = learner.state
-    asymmetry = _gains(learner, frames, ends, grounded, chosen, drive, noise)
+    steady, asymmetry = _steady(learner, frames, ends, grounded, chosen, drive, noise)
+    chosen, moved = chosen[steady], int((~steady).sum())
+    if not len(chosen):
+        return replace(done, moved=moved, asymmetry=asymmetry)
+    _gains(learner, frames, ends, grounded, chosen, drive, noise)
     rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
     fits, courses = _one_by_one(learner, rows, watch, course)
     if any(_is_good(fit) for fit in fits):
@@ -126,6 +135,7 @@ def learn(
         done,
         state=learner.state,
         unexplained=len(fits) - good,
+        moved=moved,
         asymmetry=asymmetry,
         clipped=float(ends[chosen].mean()),
         courses=courses,
@@ -167,29 +177,49 @@ def _different(frames, ends, touched, noise, most):
     return which[order]
 
 
-def _gains(learner, frames, ends, grounded, chosen, drive, noise):
-    """Start from the gains that reciprocity gives; chi-squared per equation before and after."""
-    operator, state = learner.operator, learner.state
-    used = operator.used
-    matrices = np.array(
-        [square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen[:_GAINS]]
-    )
+def _steady(learner, frames, ends, grounded, chosen, drive, noise):
+    """(n,) bool, which of the `chosen` frames are of one state of the sheet, as reciprocity says; its
+    chi-squared per equation in the typical one of these, None where too few pairs were read."""
+    found = []
+    for first in range(0, len(chosen), _GAINS):
+        part = chosen[first : first + _GAINS]
+        gains = _by_reciprocity(learner, frames, ends, grounded, part, drive, noise)
+        if gains is None:
+            return np.ones(len(chosen), bool), None
+        found.append(gains.misfit)
+    misfit = np.concatenate(found)
+    steady = misfit < _MOVING
+    return steady, float(np.median(misfit[steady] if steady.any() else misfit))
+
+
+def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Gains | None:
+    """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
+    read."""
+    used, state = learner.operator.used, learner.state
+    matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
     if both.sum() < 4 * both[:, np.eye(len(used), dtype=bool)].size:
         return None
-    found = fit_gains(
+    return fit_gains(
         matrices,
         drive,
         noise,
         (state["gain"][used], state.std("gain")[used]),
         (state["offset"][used], state.std("offset")[used]),
     )
+
+
+def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
+    """Start from the gains that reciprocity gives."""
+    used, state = learner.operator.used, learner.state
+    found = _by_reciprocity(learner, frames, ends, grounded, chosen[:_GAINS], drive, noise)
+    if found is None:
+        return
     where = np.concatenate([state.slice("gain").start + used, state.slice("offset").start + used])
     mean, covariance = state.mean.copy(), state.covariance.copy()
     mean[where] = np.concatenate([found.gain, found.offset])
     covariance[np.ix_(where, where)] = found.covariance
     learner.set(state.learned(mean, covariance))
-    return float(np.median(found.misfit))
 
 
 def _one_by_one(learner, rows, watch, course):
