@@ -11,7 +11,7 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
+from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, solve
 from tomotactile_ros.estimation.tables import Around
 from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
 from tomotactile_ros.layouts.layout import equal_grid
@@ -163,7 +163,7 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
     normal = design @ design.T + inverse
     right = design @ (root * fit.misfit.ravel()) - inverse @ off
     step = np.linalg.solve(normal, right)
-    reached = fit.linearised().step(0.0)
+    reached = Linear(fit).step(0.0)
     got = np.concatenate(
         [
             (reached.contacts - here.contacts)[:, :3].ravel(),
@@ -178,7 +178,7 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
     positive[-E:] = reached.resistance > 0  # others are cut off
     assert positive[-E:].sum() > E / 2
     np.testing.assert_allclose((got / deviation)[positive], (step / deviation)[positive], atol=1e-4)
-    own = fit.linearised().covariance()
+    own = Linear(fit).covariance()
     np.testing.assert_allclose(np.sqrt(own.diagonal()), deviation[:6], rtol=2e-3)
 
 

@@ -31,7 +31,7 @@ from tomotactile_ros.estimation.search import (
     as_known,
     tells_speeds,
 )
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns, similar
+from tomotactile_ros.estimation.solver import Equations, Fit, Prior, Rows, similar
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -115,14 +115,14 @@ class Estimate:
 
 @dataclass
 class State:
-    """What lasts from frame to frame: where the last fit ended, its derivatives by the sheet, and
+    """What lasts from frame to frame: where the last fit ended, its equations, and
     of which electrodes."""
 
     unknowns: Unknowns | None = None
     sensor: Fit | None = (
         None  # of the last whole frame that was touched: what it tells of the sensor
     )
-    sheet: SheetColumns | None = None
+    equations: Equations | None = None
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
     refused: float = 0.0  # what one more contact promised and did not keep
@@ -132,7 +132,7 @@ class State:
     )
 
     def forget(self) -> None:
-        self.unknowns = self.sensor = self.sheet = self.fit = self.joined = None
+        self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
         self.misfit, self.refused = 1.0, 0.0
 
 
@@ -236,7 +236,7 @@ class Estimator:
             unknowns = as_known(unknowns, seen)  # few rows do not tell
         elif len(unknowns.contacts):
             state.sensor = fit
-        state.unknowns, state.sheet, state.used = unknowns, fit.sheet, used
+        state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count
@@ -302,9 +302,11 @@ class Estimator:
         """The fit of all rows, or of those since the last change where they contradict each
         other."""
         timed = rows.times is not None
-        there = None if start is None else Fit(search.operator, start, rows, prior)
+        there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
-        goes_on = not (begun or there is None) and search.goes_on(there, state.misfit)
+        goes_on = not (begun or there is None) and search.goes_on(
+            there, state.misfit, state.equations
+        )
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
@@ -313,7 +315,7 @@ class Estimator:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
-            fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
+            fit = search.contacts(rows, prior, there, budget, state.equations, refused, state.misfit)
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
                 if alike < whole:
@@ -325,6 +327,12 @@ class Estimator:
         if _is_suspect(fit) and start is not None and alike == whole:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
+
+    def _there(self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State) -> Fit:
+        """Where the last frame ended, as a fit of the rows."""
+        if state.fit is None or state.fit.operator is not search.operator:
+            return Fit(search.operator, start, rows, prior)
+        return state.fit.of(start, rows, prior)
 
     def _grown(
         self, search: Search, rows: Rows, prior: Prior, start, known: Fit | None, alike: int

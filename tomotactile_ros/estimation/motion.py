@@ -39,7 +39,8 @@ class Moving:
     def __init__(
         self, operator: SheetOperator, unknowns: Unknowns, grounded: np.ndarray, times: np.ndarray
     ):
-        self.operator, self.unknowns, self._times = operator, unknowns, times
+        self.operator, self.unknowns = operator, unknowns
+        self._grounded, self._times = grounded, times
         last = float(np.abs(times).max(initial=0.0))
         speed = np.hypot(*unknowns.rates[:, :2].T) / (_WAY * operator.pitch)
         growth = np.abs(unknowns.rates[:, 2]) / _STRENGTH
@@ -76,6 +77,10 @@ class Moving:
 
     def __getattr__(self, name: str):
         return getattr(self._middle, name)
+
+    def freed(self, unknowns: Unknowns) -> Moving:
+        """The same for `unknowns` that differ in what is free only."""
+        return Moving(self.operator, unknowns, self._grounded, self._times)
 
     @property
     def size(self) -> int:

@@ -24,11 +24,11 @@ from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.solver import (
     STEPS,
     Contacts,
+    Equations,
     Fit,
     Linear,
     Prior,
     Rows,
-    SheetColumns,
     approach,
     solve,
 )
@@ -112,7 +112,8 @@ class Search:
     def __init__(self, operator: SheetOperator, effort: Effort = FULL):
         self.operator, self.effort = operator, effort
         self.detector = Detector(operator)
-        self._sheet, self._refused = None, 0.0
+        self._known, self._refused = None, 0.0
+        self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
@@ -123,19 +124,19 @@ class Search:
         prior: Prior,
         start: Fit | None = None,
         budget: int = BUDGET,
-        sheet: SheetColumns | None = None,
+        known: Equations | None = None,
         refused: float = 0.0,
         usual: float = 1.0,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start`, a point of the
         same rows, on.
 
-        sheet : derivatives by the sheet that an earlier fit ended with, or None
+        known : equations that an earlier fit ended with, or None
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
         usual : chi-squared per reading that the fit left of which `start` is
         """
-        self._left, self._sheet, self._refused = budget, sheet, refused
+        self._left, self._known, self._refused = budget, known, refused
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
@@ -170,18 +171,24 @@ class Search:
         """No contact."""
         return Fit(self.operator, resting(self.operator, prior), rows, prior)
 
-    def goes_on(self, start: Fit, usual: float = 1.0) -> bool:
-        """Whether the contacts of `start` are still those of the rows, near where it says; `usual`
-        as in `contacts`."""
+    def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
+        """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
+        `known` as in `contacts`."""
+        self._known = known
         if start.chi_squared < _MISFIT * start.rows.count:
             return True
         return bool(len(start.unknowns.contacts)) and self._leads_on(start, usual)
 
     def _leads_on(self, start: Fit, usual: float) -> bool:
         """Whether one step from `start` explains most: the contacts are still those."""
+        if self._led is None or self._led[0] is not start:
+            self._led = start, self._explains_most(start, usual)
+        return self._led[1]
+
+    def _explains_most(self, start: Fit, usual: float) -> bool:
         excess = start.cost - usual * start.rows.count
-        for equations in (Contacts, Linear):  # of contacts alone, which is cheap; of all
-            linear = equations(start)
+        for of_all in (False, True):  # of contacts alone, which is cheap
+            linear = Linear(start, self._known) if of_all else Contacts(start)
             reached = linear.step(0.0)
             if linear.whole and linear.promised > _MOSTLY * excess:
                 return _is_likely(start.prior.apart(reached), start.prior)
@@ -223,7 +230,7 @@ class Search:
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of the contacts of `start`, moving."""
-        self._left, self._sheet = FIRST_LOOK, None
+        self._left, self._known = FIRST_LOOK, None
         like = Fit(self.operator, start.in_motion(), rows, prior)
         return self._simplified(self._solve(like.unknowns, like))
 
@@ -235,7 +242,7 @@ class Search:
     def allows(self, contacts: Unknowns, fit: Fit) -> bool:
         """Whether the readings of a fit allow other contacts as well, all that is free fitted
         anew."""
-        self._left, self._sheet = FIRST_LOOK, None
+        self._left, self._known = FIRST_LOOK, None
         limit = fit.cost + _EXCLUDED * fit.doubt
         return self._solve(contacts, fit, goal=limit).cost < limit
 
@@ -271,14 +278,14 @@ class Search:
         if steps > 1 and len(start.contacts) and not at.steps:
             at = self._approached(at)
         most = max(self._left, _LEAST_WORK)
-        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._sheet, goal
+        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
         fit = solve(*given, at, most)
-        self._sheet = fit.sheet
+        self._known = fit.equations
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
             work = fit.work
-            given = self.operator, finer, like.rows, like.prior, steps, self._sheet, goal
+            given = self.operator, finer, like.rows, like.prior, steps, self._known, goal
             fit = solve(*given, most=most)
             fit.work += work
         self._left -= fit.work
@@ -310,7 +317,7 @@ class Search:
                     contacts
                 )
             own = replace(as_known(start, held), contacts=contacts, across=tuple(across))
-            fit = solve(self.operator, own, like.rows, held, STEPS, self._sheet)
+            fit = solve(self.operator, own, like.rows, held, STEPS, self._known)
             self._left -= fit.work
             best = fit if best is None or fit.cost < best.cost else best
             if best.chi_squared < _MISFIT * like.rows.count:
@@ -415,13 +422,12 @@ class Search:
         """
         if fit.unknowns.free.all():
             return False
-        promised = Linear(self._stretched(fit), fit.sheet).promise
+        promised = Linear(self._stretched(fit), fit.equations).promise
         return self._counts(fit, promised)
 
     def _stretched(self, fit: Fit) -> Fit:
         """The same fit with the forms of all contacts free."""
-        free = np.ones_like(fit.unknowns.free)
-        return Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
+        return fit.freed(np.ones_like(fit.unknowns.free))
 
     def _formed(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit of ellipses in the place of discs, if that is better."""
