@@ -26,6 +26,7 @@ from tomotactile_ros.estimation.search import (
     BUDGET,
     FIRST_LOOK,
     FULL,
+    SUSPECT,
     Effort,
     Search,
     as_known,
@@ -38,7 +39,6 @@ from tomotactile_ros.scenes.contact import ContactLaw
 
 EXCLUDED = "excluded by the settings"  # why an electrode is left out
 _KEPT = 4  # operators for sets of electrodes in use
-_SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
 _FEWEST = 2  # rows that contacts are found from
@@ -592,7 +592,7 @@ def _lies_on(fit: Fit, electrode: int) -> bool:
 
 
 def _is_suspect(fit: Fit) -> bool:
-    return fit.chi_squared > _SUSPECT * fit.rows.count
+    return fit.chi_squared > SUSPECT * fit.rows.count
 
 
 def _better(first: Fit, second: Fit) -> Fit:

@@ -71,6 +71,8 @@ _MISFIT = 3.0
 # chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
 # also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
 _TORN = 12.0
+# chi-squared per reading from which on channels are doubted and other rows tried
+SUSPECT = 12.0
 _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
@@ -113,6 +115,7 @@ class Search:
         self.operator, self.effort = operator, effort
         self.detector = Detector(operator)
         self._known, self._refused = None, 0.0
+        self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
@@ -163,7 +166,8 @@ class Search:
             if first is not None and first.cost < start.cost:
                 return self._first(rest, seen, first)
         found = self._without_idle(self._from(start))
-        if self._left > 0 and self._is_another(start.unknowns, found, usual):
+        another = self._left > 0 and self._is_another(start.unknowns, found, usual)
+        if another and not self._is_torn(found):
             found = self._likelier(found, self._first(self._at_rest(start.rows, start.prior)))
         return found
 
@@ -378,18 +382,27 @@ class Search:
     def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
         """What is expected, with gains and offsets as the rows tell them by themselves, and the
         standard deviations (n,) of both, for a first look."""
-        found = _reciprocity(fit.rows, fit.prior, 1)
-        deviations = np.sqrt(found.covariance.diagonal()).reshape(2, -1)
-        return replace(fit.unknowns, gain=found.gain, offset=found.offset), *deviations
+        among, found = _reciprocity(fit.rows, fit.prior, 1)
+        expected = fit.prior.gain, fit.prior.offset, *fit.prior.deviations[:2]
+        told = found.gain, found.offset, *np.sqrt(found.covariance.diagonal()).reshape(2, -1)
+        gain, offset, *deviations = (each.copy() for each in expected)
+        for each, known in zip((gain, offset, *deviations), told):
+            each[among] = known
+        return replace(fit.unknowns, gain=gain, offset=offset), *deviations
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
         which reciprocity holds."""
+        if self._alike is None or self._alike[0] is not rows:
+            self._alike = rows, self._of_one_state(rows, prior)
+        return self._alike[1]
+
+    def _of_one_state(self, rows: Rows, prior: Prior) -> int:
         whole = len(rows.grounded)
 
         def holds(count: int) -> bool:
             part = rows.part(slice(whole - count, None))
-            return _reciprocity(part, prior, _ROUNDS).misfit[0] < _TORN
+            return _reciprocity(part, prior, _ROUNDS)[1].misfit[0] < _TORN
 
         if whole <= _PAIRS or holds(whole):
             return whole
@@ -398,6 +411,13 @@ class Search:
             count = (least + most + 1) // 2
             least, most = (count, most) if holds(count) else (least, count - 1)
         return least
+
+    def _is_torn(self, fit: Fit) -> bool:
+        """Whether the rows of a fit that leaves much over are of several states, which no contacts
+        explain."""
+        rows = fit.rows
+        suspect = rows.times is not None and fit.chi_squared > SUSPECT * rows.count
+        return suspect and self.of_one_state(rows, fit.prior) < len(rows.grounded)
 
     def _falls_short(self, fit: Fit) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
@@ -691,13 +711,18 @@ class Search:
         return fit
 
 
-def _reciprocity(rows: Rows, prior: Prior, steps: int) -> Gains:
-    """Gains and offsets, and how far reciprocity is violated, of rows alone."""
-    frame = np.full((len(prior.gain),) * 2, np.nan)
-    frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+def _reciprocity(rows: Rows, prior: Prior, steps: int) -> tuple[np.ndarray, Gains]:
+    """Electrodes that are grounded, which alone have equations; their gains and offsets, and how far
+    reciprocity is violated, of rows alone."""
+    among, at = np.unique(rows.grounded, return_inverse=True)
+    frame = np.full((len(among),) * 2, np.nan)
+    frame[at] = np.where(rows.weights > 0, rows.readings, np.nan)[:, among]
     noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
-    gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
-    return fit_gains(frame[None], 1.0, noise, gain, offset, steps)
+    gain, offset, gain_deviation, offset_deviation = (
+        each[among] for each in (prior.gain, prior.offset, *prior.deviations[:2])
+    )
+    expected = (gain, gain_deviation), (offset, offset_deviation)
+    return among, fit_gains(frame[None], 1.0, noise, *expected, steps)
 
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
