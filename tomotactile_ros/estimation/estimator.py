@@ -315,7 +315,9 @@ class Estimator:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
-            fit = search.contacts(rows, prior, there, budget, state.equations, refused, state.misfit)
+            fit = search.contacts(
+                rows, prior, there, budget, state.equations, refused, state.misfit
+            )
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
                 if alike < whole:
@@ -328,7 +330,9 @@ class Estimator:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
 
-    def _there(self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State) -> Fit:
+    def _there(
+        self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State
+    ) -> Fit:
         """Where the last frame ended, as a fit of the rows."""
         if state.fit is None or state.fit.operator is not search.operator:
             return Fit(search.operator, start, rows, prior)

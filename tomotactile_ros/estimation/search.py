@@ -116,6 +116,7 @@ class Search:
         self.detector = Detector(operator)
         self._known, self._refused = None, 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
+        self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
@@ -478,7 +479,10 @@ class Search:
                 found = self._split(self._likelier(found, self._approached(begun)), self._near)
             elif Contacts(self._stretched(found)).promise > _PARTLY * found.cost:
                 found = self._split(self._formed(found, self._near), self._near)
-        if len(seen.contacts) > len(few.contacts):
+        if (
+            len(seen.contacts) > len(few.contacts)
+            and found.chi_squared > _MISFIT * found.rows.count
+        ):
             many = self._begun(seen, like, len(seen.contacts))
             if many.cost < found.cost:
                 found = self._likelier(found, self._approached(many))
@@ -539,6 +543,11 @@ class Search:
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
         a fit; None, 0 if noise may."""
+        if self._asked is None or self._asked[0] is not fit:
+            self._asked = fit, self._next_of(fit)
+        return self._asked[1]
+
+    def _next_of(self, fit: Fit):
         gains, strengths = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)

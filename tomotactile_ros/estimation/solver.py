@@ -343,7 +343,8 @@ class Contacts:
     Attributes
     ----------
     free : number of the contacts' free parameters; flat (F, L n) derivatives by them, times the
-        weights; normal (P, P), right (P,) of all parameters
+        weights; normal (P, P), right (P,) of all parameters; beside : what all that is not a
+        parameter here takes off the cost
     promised, whole : of the last step: how much the cost should fall by the linear model; whether
         the step is hardly damped and not limited
     """
@@ -356,7 +357,7 @@ class Contacts:
         curvature, pull = contact_priors(fit)
         self.normal = self.flat @ contacts.reshape(self.flat.shape).T + np.diag(curvature)
         self.right = self.flat @ fit.misfit.ravel() + pull
-        self._beside = 0.0  # what all that is not a parameter here takes off the cost
+        self.beside = 0.0
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads."""
@@ -364,7 +365,7 @@ class Contacts:
         scaled = self.normal * scale[:, None] * scale
         scaled[np.diag_indices(self.free)] += damping
         step = scale * cho_solve(cho_factor(scaled), scale * self.right)
-        self.promised = float(step @ (2 * self.right - self.normal @ step)) + self._beside
+        self.promised = float(step @ (2 * self.right - self.normal @ step)) + self.beside
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
         self.whole = damping <= _FIRST_DAMPING and longest <= 1
         return self._moved(step / max(longest, 1.0))
@@ -375,7 +376,7 @@ class Contacts:
         scale = 1 / np.sqrt(self.normal.diagonal())
         right = scale * self.right
         step = np.linalg.lstsq(self.normal * scale[:, None] * scale, right, rcond=1e-12)[0]
-        return float(right @ step) + self._beside
+        return float(right @ step) + self.beside
 
     def _by_contact(self, step):
         free = self.fit.unknowns.free
@@ -467,7 +468,7 @@ class Linear(Contacts):
         sensor = -fit.prior.pull(fit.prior.apart(fit.unknowns))
         modes, misfit = fit.operator.modes, fit.misfit.ravel()
         both = known.contacts @ misfit + pull, known.sheet.weighted @ misfit + sensor[:modes]
-        self._alone, taken, self._beside = known.channels.pulled(fit.misfit, sensor[modes:])
+        self._alone, taken, self.beside = known.channels.pulled(fit.misfit, sensor[modes:])
         self.right = np.concatenate(both) - taken
 
     def covariance(self) -> np.ndarray:
