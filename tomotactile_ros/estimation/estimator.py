@@ -60,12 +60,16 @@ PLACE_FLOOR = 1.5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
-# the same of the mean D of a contact: all that is left of the force of a bare conductor
-IMPEDANCE_FLOOR = 0.003
+# the same of the mean D of a contact, in which closed form, finite elements and the pressure under a
+# real contact differ by so much
+IMPEDANCE_FLOOR = 0.02
+# the same of a force, times g R_s / 2 pi: current crowds within a / sqrt(g R_s / pi) of a contact's rim and
+# of electrodes under it, and only there readings tell how hard it presses
+CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
-# tell, a smaller one that conducts better looks the same
-BARE = 0.2
-_MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
+# tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
+BARE, _LEAST_WAY = 0.2, 0.4
+MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 
 
 @dataclass(frozen=True)
@@ -430,22 +434,31 @@ class Estimator:
         inflation = fit.doubt
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
+        # what is wrong with D of each contact bends all that is fitted
+        bent = IMPEDANCE_FLOOR * fit.equations.response(prediction.way_columns())
+        covariance = covariance + bent @ bent.T
         certainties = _certainties(fit, covariance, group)
         found, which, first = [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
-            own = covariance[first : first + count, first : first + count]
+            at = slice(first, first + count)
+            own = covariance[at, at]
             first += count
             if certainties[i] < _LIKELY**2:
                 continue
             index = {which: k for k, which in enumerate(np.flatnonzero(free))}
             area = np.pi * float(np.exp(2 * contact[RADIUS])) * touches.covered[i]
-            g = prediction.conductances[i] * touches.covered[i]
+            sheet = operator.resistance
+            known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
+            g = known * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
             slope = prediction.force_slope(i, self.law.exponent)[free]
-            bare = IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
-            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2 + bare**2))
-            relative = bounded(relative, prediction.conductances[i] * prediction.means[i])
+            noise = slope @ fit.covariance[at, at] @ slope * inflation
+            ways = slope @ bent[at]
+            ways[i] -= IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
+            unknown = ways @ ways + crowded(known, sheet) ** 2
+            relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
+            relative = np.inf if bare else min(relative, MOST_RELATIVE)
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
             place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
@@ -495,10 +508,18 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
     return most - 1 - int(others[-1]) if len(others) else most
 
 
-def bounded(relative: float, filled: float) -> float:
-    """The relative standard deviation of a force, inf where it is only known from below; `filled` :
-    g times mean D of the contact."""
-    return np.inf if BARE * filled > 1 else min(relative, _MOST_RELATIVE)
+def told(conductance: float, mean: float, resistance: float) -> tuple[float, bool]:
+    """Of a contact of `conductance`, S, with the `mean` D, ohm, on a sheet of `resistance`, ohm/sq:
+    what readings tell of its conductance at the most, and whether it is a bare conductor, which
+    conducts more."""
+    most = 1 / (BARE * max(mean, _LEAST_WAY * resistance / (2 * np.pi)))
+    return min(float(conductance), most), bool(conductance > most)
+
+
+def crowded(conductance: float, resistance: float) -> float:
+    """What is not known of the force of a contact of `conductance`, S, because its current crowds on a
+    sheet of `resistance`, ohm/sq: relative standard deviation."""
+    return CROWDING * conductance * resistance / (2 * np.pi)
 
 
 def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndarray:

@@ -239,11 +239,22 @@ class Prediction:
             moved = operator.share_change(touches.patches.around, self._fed)
             change = change + moved + moved.transpose(0, 2, 1)
             field = operator.field_at(self.unknowns.contacts[:, :2])
-            for i, part in enumerate(touches.parts):
-                felt = self._fed[:, part] @ (touches.impedance[part] @ self._fed.T)
-                own = (felt + felt.T) / 2 - self._held(i, part)
-                change += field[i][:, None, None] * own
+            for i in range(len(touches.parts)):
+                change -= field[i][:, None, None] * self._by_way(i)
         return self._columns(change)
+
+    def way_columns(self) -> np.ndarray:
+        """(k, L, n) derivatives of the readings by the logarithm of D of each contact, c held."""
+        count = len(self.unknowns.contacts)
+        changes = [self._by_way(i) for i in range(count)]
+        return self._columns(np.array(changes).reshape(count, *self.impedance.shape))
+
+    def _by_way(self, i):
+        """(n, n) derivative of Y by the logarithm of D of contact i."""
+        touches = self.touches
+        part = touches.parts[i]
+        felt = self._fed[:, part] @ (touches.impedance[part] @ self._fed.T)
+        return self._held(i, part) - (felt + felt.T) / 2
 
     def _held(self, i, part):
         """(n, n) what 1/c = 1/g + mean D takes back when D changes by a factor."""

@@ -95,8 +95,15 @@ class Moving:
 
     def sheet_columns(self) -> np.ndarray:
         """(J, L, n) derivatives of the readings by the coefficients of the sheet."""
-        out = np.empty((self.operator.modes, *self.readings.shape))
+        return self._by_part(Prediction.sheet_columns, self.operator.modes)
+
+    def way_columns(self) -> np.ndarray:
+        """(k, L, n) derivatives of the readings by the logarithm of D of each contact."""
+        return self._by_part(Prediction.way_columns, len(self.unknowns.contacts))
+
+    def _by_part(self, columns, count: int) -> np.ndarray:
+        out = np.empty((count, *self.readings.shape))
         for rows, part in self._parts:
             if len(rows):
-                out[:, rows] = part.sheet_columns()
+                out[:, rows] = columns(part)
         return out

@@ -438,6 +438,18 @@ class Equations:
         # what rounding takes off a difference of matrices
         self.normal[np.diag_indices(len(normal))] += _ROUNDING * normal.diagonal()
 
+    def response(self, misfits: np.ndarray) -> np.ndarray:
+        """(F, m) how the contacts' parameters answer to `misfits` (m, L, n), all else marginal."""
+        if not len(misfits):
+            return np.empty((len(self.contacts), 0))
+        flat = misfits.reshape(len(misfits), -1).T
+        right = np.concatenate([self.contacts @ flat, self.sheet.weighted @ flat])
+        right -= np.array([self.channels.pulled(each, 0.0)[1] for each in misfits]).T
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        scaled = self.normal * scale[:, None] * scale
+        found = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
+        return found[: len(self.contacts)]
+
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit, of other readings: how fast the solver
         converges depends on them, and the covariance."""
