@@ -175,7 +175,8 @@ class StandIn:
             raise self.TransformException(f"{source} does not exist")
         if time.nanoseconds and time.nanoseconds > 1e9 * self.known[source][0]:
             raise self.TransformException("extrapolation into the future")
-        transform = TransformStamped(child_frame_id=source)
+        stamp = make_header(self.known[source][0], target)
+        transform = TransformStamped(header=stamp, child_frame_id=source)
         transform.transform.translation.z = self.known[source][1]
         transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5
         return transform
@@ -188,9 +189,11 @@ def test_transforms_are_taken_at_the_stamp_or_the_newest_or_missed(monkeypatch):
     with pytest.raises(InputError, match="no transform from left_link to base_link: left_link"):
         locate(make_header(5.0, "left_link"))
     tf2.known["left_link"] = (10.0, 0.5)
-    for stamp in (5.0, 20.0):  # the second is after the newest transform
+    for stamp in (5.0, 10.3):  # the second is after the newest transform
         pose = locate(make_header(stamp, "left_link"))
         np.testing.assert_allclose(pose.positions([0.1, 0.0, 0.0]), [0.0, 0.1, 0.5], atol=1e-12)
+    with pytest.raises(InputError, match="transform of left_link is 3.0 s older than its contacts"):
+        locate(make_header(13.0, "left_link"))
 
 
 def test_a_sensors_place_comes_from_tf2(probe, start):
