@@ -120,7 +120,7 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     assert message.state == ContactArray.STALE and not message.contacts
     Sensor(probe, "left", "left_link")
     ros_checks.check_diagnostics(
-        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish left/contacts"
+        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish /left/contacts"
     )
 
 
@@ -128,7 +128,8 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     "parameters, complaint",
     [
         ({}, "sensors: needs 1 to 255 different namespaces"),
-        ({"sensors": "[left, left]", "poses": "POSES"}, "different namespaces"),
+        ({"sensors": "[left, /left/]", "poses": "POSES"}, "different namespaces"),
+        ({"sensors": "[left-hand]", "poses": "POSES"}, "sensors: 'left-hand' is no namespace"),
         ({"sensors": "[1, 2]"}, "sensors"),
         ({"sensors": "[left]", "poses": "none.yaml"}, "none.yaml"),
         (
@@ -221,5 +222,5 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     idle = probe.wait_for(ContactArray, "/right/contacts")
     assert (idle.header.frame_id, list(idle.contacts)) == ("right_link", [])
     ends_cleanly(sensors)
-    refused = start("sensors", {"sensors": "[left, left]"})
-    assert refused.wait() == 2 and "different namespaces" in refused.output
+    refused = start("sensors", {"sensors": "[left-hand]"})
+    assert refused.wait() == 2 and "'left-hand' is no namespace" in refused.output
