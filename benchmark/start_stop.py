@@ -8,13 +8,15 @@ before the program catches signals: until then the kernel ends it. The signal is
 once or twice as under a launch. Ends with status 1 if any run did not end with status 0, wrote an
 error, or took longer than launch waits (5 s).
 
-A launch gets SIGINT from its first line on, alone or with all that it has started, as from a
-terminal; it may take as long as its nodes (20 s).
+A launch gets SIGINT from its first line on: as from a terminal, which sends it to all that was
+started, once or twice; or, without a terminal, once and alone. It may take as long as its nodes
+(20 s).
 """
 
 import argparse
 import collections
 import os
+import pty
 import random
 import signal
 import subprocess
@@ -49,17 +51,21 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     rng = random.Random(options.seed)
     statuses, durations, bad = collections.Counter(), [], 0
+    _, terminal = pty.openpty()  # a launch with a terminal expects that it tells all
     written = tempfile.TemporaryFile()  # noqa: SIM115 - to the end
     for number in range(options.times):
         wait, kind, twice = (
             rng.uniform(0.0, options.longest), rng.choice(["INT", "INT", "TERM"]), rng.random() < 0.5
         )  # fmt: skip
         kind = "INT" if launched else kind
-        send = os.killpg if launched and rng.random() < 0.5 else os.kill
-        written.truncate(0)
+        at_terminal = launched and (twice or rng.random() < 0.5)
+        send = os.killpg if at_terminal else os.kill
+        written.seek(0)
+        written.truncate()
         process = subprocess.Popen(
-            command, stdout=written, stderr=subprocess.STDOUT, start_new_session=True
-        )
+            command, stdin=terminal if at_terminal else subprocess.DEVNULL, stdout=written,
+            stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
 
         def begun(launched=launched, process=process):
             return size(written) if launched else catches(process.pid, signal.SIGTERM)

@@ -209,6 +209,18 @@ def test_a_sensors_place_comes_from_tf2(probe, start):
     assert contact.position.z == pytest.approx(0.5)
 
 
+def test_a_sensor_whose_transforms_have_stopped_is_nowhere(probe, start):
+    tf2_ros = pytest.importorskip("tf2_ros", reason="tf2_ros comes with a full ROS 2")
+    Sensor(probe, "left", "left_link")  # its stamps begin at 1000 s, and go on
+    start("skin", {"sensors": "[left]"})
+    transform = TransformStamped(header=make_header(1e3, "base_link"), child_frame_id="left_link")
+    transform.transform.rotation = Quaternion(w=1.0)
+    broadcaster = tf2_ros.TransformBroadcaster(probe.node)
+    probe.node.create_timer(0.2, lambda: broadcaster.sendTransform(transform))
+    stopped = merged(probe, lambda m: "s older than its contacts" in m.reason)
+    assert stopped.state == ContactArray.STALE and not stopped.contacts
+
+
 def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     probe, start, scene, tmp_path
 ):
