@@ -1,58 +1,88 @@
 """Starts a program and stops it after a moment, over and over; what does not end well is shown.
 
     scripts/setup python3 benchmark/start_stop.py reconstruction --times 200
+    python3 benchmark/start_stop.py tactile.launch.py composed:=true --times 40   # with a full ROS 2
 
 The moment is drawn anew each time, from before the first import to well after the start, but not
 before the program catches signals: until then the kernel ends it. The signal is SIGINT or SIGTERM,
 once or twice as under a launch. Ends with status 1 if any run did not end with status 0, wrote an
 error, or took longer than launch waits (5 s).
+
+A launch gets SIGINT from its first line on: as from a terminal, which sends it to all that was
+started, once or twice; or, without a terminal, once and alone. It may take as long as its nodes
+(20 s).
 """
 
 import argparse
 import collections
+import os
+import pty
 import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 
 PATIENCE = 5.0  # s from SIGINT to launch's SIGTERM
-BAD = ("Traceback", "ERROR", "Fatal", "terminate called", "Exception")
+PACKAGE = "tomotactile_ros"
+OF_LAUNCH = 20.0  # s, as tactile.launch.py has it
+BAD = ("Traceback", "ERROR", "Fatal", "terminate called", "Exception", "escalating")
 
 
 def main() -> int:
     """Run, and print a table of exit statuses."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("program", help="of this package")
+    parser.add_argument("program", help="of this package, or one of its launch files")
+    parser.add_argument("arguments", nargs="*", help="of a launch file")
     parser.add_argument("--times", type=int, default=200)
     parser.add_argument("--longest", type=float, default=5.0, help="s until the signal")
     parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    program = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", options.program)
+    options = parser.parse_intermixed_args()
+    launched = options.program.endswith(".launch.py")
+    command = [str(Path(get_package_prefix(PACKAGE), "lib", PACKAGE, options.program))]
+    if launched:
+        command = ["ros2", "launch", PACKAGE, options.program, *options.arguments]
+    patience = OF_LAUNCH if launched else PATIENCE
     # in the background a shell lets it be ignored, and so would the program while it starts
     signal.signal(signal.SIGINT, signal.default_int_handler)
     rng = random.Random(options.seed)
     statuses, durations, bad = collections.Counter(), [], 0
+    _, terminal = pty.openpty()  # a launch with a terminal expects that it tells all
+    written = tempfile.TemporaryFile()  # noqa: SIM115 - to the end
     for number in range(options.times):
         wait, kind, twice = (
             rng.uniform(0.0, options.longest), rng.choice(["INT", "INT", "TERM"]), rng.random() < 0.5
         )  # fmt: skip
-        process = subprocess.Popen([program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        while process.poll() is None and not catches(process.pid, signal.SIGTERM):
+        kind = "INT" if launched else kind
+        at_terminal = launched and (twice or rng.random() < 0.5)
+        send = os.killpg if at_terminal else os.kill
+        written.seek(0)
+        written.truncate()
+        process = subprocess.Popen(
+            command, stdin=terminal if at_terminal else subprocess.DEVNULL, stdout=written,
+            stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+
+        def begun(launched=launched, process=process):
+            return size(written) if launched else catches(process.pid, signal.SIGTERM)
+
+        while process.poll() is None and not begun():
             time.sleep(0.002)
         time.sleep(wait)
         begin = time.monotonic()
-        process.send_signal(getattr(signal, f"SIG{kind}"))
-        if twice:
+        for _ in range(1 + twice):
+            if process.poll() is None:
+                send(process.pid, getattr(signal, f"SIG{kind}"))
             time.sleep(0.01)
-            process.send_signal(getattr(signal, f"SIG{kind}"))
-        output = process.communicate()[0].decode(errors="replace")
+        process.wait()
+        output = os.pread(written.fileno(), size(written), 0).decode(errors="replace")
         durations.append(time.monotonic() - begin)
         statuses[process.returncode] += 1
-        if process.returncode or any(word in output for word in BAD) or durations[-1] > PATIENCE:
+        if process.returncode or any(word in output for word in BAD) or durations[-1] > patience:
             bad += 1
             print(
                 f"{number}: SIG{kind}{' twice' if twice else ''} after {wait:.2f} s, status "
@@ -65,6 +95,11 @@ def main() -> int:
         f"end after {durations[len(durations) // 2]:.2f} s (median), {durations[-1]:.2f} s (longest)"
     )
     return 1 if bad else 0
+
+
+def size(file) -> int:
+    """Bytes in a file that others write to."""
+    return os.fstat(file.fileno()).st_size
 
 
 def catches(pid: int, number: int) -> bool:
