@@ -199,6 +199,8 @@ def _touch_lines(touch):
             f"  two {1e3 * touch['apart']:g} mm apart: d' {pair['mean']:.4g}, worst tenth "
             f"{pair['worst_tenth']:.4g} ({touch['pairs']} pairs)"
         )
+    else:
+        yield f"  two {1e3 * touch['apart']:g} mm apart: none of the pairs tried has room on the sheet"
 
 
 def _short(value):

@@ -55,6 +55,7 @@ PAIRS_APART = 0.04  # m, two fingers
 PAIR_PITCHES = 0.6  # two contacts where pitches differ: 40 mm with 4 x 4 electrodes on 200 mm
 NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
 PLACES = 10  # contacts along the longer side
+MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
 
@@ -333,6 +334,12 @@ def usual_apart(layout: Layout) -> float:
     """Distance of two contacts, m, that tells layouts of so many electrodes apart: 0.6 spacings of
     as many spread evenly, rim to rim where they are a square grid."""
     return PAIR_PITCHES * float(np.sqrt(layout.outline.area) / (np.sqrt(layout.electrodes) - 1))
+
+
+def has_room_for_pairs(layout: Layout, conditions: Conditions) -> bool:
+    """Whether pairs `conditions.apart` from each other lie on the sheet anywhere."""
+    centres = lattice(layout, PLACES, conditions.radius)
+    return len(_pairs(layout, centres, conditions.apart, conditions.radius)[0]) > 0
 
 
 def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:

@@ -283,7 +283,8 @@ def _spread(values, mark, layout: Layout | None = None):
             outline = Outline.circle(values["circle"])
         else:
             raise InputError(f"{mark}circle: the sheet has a {mark}size, give only one")
-    return spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])
+    spread = spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])
+    return spread if layout is None else replace(spread, surface=layout.surface)
 
 
 def request_of(
@@ -311,7 +312,7 @@ def request_of(
         starts=values["starts"],
         seed=values["seed"],
         resolution=values["resolution"],
-        fixed=tuple(each for group in values["fixed"] or () for each in group),
+        fixed=tuple(dict.fromkeys(each for group in values["fixed"] or () for each in group)),
         radius_range=values["radius_range"] and tuple(values["radius_range"]),
         noise=values["noise"],
         apart=values["apart"],

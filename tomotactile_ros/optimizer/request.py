@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import NOISE, Conditions, usual_apart
+from tomotactile_ros.evaluation.posterior import (
+    NOISE,
+    Conditions,
+    has_room_for_pairs,
+    usual_apart,
+)
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint
@@ -106,7 +111,12 @@ class Request:
                 if getattr(self, name):
                     raise InputError(f"{name}: only method touch knows it")
             return
-        self._conditions()  # refuses what cannot be
+        conditions = self._conditions()  # refuses what cannot be
+        if self.apart is not None and not has_room_for_pairs(self.layout, conditions):
+            raise InputError(
+                f"apart: no pair of contacts that is tried has room on this sheet {self.apart:g} m from "
+                "each other"
+            )
         if self.resume and self.state_file is None:
             raise InputError("resume: there is no file with the state of a search")
 
@@ -145,7 +155,7 @@ class Request:
                 radii=self.radius_range,
                 symmetric=self.symmetric,
                 rounds=self.total,
-                starts=self._starts,
+                starts=self.total_starts,
                 executor=executor,
                 checkpoint=self._checkpoint(),
                 regularization=self.regularization,
@@ -193,7 +203,7 @@ class Request:
                 "fixed": list(self.fixed),
                 "noise": conditions.noise,
                 "apart": conditions.apart,
-                "starts": self._starts,
+                "starts": self.total_starts,
             }
         if self.method == "free":
             out |= {
@@ -205,7 +215,8 @@ class Request:
         return out
 
     @property
-    def _starts(self) -> int:
+    def total_starts(self) -> int:
+        """Layouts that touch starts from."""
         return STARTS if self.starts is None else self.starts
 
     def _conditions(self) -> Conditions:
