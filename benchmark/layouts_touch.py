@@ -104,7 +104,9 @@ def figures(layout: Layout, kind: str, amount: Amount, profiles) -> dict:
     data = reference(layout, amount, DATA)
     return {
         "expected": [*map(float, found.lengths), found.score],
-        "measured": {each.profile: each.figures for each in measure(data, profiles)},
+        "measured": {
+            each.profile: each.figures for each in measure(data, profiles, layout.grounded)
+        },
     }
 
 
