@@ -206,6 +206,7 @@ def test_on_a_circle_the_search_goes_without_a_closed_form():
         ({"fixed": (0,), "keep_out": ((-0.055, -0.055, 0.01),)}, "fixed: these electrodes violate"),
         ({"resume": True}, "resume"),
         ({"noise": -1.0}, "noise"),
+        ({"contact_radius": 0.11}, "no disc of 0.11 m has room on the sheet"),
         ({"apart": 0.28}, "apart: no pair of contacts that is tried has room"),
     ],
 )
@@ -231,6 +232,30 @@ def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
     assert provenance["settings"]["fixed"] == [0]
     assert out.with_suffix(".png").exists()
     assert not out.with_suffix(".search.json").exists()  # it has ended
+
+
+def test_a_sheet_narrower_than_a_fingertip_is_judged_by_smaller_contacts(tmp_path, capsys):
+    path, out = str(tmp_path / "thin.yaml"), str(tmp_path / "out.yaml")
+    equal_grid(2, 4, (0.03, 0.008), 0.0005, 1e4).save(path)
+    assert main(["evaluate", "--layout", path, "--resolution", "12"]) == 0
+    said = capsys.readouterr()
+    assert "expected errors" not in said.out and "left out" in said.err
+    words = [
+        "evaluate",
+        "--layout",
+        path,
+        "--resolution",
+        "12",
+        "--touch-radius",
+        "0.001",
+        "--json",
+    ]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["touch"]["contact_radius"] == 0.001
+    words = ["optimize", "--layout", path, "--steps", "0", "--workers", "1", "--out", out]
+    assert main(words) == 2
+    assert main([*words, "--contact-radius", "0.001", "--resolution", "12"]) == 0
+    assert load_layout(out).provenance["settings"]["contact_radius"] == 0.001
 
 
 def test_a_bent_outline_stays_bent_whatever_is_spread_over_it(tmp_path):

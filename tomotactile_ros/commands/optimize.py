@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, MEMORY, NOISE, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.explore import FEWEST
@@ -39,7 +39,7 @@ HELP = "optimize where the electrodes are, or which of them to ground"
 
 _PLACE = 0.002  # m
 _SCANS = ("scan", "grounding")  # the second is the name of old
-_OF_EXPLORE = ("noise",)  # of the search's options
+_OF_EXPLORE = ("noise", "contact_radius")  # of the search's options
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -292,7 +292,10 @@ def _explore(args, start, report):
     checks.length(args.place, "--place")
     if args.frame_time is not None:
         checks.positive(args.frame_time, "--frame-time", "time in s")
-    conditions = Conditions(noise=NOISE if args.noise is None else args.noise)
+    conditions = Conditions(
+        noise=NOISE if args.noise is None else args.noise,
+        radius=CONTACT_RADIUS if args.contact_radius is None else args.contact_radius,
+    )
     sheet = start.outline, args.explore, start.radius, start.sheet_resistance
     steps = explore(*sheet, args.row_period, conditions)
     found = list(track(steps, "numbers of electrodes", total=len(args.explore)))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.evaluation.posterior import NOISE
+from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, NOISE
 from tomotactile_ros.layouts.arrangements import (
     MAX_SPREAD,
     USUAL_SIZE,
@@ -168,6 +168,12 @@ SEARCH = (
         methods=("touch",),
     ),
     Option(
+        "contact_radius",
+        float,
+        f"Of touch: radius of the contacts, m (default: {CONTACT_RADIUS:g})",
+        methods=("touch",),
+    ),
+    Option(
         "apart",
         float,
         "Of touch: distance of two contacts that are to be told apart, m (default: 0.6 spacings)",
@@ -315,6 +321,7 @@ def request_of(
         fixed=tuple(dict.fromkeys(each for group in values["fixed"] or () for each in group)),
         radius_range=values["radius_range"] and tuple(values["radius_range"]),
         noise=values["noise"],
+        contact_radius=values["contact_radius"],
         apart=values["apart"],
         resume=values["resume"],
         state_file=state_file,

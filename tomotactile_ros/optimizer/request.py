@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
 from tomotactile_ros.evaluation.posterior import (
+    CONTACT_RADIUS,
     NOISE,
     Conditions,
     has_room_for_pairs,
@@ -65,6 +66,7 @@ class Request:
     fixed : of touch, electrodes that stay where they are
     radius_range : of touch, smallest and largest radius of electrodes, m; None: that of the layout
     noise : of touch, of a reading, V rms; None for the default
+    contact_radius : of touch, of the contacts, m; None for the default
     apart : of touch, distance of two contacts that are to be told apart, m; None for the default
     resume : of touch, go on from `state_file`
     state_file : of touch, where the state is kept after every round; None: nowhere
@@ -86,6 +88,7 @@ class Request:
     fixed: tuple[int, ...] = ()
     radius_range: tuple[float, float] | None = None
     noise: float | None = None
+    contact_radius: float | None = None
     apart: float | None = None
     resume: bool = False
     state_file: Path | None = None
@@ -107,7 +110,7 @@ class Request:
             largest = self.radius_range[1] if self.radius_range else self.layout.radius
             self._constraints().check(self.layout.electrodes, largest)
         if self.method != "touch":
-            for name in ("fixed", "radius_range", "noise", "apart", "resume"):
+            for name in ("fixed", "radius_range", "noise", "contact_radius", "apart", "resume"):
                 if getattr(self, name):
                     raise InputError(f"{name}: only method touch knows it")
             return
@@ -202,6 +205,7 @@ class Request:
                 "radius_range": None if self.radius_range is None else list(self.radius_range),
                 "fixed": list(self.fixed),
                 "noise": conditions.noise,
+                "contact_radius": conditions.radius,
                 "apart": conditions.apart,
                 "starts": self.total_starts,
             }
@@ -222,6 +226,7 @@ class Request:
     def _conditions(self) -> Conditions:
         return Conditions(
             noise=NOISE if self.noise is None else self.noise,
+            radius=CONTACT_RADIUS if self.contact_radius is None else self.contact_radius,
             apart=usual_apart(self.layout) if self.apart is None else self.apart,
         )
 
