@@ -140,6 +140,7 @@ class RowModel:
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
         self._kept: dict[int, tuple] = {}
+        self._mutual: tuple[list, np.ndarray | None] = [], None
 
     def row(
         self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=_ALL
@@ -233,9 +234,15 @@ class RowModel:
 
     def mutual(self, contacts: np.ndarray) -> np.ndarray | None:
         """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
-        them; None where they do everywhere."""
-        if not _near(contacts.tolist(), SCREENED * self.operator.pitch):
+        them; None where they do everywhere. As derivatives, it is kept while contacts stay."""
+        here = contacts.tolist()
+        if not _near(here, SCREENED * self.operator.pitch):
             return None
+        if not self._alike(self._mutual[0], here):
+            self._mutual = here, self._mutual_of(contacts)
+        return self._mutual[1]
+
+    def _mutual_of(self, contacts: np.ndarray) -> np.ndarray:
         count = len(contacts)
         out = np.zeros((count, count))
         apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
