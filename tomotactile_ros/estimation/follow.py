@@ -305,16 +305,21 @@ class Follower:
         return _Fit(prior, prior.mean, chi_squared, row, left, np.diag(deviation))
 
     def _limited(self, now, wanted, count):
-        """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet."""
+        """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet:
+        what reaches its rim goes no further."""
         reach, longest = REACH * self.operator.pitch, 1.0
         for x, y, _, _, strength in _each(wanted - now, count):
             longest = max(longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH)
         out = wanted if longest == 1 else now + (wanted - now) / longest
         width, height = self._half
-        for i, (x, y, _, _, strength) in enumerate(_each(out, count)):
+        for i, (x, y, vx, vy, strength) in enumerate(_each(out, count)):
             if abs(x) > width or abs(y) > height or not self._least < strength < self._most:
                 out[STATE * i] = min(max(x, -width), width)
                 out[STATE * i + 1] = min(max(y, -height), height)
+                if abs(x) > width and x * vx > 0:
+                    out[STATE * i + 2] = 0.0
+                if abs(y) > height and y * vy > 0:
+                    out[STATE * i + 3] = 0.0
                 out[STATE * i + STRENGTH] = min(max(strength, self._least), self._most)
         return out
 

@@ -38,6 +38,9 @@ from tomotactile_ros.estimation.solver import Prior
 INEXACT = 0.01
 # spacings, and of ln c, that contacts change before derivatives are taken anew
 _ALIKE, _AS_STRONG = 0.01, 0.1
+# spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim
+# of an insulated sheet they vanish: what ended there would stay, and seem to be known nowhere
+_INSIDE = 0.1
 _ALL = np.ones(1, bool)  # readings are valid
 
 
@@ -139,6 +142,8 @@ class RowModel:
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
+        size = np.array(operator.layout.outline.size)
+        self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}
         self._mutual: tuple[list, np.ndarray | None] = [], None
 
@@ -191,6 +196,10 @@ class RowModel:
         share (k, n), slopes (k, 2, n) : of contacts; between (k, k) : C^-1
         """
         count, modes, n = len(contacts), len(self.known.sheet), len(row.ratio)
+        if (np.abs(contacts[:, :2]) > self._inside).any():
+            inside = contacts.copy()
+            inside[:, :2] = np.clip(contacts[:, :2], -self._inside, self._inside)
+            slopes = self.shares.at(inside)[1]
         ones, others = row.added()
         impedance = self.impedance - ones.T @ others
         fed = np.linalg.solve(between, share)
