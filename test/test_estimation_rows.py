@@ -127,6 +127,23 @@ def test_a_slide_is_followed_with_its_velocity(operator, known):
     assert np.hypot(*(state.belief.mean[2:4] - velocity)) < 0.1
 
 
+def test_what_was_taken_to_be_on_the_rim_comes_back(operator, known):
+    """There a reading does not change with the way to the rim: the sheet ends as in a mirror."""
+    place = np.array([0.03, 0.089])
+    touch = Contact("disc", center=tuple(place), radius=0.008, pressure=15e3)
+    follower = Follower(operator, 0.008, 0.6)
+    state = follower.begin(known)
+    mean, deviations = [0.035, 0.1, 0.0, 0.5, -9.4], [0.01, 0.02, 0.3, 0.3, 0.3]
+    size = np.array([np.log(0.008), 0.36])
+    state.belief = state.belief.with_contact(mean, np.square(deviations), size, 1, 0.0)
+    for i, row in enumerate(frames_of([touch], 1)[0]):
+        valid = np.arange(16) != i
+        follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i, i * ROW_PERIOD)
+        assert len(state.belief.numbers) == 1
+        assert np.hypot(*(state.belief.mean[:2] - place)) < 0.01, i
+    assert np.hypot(*(state.belief.mean[:2] - place)) < 0.002
+
+
 def test_contacts_near_each_other_wait_for_a_frame(estimator):
     state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
     estimator = RowEstimator(estimator)

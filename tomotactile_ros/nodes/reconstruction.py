@@ -109,6 +109,7 @@ class Reconstruction:
         """Stop processing frames."""
         with self._lock, self._rows_lock:
             self._active = False
+        self._rows.stop()
         self._learning.stop()
 
     def cleanup(self) -> None:
@@ -197,7 +198,7 @@ class Reconstruction:
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         self._check(frame, layout_id)
-        followed, result = self._rows.followed, None
+        followed, result, tells = self._rows.followed, None, False
         self._rows.watch.frame_has(len(frame.grounded))
         if followed and self._rows.leaves_out(self._pipeline, frame):
             return
@@ -205,11 +206,7 @@ class Reconstruction:
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)
         if result is None:
-            result = self._pipeline.process(
-                frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
-            )
-            if followed:
-                self._rows.correct(self._pipeline, frame)
+            result, tells = self._rows.process(self._pipeline, frame), followed
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
@@ -232,6 +229,8 @@ class Reconstruction:
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start
         self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took)
+        if tells:
+            self._rows.correct(self._pipeline, frame)
 
     def _check(self, frame: Frame, layout_id: str) -> None:
         """Refuse, as InputError, what is not of this layout."""

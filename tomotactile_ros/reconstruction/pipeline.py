@@ -212,7 +212,7 @@ class Pipeline:
 
         Raises InputError where the frame does not fit the layout.
         """
-        drive_voltage = check_drive_voltage(drive_voltage)
+        drive_voltage, self._estimate_of_frame = check_drive_voltage(drive_voltage), None
         mistake = self._mistake(voltages, grounded, drive_voltage)
         if mistake:
             lasts = row_period * max(len(grounded) - 1, 0)
@@ -327,8 +327,9 @@ class Pipeline:
 
         Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
         """
-        if self._estimate_of_frame is not None:
-            state.tell(self._estimate_of_frame.at(stamp, row_period, len(grounded)))
+        seen, self._estimate_of_frame = self._estimate_of_frame, None
+        if seen is not None:
+            state.tell(seen.at(stamp, row_period, len(grounded)))
             return
         frame = self._expected_zero(ordered(self.layout, voltages, grounded))
         chosen = np.asarray(grounded, int)
