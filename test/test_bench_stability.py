@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.bench import extremes, report, stability
-from tomotactile_ros.reconstruction.settings import ContactEstimate
 from tomotactile_ros.support.errors import InputError
 
 
@@ -83,22 +82,3 @@ def test_every_extreme_keeps_its_ends(step):
 def test_the_package_solves_eq_1_to_its_precision():
     usual, hard = rows("condition, as used", 1e2, 1e4)
     assert max(usual["error"], hard["error"]) < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("stated", "force", "wrong"),
-    [
-        ({"force_std": 0.1, "position_covariance": (1e-8, 0.0, 0.0, 1e-8)}, 1.0, False),
-        ({"force_std": 0.1, "position_covariance": (1e-10, 0.0, 0.0, 1e-10)}, 1.0, True),
-        ({"force_std": 0.05}, 1.2, True),
-        ({"force_std": np.inf}, 1.2, False),  # a lower bound
-        ({"force_std": np.inf}, 0.8, True),
-        ({}, 5.0, False),  # says nothing of itself
-    ],
-)
-def test_what_is_wrong_and_sure_of_it_is_marked(stated, force, wrong):
-    found = [ContactEstimate(0.0002, 0.0, 1.0, 1e4, 1e-4, 0.005, **stated)]
-    each = extremes._row("accurate", lambda profile: found, np.zeros((1, 2)), 0.2, force)
-    assert each["beyond"] is wrong
-    row = {"what": "what", "value": 1.0, "error": [each], "warnings": []}
-    assert report._of_profiles(row, {})[-1].endswith(" !") is wrong

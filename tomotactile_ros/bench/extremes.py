@@ -28,8 +28,6 @@ PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
 PROFILES = ("fast", "balanced", "accurate")
 _RADIUS = 0.005  # of a contact, m
-_DEVIATIONS = 3.0  # beyond so many standard deviations what is reported is wrong, and sure of it
-_BOUND = 0.1  # a lower bound of a force may be so much above it
 _CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
 
 
@@ -196,7 +194,6 @@ def _contacts(
 def _row(profile, found, places, side, force) -> dict:
     """How far contacts are off: place in parts of the side, force in parts of the true one."""
     row = {"profile": profile, "place": None, "force": None, "ghosts": None, "refusal": None}
-    row["beyond"] = False
     try:
         contacts = found(profile)
     except InputError as refused:
@@ -207,23 +204,4 @@ def _row(profile, found, places, side, force) -> dict:
     row["ghosts"] = max(len(contacts) - len(places), 0)
     if force:
         row["force"] = sum(contact.force for contact in contacts) / force - 1
-    row["beyond"] = _beyond(contacts, places, force)
     return row
-
-
-def _beyond(contacts, places, force) -> bool:
-    """Whether a place or the sum of forces is further off than `_DEVIATIONS` of what the contacts say
-    of themselves; what they do not say, or is a lower bound, is not."""
-    for place in places:
-        nearest = min(contacts, key=lambda each: np.hypot(each.x - place[0], each.y - place[1]))
-        spread = np.reshape(nearest.position_covariance, (2, 2))
-        away = place - [nearest.x, nearest.y]
-        if np.isfinite(spread).all() and away @ np.linalg.pinv(spread) @ away > _DEVIATIONS**2:
-            return True
-    if not force:
-        return False
-    reported = sum(contact.force for contact in contacts)
-    deviation = float(np.sqrt(sum(contact.force_std**2 for contact in contacts)))
-    if np.isinf(deviation):
-        return reported > (1 + _BOUND) * force
-    return abs(reported - force) > _DEVIATIONS * deviation

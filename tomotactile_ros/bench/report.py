@@ -69,8 +69,7 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     if not several:
         return
     yield ""
-    yield "place in parts of the longer side, force in parts of the true one; [n]: refused, see below;"
-    yield "!: further off than three standard deviations that the contacts state"
+    yield "place in parts of the longer side, force in parts of the true one; [n]: refused, see below"
     refusals: dict[str, int] = {}
     header = ("what", "value", *PROFILES)
     lines = [_of_profiles(row, refusals) for row in several]
@@ -159,8 +158,7 @@ def _of_profiles(row, refusals):
             continue
         force = "" if each["force"] is None else f", {100 * each['force']:+.0f} %"
         ghosts = f", {each['ghosts']} ghosts" if each["ghosts"] else ""
-        sure = " !" if each.get("beyond") else ""
-        cells.append(f"{each['place']:.1e}{force}{ghosts}{sure}")
+        cells.append(f"{each['place']:.1e}{force}{ghosts}")
     warned = [f"warning: {each}" for each in row["warnings"]]
     return row["what"], f"{float(row['value']):g}", *cells[:-1], "; ".join([cells[-1], *warned])
 
