@@ -11,7 +11,7 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
+from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, solve
 from tomotactile_ros.estimation.tables import Around
 from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
 from tomotactile_ros.layouts.layout import equal_grid
@@ -163,7 +163,7 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
     normal = design @ design.T + inverse
     right = design @ (root * fit.misfit.ravel()) - inverse @ off
     step = np.linalg.solve(normal, right)
-    reached = fit.linearised().step(0.0)
+    reached = Linear(fit).step(0.0)
     got = np.concatenate(
         [
             (reached.contacts - here.contacts)[:, :3].ravel(),
@@ -178,7 +178,7 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
     positive[-E:] = reached.resistance > 0  # others are cut off
     assert positive[-E:].sum() > E / 2
     np.testing.assert_allclose((got / deviation)[positive], (step / deviation)[positive], atol=1e-4)
-    own = fit.linearised().covariance()
+    own = Linear(fit).covariance()
     np.testing.assert_allclose(np.sqrt(own.diagonal()), deviation[:6], rtol=2e-3)
 
 
@@ -445,3 +445,41 @@ def test_what_a_contact_and_the_way_to_it_conduct_has_the_slope_of_its_formula(o
         np.testing.assert_allclose(slope, np.eye(6)[CONDUCTANCE], atol=1e-3)
     if over > 1:
         assert slope[CONDUCTANCE] < 0.2
+
+
+@pytest.mark.parametrize("radius", [0.005, 0.03])
+@pytest.mark.parametrize("strength", [1.0, 2.0, 30.0])
+def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(radius, strength):
+    layout, law = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4), ContactLaw(1e-4, 1.0)
+    area = np.pi * radius**2
+    pressure = float(law.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
+    contact = Contact("disc", center=(0.021, -0.034), radius=radius, pressure=pressure)
+    frame = Simulator(layout, Scene("one", 3.3, (contact,), law), model="fem").frame(0.0, 0)
+    estimator = Estimator(layout, noise=1e-3, law=law, radius=0.005)
+    (found,) = estimator.estimate(frame, layout.grounded, 3.3, State()).contacts
+    if strength > 12:  # readings do not tell how much more than a bare conductor it is
+        assert np.isinf(found.force_std)
+        assert found.force < 1.05 * pressure * area
+    else:
+        assert abs(found.force - pressure * area) < 2 * found.force_std
+        assert found.force_std < 0.3 * found.force
+
+
+def test_ways_through_the_sheet_change_readings_as_differences_say(monkeypatch):
+    operator = SheetOperator(LAYOUT)
+    contacts = np.array([[0.01, 0.02, np.log(2e-4), np.log(0.012), 0.2, -0.1]])
+    unknowns = Unknowns.at_rest(operator).with_contacts(contacts, (5,), np.ones((1, 6), bool))
+    rows, step = np.arange(16), 1e-4
+    slope = Prediction(operator, unknowns, rows).way_columns()[0]
+
+    def readings(factor: float) -> np.ndarray:
+        def touches(*given):
+            there = Touches(*given)
+            there.impedance, there.mean = factor * there.impedance, factor * there.mean
+            return there
+
+        monkeypatch.setattr("tomotactile_ros.estimation.forward.Touches", touches)
+        return Prediction(operator, unknowns, rows).readings
+
+    change = (readings(1 + step) - readings(1 - step)) / (2 * step)
+    np.testing.assert_allclose(change, slope, atol=1e-5 * np.abs(slope).max())

@@ -61,49 +61,45 @@ class ChannelFit:
 
     Parameters
     ----------
-    mixed (P, 3 n) what `couplings` says of all other parameters; weights (L, n); misfit (L, n)
+    mixed (P, 3 n) what `couplings` says of all other parameters; weights (L, n)
     slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
         by the resistance of its row; offsets have 1
     rows (L,) grounded electrode of each row
-    deviations : of the priors of gains, offsets, resistances, (n,) each; pull (3 n,) of the priors
+    deviations : of the priors of gains, offsets, resistances, (n,) each
     precision : `Prior.precision`; None: the channels are independent
+
+    Attributes
+    ----------
+    normal (P, P) what the channels take off the normal matrix of all else
     """
 
-    def __init__(self, mixed, weights, misfit, slopes, rows, deviations, pull, precision=None):
+    def __init__(self, mixed, weights, slopes, rows, deviations, precision=None):
         gain, resistance = slopes
         count = weights.shape[1]
-        self._count = count
-        weighted = weights * gain
+        self._count, self._weights = count, weights
+        self._by_gain = weights * gain
         # resistances in units of their deviations: of the electrode that is grounded in the row
         in_rows = resistance * deviations[2][rows, None]
-        by_row = weights * in_rows
+        self._by_row = by_row = weights * in_rows
         normal = np.zeros((3 * count, 3 * count))
         first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
         own = np.arange(count)
-        normal[own, own] = (weighted * gain).sum(axis=0)
-        normal[own, count + own] = normal[count + own, own] = weighted.sum(axis=0)
+        normal[own, own] = (self._by_gain * gain).sum(axis=0)
+        normal[own, count + own] = normal[count + own, own] = self._by_gain.sum(axis=0)
         normal[count + own, count + own] = weights.sum(axis=0)
         np.add.at(
             normal,
             (2 * count + rows, 2 * count + rows),
             (by_row * in_rows).sum(1),
         )
-        to_rows = np.zeros((count, len(rows)))
-        to_rows[rows, np.arange(len(rows))] = 1.0
-        normal[third, first] = to_rows @ (by_row * gain)
-        normal[third, second] = to_rows @ by_row
+        self._to_rows = np.zeros((count, len(rows)))
+        self._to_rows[rows, np.arange(len(rows))] = 1.0
+        normal[third, first] = self._to_rows @ (by_row * gain)
+        normal[third, second] = self._to_rows @ by_row
         normal[first, third] = normal[third, first].T
         normal[second, third] = normal[third, second].T
-        right = np.concatenate(
-            [
-                (weighted * misfit).sum(axis=0),
-                (weights * misfit).sum(axis=0),
-                to_rows @ (by_row * misfit).sum(axis=1),
-            ]
-        )
         self._mixed = mixed
         self._scale = np.concatenate([np.ones(2 * count), deviations[2]])
-        right += self._scale * pull
         if precision is None:
             everything = np.arange(3 * count)
             normal[everything, everything] += (self._scale / np.concatenate(deviations)) ** 2
@@ -112,15 +108,29 @@ class ChannelFit:
             others = precision[:modes, modes:] * self._scale  # sheet against channels
             self._mixed[len(self._mixed) - modes :] += others
             normal += precision[modes:, modes:] * self._scale * self._scale[:, None]
-        factor = cho_factor(normal)
-        self._right = cho_solve(factor, right)
-        self._back = cho_solve(factor, self._mixed.T)
+        self._factor = cho_factor(normal)
+        self._back = cho_solve(self._factor, self._mixed.T)
         self.normal = self._mixed @ self._back
-        self.right = self._mixed @ self._right
-        self.promised = float(right @ self._right)  # what the channels' own steps take off the cost
 
-    def step(self, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all
-        else."""
-        step = (self._right - self._back @ others) * self._scale
+    def pulled(self, misfit: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Of a `misfit` (L, n) and what the priors pull the channels by, (3 n,): the channels' steps if
+        nothing else moves, in units of their own; what that takes off the right side of all else,
+        (P,); what it takes off the cost."""
+        right = np.concatenate(
+            [
+                (self._by_gain * misfit).sum(axis=0),
+                (self._weights * misfit).sum(axis=0),
+                self._to_rows @ (self._by_row * misfit).sum(axis=1),
+            ]
+        )
+        right += self._scale * pull
+        alone = cho_solve(self._factor, right)
+        return alone, self._mixed @ alone, float(right @ alone)
+
+    def step(
+        self, alone: np.ndarray, others: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all else;
+        `alone` (3 n,) as `pulled` has it."""
+        step = (alone - self._back @ others) * self._scale
         return tuple(step.reshape(3, self._count))

@@ -37,6 +37,7 @@ _INEXACT = 0.02  # of a current: pixels stand for contacts that lie between them
 _FILLING = 20  # steps that fill in missing readings from their neighbours
 # radius of the disc that acts like a square, in sides: its mean log distance to itself
 _PATCH = 0.447
+_ROUNDING = 1e-10  # of the diagonal of a normal matrix
 
 
 class Detector:
@@ -97,7 +98,9 @@ class Detector:
         root = np.linalg.cholesky(metric).T
         picked: list[int] = []
         columns, strengths, left = [], np.empty(0), currents
-        total = ((currents @ root.T) ** 2).sum()
+        flat = np.empty((_PICKS, currents.size))
+        wanted = (currents @ root.T).ravel()
+        total = wanted @ wanted
         while len(picked) < _PICKS:
             pulled = left @ metric
             along = (seen * (pulled @ self.share - local * pulled[ground][:, None])).sum(axis=0)
@@ -109,9 +112,9 @@ class Detector:
             picked.append(best)
             column = np.outer(seen[:, best], self.share[:, best])
             column[ground] = 0.0
+            flat[len(columns)] = (column @ root.T).ravel()
             columns.append(column)
-            flat = np.array([(each @ root.T).ravel() for each in columns])
-            strengths = nnls(flat.T, (currents @ root.T).ravel())[0]
+            strengths = _not_negative(flat[: len(columns)], wanted)
             left = currents - np.tensordot(strengths, np.array(columns), 1)
         return self._gathered(np.array(picked, int), strengths)
 
@@ -163,3 +166,11 @@ class Detector:
             weights = strengths[of] / sums[each]
             found.append((weights @ self.pixels[picked[of]], float(sums[each])))
         return found
+
+
+def _not_negative(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(k,) factors, none below 0, with which `columns` (k, m) add up to `wanted` (m,) best."""
+    normal = columns @ columns.T
+    normal[np.diag_indices(len(normal))] *= 1 + _ROUNDING
+    root = np.linalg.cholesky(normal)
+    return nnls(root.T, np.linalg.solve(root, columns @ wanted))[0]

@@ -26,19 +26,19 @@ from tomotactile_ros.estimation.search import (
     BUDGET,
     FIRST_LOOK,
     FULL,
+    SUSPECT,
     Effort,
     Search,
     as_known,
     tells_speeds,
 )
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, SheetColumns, similar
+from tomotactile_ros.estimation.solver import Equations, Fit, Prior, Rows, similar
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
 EXCLUDED = "excluded by the settings"  # why an electrode is left out
 _KEPT = 4  # operators for sets of electrodes in use
-_SUSPECT = 12.0  # chi-squared per reading from which on channels are doubted and other rows tried
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
 _FEWEST = 2  # rows that contacts are found from
@@ -60,12 +60,16 @@ PLACE_FLOOR = 1.5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
-# the same of the mean D of a contact: all that is left of the force of a bare conductor
-IMPEDANCE_FLOOR = 0.003
+# the same of the mean D of a contact, in which closed form, finite elements and the pressure under a
+# real contact differ by so much
+IMPEDANCE_FLOOR = 0.02
+# the same of a force, times g R_s / 2 pi: current crowds within a / sqrt(g R_s / pi) of a contact's rim and
+# of electrodes under it, and only there readings tell how hard it presses
+CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
-# tell, a smaller one that conducts better looks the same
-BARE = 0.2
-_MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
+# tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
+BARE, _LEAST_WAY = 0.2, 0.4
+MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 
 
 @dataclass(frozen=True)
@@ -115,14 +119,14 @@ class Estimate:
 
 @dataclass
 class State:
-    """What lasts from frame to frame: where the last fit ended, its derivatives by the sheet, and
+    """What lasts from frame to frame: where the last fit ended, its equations, and
     of which electrodes."""
 
     unknowns: Unknowns | None = None
     sensor: Fit | None = (
         None  # of the last whole frame that was touched: what it tells of the sensor
     )
-    sheet: SheetColumns | None = None
+    equations: Equations | None = None
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
     refused: float = 0.0  # what one more contact promised and did not keep
@@ -132,7 +136,7 @@ class State:
     )
 
     def forget(self) -> None:
-        self.unknowns = self.sensor = self.sheet = self.fit = self.joined = None
+        self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
         self.misfit, self.refused = 1.0, 0.0
 
 
@@ -236,7 +240,7 @@ class Estimator:
             unknowns = as_known(unknowns, seen)  # few rows do not tell
         elif len(unknowns.contacts):
             state.sensor = fit
-        state.unknowns, state.sheet, state.used = unknowns, fit.sheet, used
+        state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count
@@ -302,9 +306,11 @@ class Estimator:
         """The fit of all rows, or of those since the last change where they contradict each
         other."""
         timed = rows.times is not None
-        there = None if start is None else Fit(search.operator, start, rows, prior)
+        there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
-        goes_on = not (begun or there is None) and search.goes_on(there, state.misfit)
+        goes_on = not (begun or there is None) and search.goes_on(
+            there, state.misfit, state.equations
+        )
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
@@ -313,7 +319,9 @@ class Estimator:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
-            fit = search.contacts(rows, prior, there, budget, state.sheet, refused, state.misfit)
+            fit = search.contacts(
+                rows, prior, there, budget, state.equations, refused, state.misfit
+            )
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
                 if alike < whole:
@@ -325,6 +333,14 @@ class Estimator:
         if _is_suspect(fit) and start is not None and alike == whole:
             fit = _better(fit, search.contacts(rows, prior))
         return fit, 0
+
+    def _there(
+        self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State
+    ) -> Fit:
+        """Where the last frame ended, as a fit of the rows."""
+        if state.fit is None or state.fit.operator is not search.operator:
+            return Fit(search.operator, start, rows, prior)
+        return state.fit.of(start, rows, prior)
 
     def _grown(
         self, search: Search, rows: Rows, prior: Prior, start, known: Fit | None, alike: int
@@ -418,22 +434,31 @@ class Estimator:
         inflation = fit.doubt
         ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
         covariance = fit.covariance * inflation
+        # what is wrong with D of each contact bends all that is fitted
+        bent = IMPEDANCE_FLOOR * fit.equations.response(prediction.way_columns())
+        covariance = covariance + bent @ bent.T
         certainties = _certainties(fit, covariance, group)
         found, which, first = [], [], 0
         for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
             count = int(free.sum())
-            own = covariance[first : first + count, first : first + count]
+            at = slice(first, first + count)
+            own = covariance[at, at]
             first += count
             if certainties[i] < _LIKELY**2:
                 continue
             index = {which: k for k, which in enumerate(np.flatnonzero(free))}
             area = np.pi * float(np.exp(2 * contact[RADIUS])) * touches.covered[i]
-            g = prediction.conductances[i] * touches.covered[i]
+            sheet = operator.resistance
+            known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
+            g = known * touches.covered[i]
             pressure = float(self.law.pressure(g / area))
             slope = prediction.force_slope(i, self.law.exponent)[free]
-            bare = IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
-            relative = float(np.sqrt(slope @ own @ slope + FORCE_FLOOR**2 + bare**2))
-            relative = bounded(relative, prediction.conductances[i] * prediction.means[i])
+            noise = slope @ fit.covariance[at, at] @ slope * inflation
+            ways = slope @ bent[at]
+            ways[i] -= IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
+            unknown = ways @ ways + crowded(known, sheet) ** 2
+            relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
+            relative = np.inf if bare else min(relative, MOST_RELATIVE)
             place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
             place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
             x, y = touches.centre(i) + ahead * u.rates[i, :2]
@@ -483,10 +508,18 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
     return most - 1 - int(others[-1]) if len(others) else most
 
 
-def bounded(relative: float, filled: float) -> float:
-    """The relative standard deviation of a force, inf where it is only known from below; `filled` :
-    g times mean D of the contact."""
-    return np.inf if BARE * filled > 1 else min(relative, _MOST_RELATIVE)
+def told(conductance: float, mean: float, resistance: float) -> tuple[float, bool]:
+    """Of a contact of `conductance`, S, with the `mean` D, ohm, on a sheet of `resistance`, ohm/sq:
+    what readings tell of its conductance at the most, and whether it is a bare conductor, which
+    conducts more."""
+    most = 1 / (BARE * max(mean, _LEAST_WAY * resistance / (2 * np.pi)))
+    return min(float(conductance), most), bool(conductance > most)
+
+
+def crowded(conductance: float, resistance: float) -> float:
+    """What is not known of the force of a contact of `conductance`, S, because its current crowds on a
+    sheet of `resistance`, ohm/sq: relative standard deviation."""
+    return CROWDING * conductance * resistance / (2 * np.pi)
 
 
 def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -584,7 +617,7 @@ def _lies_on(fit: Fit, electrode: int) -> bool:
 
 
 def _is_suspect(fit: Fit) -> bool:
-    return fit.chi_squared > _SUSPECT * fit.rows.count
+    return fit.chi_squared > SUSPECT * fit.rows.count
 
 
 def _better(first: Fit, second: Fit) -> Fit:

@@ -15,6 +15,7 @@ matrices.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,6 +78,13 @@ class Unknowns:
         rates = self.rates if moving else None
         return replace(self, rates=rates, moving=None if rates is None else self.moving | True)
 
+    def same_point(self, other: Unknowns) -> bool:
+        """Whether all that the readings depend on is the same, and nothing moves."""
+        names = "contacts", "across", "sheet", "gain", "offset", "resistance"
+        if self.moving.any() or other.moving.any():
+            return False
+        return all(np.array_equal(getattr(self, each), getattr(other, each)) for each in names)
+
     def after(self, lasts: float) -> Unknowns:
         """The same `lasts` s later, contacts moved on."""
         contacts = self.contacts.copy()
@@ -111,6 +119,7 @@ class Prediction:
     def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray):
         self.operator, self.unknowns, self.rows = operator, unknowns, rows
         admittance = operator.admittance_of(unknowns.sheet)
+        self._by_parameter: dict[tuple[int, int], np.ndarray] = {}
         self.touches = None
         if len(unknowns.contacts):
             self.touches = Touches(operator, unknowns.contacts, unknowns.across, unknowns.sheet)
@@ -150,47 +159,50 @@ class Prediction:
         self._inner = self.share @ damping.T
         self._fed = self.share @ self._strength
 
+    def freed(self, unknowns: Unknowns) -> Prediction:
+        """The same for `unknowns` that differ in what is free only."""
+        other = copy(self)
+        other.unknowns = unknowns
+        return other
+
     def contact_columns(self) -> np.ndarray:
         """(F, L, n) derivatives of the readings by the contacts' free parameters, in their
         order."""
         return self.columns(self.unknowns.free)
 
     def columns(self, free: np.ndarray) -> np.ndarray:
-        """(F, L, n) the same by the parameters that `free` (k, 6) names."""
-        if not len(free):
-            return np.empty((0, *self.ratio.shape))
-        changes = [self._contact_changes(i, each) for i, each in enumerate(free)]
-        return self._columns(np.concatenate(changes))
+        """(F, L, n) the same by the parameters that `free` (k, 6) names; each is worked out once."""
+        wanted = [(int(i), int(which)) for i, which in np.argwhere(free)]
+        missing = [each for each in wanted if each not in self._by_parameter]
+        if missing:
+            changes = np.array([self._contact_change(*each) for each in missing])
+            self._by_parameter.update(zip(missing, self._columns(changes)))
+        found = [self._by_parameter[each] for each in wanted]
+        return np.array(found).reshape(len(wanted), *self.ratio.shape)
 
-    def _contact_changes(self, i, free):
-        """(f, n, n) derivatives of Y by the parameters of contact i that `free` (6,) names."""
+    def _contact_change(self, i: int, which: int) -> np.ndarray:
+        """(n, n) derivative of Y by the parameter `which` of contact i.
+
+        It is a change of D and H, A fed^T + fed A^T, and one of conductances.
+        """
         touches, g, part = self.touches, self.conductances[i], self.touches.parts[i]
-        inner, fed = self._inner[:, part], self._fed[:, part]
-        weight, direct = touches.weight[part], touches.direct[i]
-        by_impedance = touches.d_impedance(i)
-        d_weight, d_direct = touches.d_covered(i)
-        by_mean = self._by_mean[i] * touches.mean_changes(i, by_impedance, d_weight, d_direct)
-        # each change is a change of D and H, A fed^T + fed A^T, and one of conductances
-        moves = touches.moves(i)
-        slopes = touches.patches.slopes[:, :, part]
-        across = np.matmul(self._fed[:, touches.near(i)], by_impedance.transpose(0, 2, 1))
-        changes = []
-        for which in np.flatnonzero(free):
-            if which == CONDUCTANCE:
-                rate = self._rates[i] * g
-                d_conductance, d_on = rate * weight, rate * direct
-                change = (inner * d_conductance) @ inner.T
-            else:
-                k = MOVING.index(which)
-                moved = slopes[0] * moves[k, :, 0] + slopes[1] * moves[k, :, 1] - across[k]
-                change = moved @ fed.T
-                change += change.T
-                d_conductance = g * (by_mean[k] * weight + d_weight[k])
-                d_on = g * (by_mean[k] * direct + d_direct[k])
-                change += (inner * d_conductance) @ inner.T
-            change[np.diag_indices(len(change))] += d_on
-            changes.append(change)
-        return np.array(changes).reshape(len(changes), *self.impedance.shape)
+        inner, weight, direct = self._inner[:, part], touches.weight[part], touches.direct[i]
+        if which == CONDUCTANCE:
+            rate = self._rates[i] * g
+            change = (inner * (rate * weight)) @ inner.T
+            change[np.diag_indices(len(change))] += rate * direct
+            return change
+        k = MOVING.index(which)
+        d_weight, d_direct = (each[k] for each in touches.d_covered(i))
+        by_mean = self._by_mean[i] * touches.mean_changes(i)[k]
+        move, slopes = touches.moves(i)[k], touches.patches.slopes[:, :, part]
+        moved = slopes[0] * move[:, 0] + slopes[1] * move[:, 1]
+        moved = moved - self._fed[:, touches.near(i)] @ touches.d_impedance(i)[k].T
+        change = moved @ self._fed[:, part].T
+        change += change.T
+        change += (inner * (g * (by_mean * weight + d_weight))) @ inner.T
+        change[np.diag_indices(len(change))] += g * (by_mean * direct + d_direct)
+        return change
 
     def strength_slope(self, i: int) -> np.ndarray:
         """(6,) derivatives of ln 1 / (1/g + mean D), of what contact i and the way to it conduct.
@@ -198,9 +210,8 @@ class Prediction:
         That is ln c, but for bare conductors: there ln c can be anything beyond -ln mean D.
         """
         touches, g = self.touches, self.conductances[i]
-        changes = touches.mean_changes(i, touches.d_impedance(i), *touches.d_covered(i))
         out = self.force_slope(i, 1.0) / g
-        out[list(MOVING)] -= changes
+        out[list(MOVING)] -= touches.mean_changes(i)
         return out / (1 / g + touches.mean[i])
 
     def force_slope(self, i: int, exponent: float) -> np.ndarray:
@@ -209,8 +220,7 @@ class Prediction:
 
         Force is pressure times area, and the area goes with the square of the radius.
         """
-        touches = self.touches
-        changes = touches.mean_changes(i, touches.d_impedance(i), *touches.d_covered(i))
+        changes = self.touches.mean_changes(i)
         out = np.zeros(PARAMETERS)
         out[CONDUCTANCE] = self._rates[i] / exponent
         out[list(MOVING)] = self._by_mean[i] * changes / exponent
@@ -229,11 +239,22 @@ class Prediction:
             moved = operator.share_change(touches.patches.around, self._fed)
             change = change + moved + moved.transpose(0, 2, 1)
             field = operator.field_at(self.unknowns.contacts[:, :2])
-            for i, part in enumerate(touches.parts):
-                felt = self._fed[:, part] @ (touches.impedance[part] @ self._fed.T)
-                own = (felt + felt.T) / 2 - self._held(i, part)
-                change += field[i][:, None, None] * own
+            for i in range(len(touches.parts)):
+                change -= field[i][:, None, None] * self._by_way(i)
         return self._columns(change)
+
+    def way_columns(self) -> np.ndarray:
+        """(k, L, n) derivatives of the readings by the logarithm of D of each contact, c held."""
+        count = len(self.unknowns.contacts)
+        changes = [self._by_way(i) for i in range(count)]
+        return self._columns(np.array(changes).reshape(count, *self.impedance.shape))
+
+    def _by_way(self, i):
+        """(n, n) derivative of Y by the logarithm of D of contact i."""
+        touches = self.touches
+        part = touches.parts[i]
+        felt = self._fed[:, part] @ (touches.impedance[part] @ self._fed.T)
+        return self._held(i, part) - (felt + felt.T) / 2
 
     def _held(self, i, part):
         """(n, n) what 1/c = 1/g + mean D takes back when D changes by a factor."""

@@ -39,7 +39,8 @@ class Moving:
     def __init__(
         self, operator: SheetOperator, unknowns: Unknowns, grounded: np.ndarray, times: np.ndarray
     ):
-        self.operator, self.unknowns, self._times = operator, unknowns, times
+        self.operator, self.unknowns = operator, unknowns
+        self._grounded, self._times = grounded, times
         last = float(np.abs(times).max(initial=0.0))
         speed = np.hypot(*unknowns.rates[:, :2].T) / (_WAY * operator.pitch)
         growth = np.abs(unknowns.rates[:, 2]) / _STRENGTH
@@ -77,6 +78,10 @@ class Moving:
     def __getattr__(self, name: str):
         return getattr(self._middle, name)
 
+    def freed(self, unknowns: Unknowns) -> Moving:
+        """The same for `unknowns` that differ in what is free only."""
+        return Moving(self.operator, unknowns, self._grounded, self._times)
+
     @property
     def size(self) -> int:
         """Number of patches, what the cost of an evaluation goes with."""
@@ -90,8 +95,15 @@ class Moving:
 
     def sheet_columns(self) -> np.ndarray:
         """(J, L, n) derivatives of the readings by the coefficients of the sheet."""
-        out = np.empty((self.operator.modes, *self.readings.shape))
+        return self._by_part(Prediction.sheet_columns, self.operator.modes)
+
+    def way_columns(self) -> np.ndarray:
+        """(k, L, n) derivatives of the readings by the logarithm of D of each contact."""
+        return self._by_part(Prediction.way_columns, len(self.unknowns.contacts))
+
+    def _by_part(self, columns, count: int) -> np.ndarray:
+        out = np.empty((count, *self.readings.shape))
         for rows, part in self._parts:
             if len(rows):
-                out[:, rows] = part.sheet_columns()
+                out[:, rows] = columns(part)
         return out

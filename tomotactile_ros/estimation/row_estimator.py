@@ -18,11 +18,14 @@ import numpy as np
 from tomotactile_ros.estimation.estimator import (
     EXCLUDED,
     FORCE_FLOOR,
+    IMPEDANCE_FLOOR,
+    MOST_RELATIVE,
     PLACE_FLOOR,
     Contact,
     Estimator,
     State,
-    bounded,
+    crowded,
+    told,
 )
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
@@ -324,6 +327,8 @@ class RowEstimator:
     def _contact(self, touches: Touches, contact, size_variance, mean, covariance) -> Contact:
         touches.contacts[0, 2] = contact[2]
         g, by_strength, by_mean = touches.conductance(0)
+        way = float(touches.mean[0])
+        g, bare = told(g, way, touches.operator.resistance)
         operator, law, covered = touches.operator, self.estimator.law, float(touches.covered[0])
         area = math.pi * math.exp(2 * contact[3]) * covered
         pressure = float(law.pressure(g * covered / area))
@@ -331,7 +336,9 @@ class RowEstimator:
         by_size = 2 * (1 - 1 / m) - by_mean * operator.resistance / (2 * math.pi) / m
         strength = float(covariance[STRENGTH, STRENGTH])
         relative = by_strength**2 * strength / m**2 + by_size**2 * size_variance
-        relative = bounded(math.sqrt(relative + FORCE_FLOOR**2), g * float(touches.mean[0]))
+        relative += FORCE_FLOOR**2 + (IMPEDANCE_FLOOR * by_mean * way / m) ** 2
+        relative += crowded(g, operator.resistance) ** 2
+        relative = math.inf if bare else min(math.sqrt(relative), MOST_RELATIVE)
         floor = (PLACE_FLOOR * operator.pitch) ** 2
         (xx, xy), (yx, yy) = covariance[:2, :2].tolist()
         x, y, vx, vy = mean[:4].tolist()

@@ -24,11 +24,11 @@ from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.solver import (
     STEPS,
     Contacts,
+    Equations,
     Fit,
     Linear,
     Prior,
     Rows,
-    SheetColumns,
     approach,
     solve,
 )
@@ -71,6 +71,8 @@ _MISFIT = 3.0
 # chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
 # also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
 _TORN = 12.0
+# chi-squared per reading from which on channels are doubted and other rows tried
+SUSPECT = 12.0
 _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
@@ -112,7 +114,10 @@ class Search:
     def __init__(self, operator: SheetOperator, effort: Effort = FULL):
         self.operator, self.effort = operator, effort
         self.detector = Detector(operator)
-        self._sheet, self._refused = None, 0.0
+        self._known, self._refused = None, 0.0
+        self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
+        self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
+        self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
@@ -123,19 +128,19 @@ class Search:
         prior: Prior,
         start: Fit | None = None,
         budget: int = BUDGET,
-        sheet: SheetColumns | None = None,
+        known: Equations | None = None,
         refused: float = 0.0,
         usual: float = 1.0,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start`, a point of the
         same rows, on.
 
-        sheet : derivatives by the sheet that an earlier fit ended with, or None
+        known : equations that an earlier fit ended with, or None
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
         usual : chi-squared per reading that the fit left of which `start` is
         """
-        self._left, self._sheet, self._refused = budget, sheet, refused
+        self._left, self._known, self._refused = budget, known, refused
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
@@ -162,7 +167,8 @@ class Search:
             if first is not None and first.cost < start.cost:
                 return self._first(rest, seen, first)
         found = self._without_idle(self._from(start))
-        if self._left > 0 and self._is_another(start.unknowns, found, usual):
+        another = self._left > 0 and self._is_another(start.unknowns, found, usual)
+        if another and not self._is_torn(found):
             found = self._likelier(found, self._first(self._at_rest(start.rows, start.prior)))
         return found
 
@@ -170,18 +176,24 @@ class Search:
         """No contact."""
         return Fit(self.operator, resting(self.operator, prior), rows, prior)
 
-    def goes_on(self, start: Fit, usual: float = 1.0) -> bool:
-        """Whether the contacts of `start` are still those of the rows, near where it says; `usual`
-        as in `contacts`."""
+    def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
+        """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
+        `known` as in `contacts`."""
+        self._known = known
         if start.chi_squared < _MISFIT * start.rows.count:
             return True
         return bool(len(start.unknowns.contacts)) and self._leads_on(start, usual)
 
     def _leads_on(self, start: Fit, usual: float) -> bool:
         """Whether one step from `start` explains most: the contacts are still those."""
+        if self._led is None or self._led[0] is not start:
+            self._led = start, self._explains_most(start, usual)
+        return self._led[1]
+
+    def _explains_most(self, start: Fit, usual: float) -> bool:
         excess = start.cost - usual * start.rows.count
-        for equations in (Contacts, Linear):  # of contacts alone, which is cheap; of all
-            linear = equations(start)
+        for of_all in (False, True):  # of contacts alone, which is cheap
+            linear = Linear(start, self._known) if of_all else Contacts(start)
             reached = linear.step(0.0)
             if linear.whole and linear.promised > _MOSTLY * excess:
                 return _is_likely(start.prior.apart(reached), start.prior)
@@ -223,7 +235,7 @@ class Search:
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of the contacts of `start`, moving."""
-        self._left, self._sheet = FIRST_LOOK, None
+        self._left, self._known = FIRST_LOOK, None
         like = Fit(self.operator, start.in_motion(), rows, prior)
         return self._simplified(self._solve(like.unknowns, like))
 
@@ -235,7 +247,7 @@ class Search:
     def allows(self, contacts: Unknowns, fit: Fit) -> bool:
         """Whether the readings of a fit allow other contacts as well, all that is free fitted
         anew."""
-        self._left, self._sheet = FIRST_LOOK, None
+        self._left, self._known = FIRST_LOOK, None
         limit = fit.cost + _EXCLUDED * fit.doubt
         return self._solve(contacts, fit, goal=limit).cost < limit
 
@@ -271,14 +283,14 @@ class Search:
         if steps > 1 and len(start.contacts) and not at.steps:
             at = self._approached(at)
         most = max(self._left, _LEAST_WORK)
-        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._sheet, goal
+        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
         fit = solve(*given, at, most)
-        self._sheet = fit.sheet
+        self._known = fit.equations
         across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
             work = fit.work
-            given = self.operator, finer, like.rows, like.prior, steps, self._sheet, goal
+            given = self.operator, finer, like.rows, like.prior, steps, self._known, goal
             fit = solve(*given, most=most)
             fit.work += work
         self._left -= fit.work
@@ -310,7 +322,7 @@ class Search:
                     contacts
                 )
             own = replace(as_known(start, held), contacts=contacts, across=tuple(across))
-            fit = solve(self.operator, own, like.rows, held, STEPS, self._sheet)
+            fit = solve(self.operator, own, like.rows, held, STEPS, self._known)
             self._left -= fit.work
             best = fit if best is None or fit.cost < best.cost else best
             if best.chi_squared < _MISFIT * like.rows.count:
@@ -371,18 +383,27 @@ class Search:
     def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
         """What is expected, with gains and offsets as the rows tell them by themselves, and the
         standard deviations (n,) of both, for a first look."""
-        found = _reciprocity(fit.rows, fit.prior, 1)
-        deviations = np.sqrt(found.covariance.diagonal()).reshape(2, -1)
-        return replace(fit.unknowns, gain=found.gain, offset=found.offset), *deviations
+        among, found = _reciprocity(fit.rows, fit.prior, 1)
+        expected = fit.prior.gain, fit.prior.offset, *fit.prior.deviations[:2]
+        told = found.gain, found.offset, *np.sqrt(found.covariance.diagonal()).reshape(2, -1)
+        gain, offset, *deviations = (each.copy() for each in expected)
+        for each, known in zip((gain, offset, *deviations), told):
+            each[among] = known
+        return replace(fit.unknowns, gain=gain, offset=offset), *deviations
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
         which reciprocity holds."""
+        if self._alike is None or self._alike[0] is not rows:
+            self._alike = rows, self._of_one_state(rows, prior)
+        return self._alike[1]
+
+    def _of_one_state(self, rows: Rows, prior: Prior) -> int:
         whole = len(rows.grounded)
 
         def holds(count: int) -> bool:
             part = rows.part(slice(whole - count, None))
-            return _reciprocity(part, prior, _ROUNDS).misfit[0] < _TORN
+            return _reciprocity(part, prior, _ROUNDS)[1].misfit[0] < _TORN
 
         if whole <= _PAIRS or holds(whole):
             return whole
@@ -391,6 +412,13 @@ class Search:
             count = (least + most + 1) // 2
             least, most = (count, most) if holds(count) else (least, count - 1)
         return least
+
+    def _is_torn(self, fit: Fit) -> bool:
+        """Whether the rows of a fit that leaves much over are of several states, which no contacts
+        explain."""
+        rows = fit.rows
+        suspect = rows.times is not None and fit.chi_squared > SUSPECT * rows.count
+        return suspect and self.of_one_state(rows, fit.prior) < len(rows.grounded)
 
     def _falls_short(self, fit: Fit) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
@@ -415,13 +443,12 @@ class Search:
         """
         if fit.unknowns.free.all():
             return False
-        promised = Linear(self._stretched(fit), fit.sheet).promise
+        promised = Linear(self._stretched(fit), fit.equations).promise
         return self._counts(fit, promised)
 
     def _stretched(self, fit: Fit) -> Fit:
         """The same fit with the forms of all contacts free."""
-        free = np.ones_like(fit.unknowns.free)
-        return Fit(fit.operator, replace(fit.unknowns, free=free), fit.rows, fit.prior)
+        return fit.freed(np.ones_like(fit.unknowns.free))
 
     def _formed(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit of ellipses in the place of discs, if that is better."""
@@ -452,7 +479,10 @@ class Search:
                 found = self._split(self._likelier(found, self._approached(begun)), self._near)
             elif Contacts(self._stretched(found)).promise > _PARTLY * found.cost:
                 found = self._split(self._formed(found, self._near), self._near)
-        if len(seen.contacts) > len(few.contacts):
+        if (
+            len(seen.contacts) > len(few.contacts)
+            and found.chi_squared > _MISFIT * found.rows.count
+        ):
             many = self._begun(seen, like, len(seen.contacts))
             if many.cost < found.cost:
                 found = self._likelier(found, self._approached(many))
@@ -513,6 +543,11 @@ class Search:
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
         a fit; None, 0 if noise may."""
+        if self._asked is None or self._asked[0] is not fit:
+            self._asked = fit, self._next_of(fit)
+        return self._asked[1]
+
+    def _next_of(self, fit: Fit):
         gains, strengths = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)
@@ -685,13 +720,18 @@ class Search:
         return fit
 
 
-def _reciprocity(rows: Rows, prior: Prior, steps: int) -> Gains:
-    """Gains and offsets, and how far reciprocity is violated, of rows alone."""
-    frame = np.full((len(prior.gain),) * 2, np.nan)
-    frame[rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+def _reciprocity(rows: Rows, prior: Prior, steps: int) -> tuple[np.ndarray, Gains]:
+    """Electrodes that are grounded, which alone have equations; their gains and offsets, and how far
+    reciprocity is violated, of rows alone."""
+    among, at = np.unique(rows.grounded, return_inverse=True)
+    frame = np.full((len(among),) * 2, np.nan)
+    frame[at] = np.where(rows.weights > 0, rows.readings, np.nan)[:, among]
     noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
-    gain, offset = zip((prior.gain, prior.offset), prior.deviations[:2])
-    return fit_gains(frame[None], 1.0, noise, gain, offset, steps)
+    gain, offset, gain_deviation, offset_deviation = (
+        each[among] for each in (prior.gain, prior.offset, *prior.deviations[:2])
+    )
+    expected = (gain, gain_deviation), (offset, offset_deviation)
+    return among, fit_gains(frame[None], 1.0, noise, *expected, steps)
 
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:

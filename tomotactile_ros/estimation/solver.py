@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior, couplings
-from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.motion import predicted
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
@@ -46,6 +46,7 @@ RATES = (
 )  # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
 SIMILAR = 0.04
+_STILL = 0.01  # the same for derivatives by the contacts
 
 
 @dataclass(frozen=True)
@@ -195,18 +196,25 @@ class Fit:
     covariance (F, F) of the contacts' free parameters, all else marginal; None before `solve`
     steps, work : of the `solve` or `approach` that ended here, the number of steps and that of patches
         in all evaluations of the forward model; 0 before
-    sheet : the last derivatives by the sheet, None before `solve`
+    equations : the last ones of `solve`, None before
     promised : what one more contact would take off the cost to first order, as far as that was
         asked
     """
 
-    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior):
+    def __init__(
+        self,
+        operator: SheetOperator,
+        unknowns: Unknowns,
+        rows: Rows,
+        prior: Prior,
+        prediction: Prediction | None = None,
+    ):
         self.operator, self.unknowns, self.rows, self.prior = operator, unknowns, rows, prior
-        self.prediction = predicted(operator, unknowns, rows.grounded, rows.times)
+        self.prediction = prediction or predicted(operator, unknowns, rows.grounded, rows.times)
         self.misfit = rows.readings - self.prediction.readings
         self.chi_squared = float((rows.weights * self.misfit**2).sum())
         self.cost = self.chi_squared + self._of_priors()
-        self.covariance = self.sheet = None
+        self.covariance = self.equations = None
         self.steps, self.work, self.promised = 0, 0, 0.0
 
     def weighed(self, rows: Rows) -> Fit:
@@ -216,6 +224,23 @@ class Fit:
         other.chi_squared = float((rows.weights * self.misfit**2).sum())
         other.cost = self.cost - self.chi_squared + other.chi_squared
         return other
+
+    def freed(self, free: np.ndarray) -> Fit:
+        """The same point with other parameters of the contacts `free` (k, 6)."""
+        other = copy(self)
+        other.unknowns = replace(self.unknowns, free=free)
+        other.prediction = self.prediction.freed(other.unknowns)
+        other.covariance = None
+        return other
+
+    def of(self, unknowns: Unknowns, rows: Rows, prior: Prior) -> Fit:
+        """The fit of `unknowns` and other rows: what is predicted is only worked out where it is not the
+        same."""
+        known = self.prediction
+        same = self.unknowns.same_point(unknowns) and np.array_equal(
+            self.rows.grounded, rows.grounded
+        )
+        return Fit(self.operator, unknowns, rows, prior, known.freed(unknowns) if same else None)
 
     @property
     def of_sensor(self) -> float:
@@ -254,9 +279,6 @@ class Fit:
         ratio = self.prediction.ratio
         return 1 - ratio, self.unknowns.gain * ratio / self.prediction.own[:, None]
 
-    def linearised(self) -> Linear:
-        return Linear(self)
-
 
 class SheetColumns:
     """Derivatives of the readings by the sheet's coefficients, at a fit.
@@ -285,12 +307,26 @@ class SheetColumns:
         )
 
 
-def similar(contacts: np.ndarray, others: np.ndarray, pitch: float) -> bool:
+def similar(
+    contacts: np.ndarray, others: np.ndarray, pitch: float, within: float = SIMILAR
+) -> bool:
     """Whether contacts (k, 6) are nearly the same as others, one by one."""
     if len(contacts) != len(others):
         return False
-    limits = SIMILAR * np.array([pitch, pitch, 4, 8, 8, 8])
+    limits = within * np.array([pitch, pitch, 4, 8, 8, 8])
     return bool((np.abs(contacts - others) <= limits).all())
+
+
+def _same_sensor(first: Prior, second: Prior) -> bool:
+    """Whether two expectations weigh the sensor alike."""
+    if (first.precision is None) != (second.precision is None):
+        return False
+    if first.precision is not None:
+        return np.array_equal(first.precision, second.precision)
+    both = zip(
+        (first.sheet_deviation, *first.deviations), (second.sheet_deviation, *second.deviations)
+    )
+    return all(np.array_equal(*each) for each in both)
 
 
 def _same_rows(first: Rows, second: Rows) -> bool:
@@ -306,7 +342,9 @@ class Contacts:
 
     Attributes
     ----------
-    free : number of the contacts' free parameters; normal (P, P), right (P,) of all parameters
+    free : number of the contacts' free parameters; flat (F, L n) derivatives by them, times the
+        weights; normal (P, P), right (P,) of all parameters; beside : what all that is not a
+        parameter here takes off the cost
     promised, whole : of the last step: how much the cost should fall by the linear model; whether
         the step is hardly damped and not limited
     """
@@ -315,12 +353,11 @@ class Contacts:
         self.fit = fit
         contacts = fit.prediction.contact_columns()
         self.free = len(contacts)
-        self._weighted = contacts * fit.rows.weights
-        self._flat = self._weighted.reshape(self.free, fit.misfit.size)
+        self.flat = (contacts * fit.rows.weights).reshape(self.free, fit.misfit.size)
         curvature, pull = contact_priors(fit)
-        self.normal = self._flat @ contacts.reshape(self._flat.shape).T + np.diag(curvature)
-        self.right = self._flat @ fit.misfit.ravel() + pull
-        self._beside = 0.0  # what all that is not a parameter here takes off the cost
+        self.normal = self.flat @ contacts.reshape(self.flat.shape).T + np.diag(curvature)
+        self.right = self.flat @ fit.misfit.ravel() + pull
+        self.beside = 0.0
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads."""
@@ -328,7 +365,7 @@ class Contacts:
         scaled = self.normal * scale[:, None] * scale
         scaled[np.diag_indices(self.free)] += damping
         step = scale * cho_solve(cho_factor(scaled), scale * self.right)
-        self.promised = float(step @ (2 * self.right - self.normal @ step)) + self._beside
+        self.promised = float(step @ (2 * self.right - self.normal @ step)) + self.beside
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
         self.whole = damping <= _FIRST_DAMPING and longest <= 1
         return self._moved(step / max(longest, 1.0))
@@ -339,7 +376,7 @@ class Contacts:
         scale = 1 / np.sqrt(self.normal.diagonal())
         right = scale * self.right
         step = np.linalg.lstsq(self.normal * scale[:, None] * scale, right, rcond=1e-12)[0]
-        return float(right @ step) + self._beside
+        return float(right @ step) + self.beside
 
     def _by_contact(self, step):
         free = self.fit.unknowns.free
@@ -363,41 +400,88 @@ class Contacts:
         return replace(u, contacts=contacts, rates=rates)
 
 
-class Linear(Contacts):
-    """Normal equations of contacts and sheet at a fit, channels eliminated.
+class Equations:
+    """All that the normal equations of contacts, sheet and channels have at a fit whatever the
+    readings are.
 
-    sheet : derivatives by the coefficients of the sheet, `SheetColumns`, from a fit nearby or anew
+    Attributes
+    ----------
+    contacts (F, L n) derivatives by the contacts' free parameters, times the weights
+    sheet : derivatives by the coefficients of the sheet
+    channels : the part of the channels, eliminated
+    normal (F + J, F + J) normal matrix of contacts and sheet with the priors
     """
 
-    def __init__(self, fit: Fit, sheet: SheetColumns | None = None):
-        super().__init__(fit)
-        u, prior, rows = fit.unknowns, fit.prior, fit.rows
+    def __init__(self, contacts: Contacts, sheet: SheetColumns | None = None):
+        fit = contacts.fit
+        prior, rows = fit.prior, fit.rows
         self.sheet = sheet if sheet is not None and sheet.serves(fit) else SheetColumns(fit)
-        sensor = -prior.pull(prior.apart(u))
-        modes = len(self.sheet.columns)
-        mixed = self._flat @ self.sheet.flat.T
-        block = self.sheet.normal + _sheet_block(prior, modes)
-        normal = np.block([[self.normal, mixed], [mixed.T, block]])
-        pull = self.sheet.weighted @ fit.misfit.ravel() + sensor[:modes]
+        self.contacts = contacts.flat
+        self._fit = fit
+        mixed = self.contacts @ self.sheet.flat.T
+        block = self.sheet.normal + _sheet_block(prior, fit.operator.modes)
+        normal = np.block([[contacts.normal, mixed], [mixed.T, block]])
         slopes = fit.slopes
-        both = self._weighted, self.sheet.weighted.reshape(-1, *fit.misfit.shape)
+        shape = -1, *fit.misfit.shape
+        both = self.contacts.reshape(shape), self.sheet.weighted.reshape(shape)
         self.channels = ChannelFit(
             np.concatenate(
                 [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
             ),
             rows.weights,
-            fit.misfit,
             slopes,
             rows.grounded,
             prior.deviations,
-            sensor[modes:],
             prior.precision,
         )
         self.normal = normal - self.channels.normal
         # what rounding takes off a difference of matrices
         self.normal[np.diag_indices(len(normal))] += _ROUNDING * normal.diagonal()
-        self.right = np.concatenate([self.right, pull]) - self.channels.right
-        self._beside = self.channels.promised
+
+    def response(self, misfits: np.ndarray) -> np.ndarray:
+        """(F, m) how the contacts' parameters answer to `misfits` (m, L, n), all else marginal."""
+        if not len(misfits):
+            return np.empty((len(self.contacts), 0))
+        flat = misfits.reshape(len(misfits), -1).T
+        right = np.concatenate([self.contacts @ flat, self.sheet.weighted @ flat])
+        right -= np.array([self.channels.pulled(each, 0.0)[1] for each in misfits]).T
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        scaled = self.normal * scale[:, None] * scale
+        found = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
+        return found[: len(self.contacts)]
+
+    def serves(self, fit: Fit) -> bool:
+        """Whether they are good enough at another fit, of other readings: how fast the solver
+        converges depends on them, and the covariance."""
+        known = self._fit
+        return (
+            np.array_equal(known.unknowns.free, fit.unknowns.free)
+            and not (known.unknowns.moving.any() or fit.unknowns.moving.any())
+            and _same_rows(known.rows, fit.rows)
+            and _same_sensor(known.prior, fit.prior)
+            and similar(known.unknowns.contacts, fit.unknowns.contacts, fit.operator.pitch, _STILL)
+        )
+
+
+class Linear(Contacts):
+    """Normal equations of contacts and sheet at a fit, channels eliminated.
+
+    equations : all of them but the right side, from a fit nearby or anew
+    """
+
+    def __init__(self, fit: Fit, known: Equations | None = None):
+        self.fit = fit
+        curvature, pull = contact_priors(fit)
+        self.free = len(curvature)
+        if known is None or not known.serves(fit):
+            super().__init__(fit)
+            known = Equations(self, None if known is None else known.sheet)
+        self.equations, self.normal = known, known.normal
+        sensor = -fit.prior.pull(fit.prior.apart(fit.unknowns))
+        modes, misfit = fit.operator.modes, fit.misfit.ravel()
+        both = known.contacts @ misfit + pull, known.sheet.weighted @ misfit + sensor[:modes]
+        self._alone, taken, self.beside = known.channels.pulled(fit.misfit, sensor[modes:])
+        self.right = np.concatenate(both) - taken
 
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
@@ -407,7 +491,7 @@ class Linear(Contacts):
 
     def _moved(self, step):
         u = self.fit.unknowns
-        gain, offset, resistance = self.channels.step(step)
+        gain, offset, resistance = self.equations.channels.step(self._alone, step)
         return replace(
             super()._moved(step),
             sheet=u.sheet + step[self.free :],
@@ -471,7 +555,7 @@ def solve(
     rows: Rows,
     prior: Prior,
     steps: int = STEPS,
-    sheet: SheetColumns | None = None,
+    known: Equations | None = None,
     goal: float = np.inf,
     at: Fit | None = None,
     most: float = np.inf,
@@ -479,12 +563,13 @@ def solve(
     """The best fit that at most `steps` steps from `start` lead to, with its covariance.
 
     It ends where nothing tells that a cost as low as `goal` will be reached, and after `most` work,
-    see `Fit`. `at` : the fit of `start`, where it is known.
+    see `Fit`. `at` : the fit of `start`, where it is known; `known` : equations that an earlier fit
+    ended with.
     """
     fit, damping, work = at or Fit(operator, start, rows, prior), _FIRST_DAMPING, 0
     for step in range(steps):
-        linear = Linear(fit, sheet)
-        sheet = linear.sheet
+        linear = Linear(fit, known)
+        known = linear.equations
         better, damping, more = _descend(linear, damping)
         work += more
         gained = 0.0 if better is None else fit.cost - better.cost
@@ -492,13 +577,13 @@ def solve(
             fit = better
         settled = _CONVERGED * fit.doubt
         # after a short whole step the next takes off less than what the linear model was wrong by
-        exact = linear.whole and abs(gained - linear.promised) < settled and sheet.serves(fit)
+        exact = linear.whole and abs(gained - linear.promised) < settled and known.sheet.serves(fit)
         if gained < settled or exact or work >= most:
             break
         if step and fit.cost - _HOPE * gained > goal:
             break
     fit.steps, fit.work = step + 1, work
-    fit.covariance, fit.sheet = linear.covariance(), sheet
+    fit.covariance, fit.equations = linear.covariance(), known
     return fit
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import wraps
 from itertools import pairwise
 
 import numpy as np
@@ -83,6 +84,19 @@ class Form:
         return cls(contact[:2] + unit @ shape.T, np.exp(contact[RADIUS]) * radius, area, moves)
 
 
+def _once(method):
+    """Of a `Touches`: worked out once for each contact."""
+
+    @wraps(method)
+    def known(self, i: int):
+        key = method.__name__, i
+        if key not in self._known:
+            self._known[key] = method(self, i)
+        return self._known[key]
+
+    return known
+
+
 class Touches:
     """All contacts of a fit on the sheet: what equation (b) needs, and its derivatives.
 
@@ -98,6 +112,7 @@ class Touches:
 
     def __init__(self, operator: SheetOperator, contacts: np.ndarray, across, sheet: np.ndarray):
         self.operator, self.contacts = operator, contacts
+        self._known: dict[tuple[str, int], object] = {}
         self.forms = [Form.of(each, parts) for each, parts in zip(contacts, across)]
         ends = np.cumsum([0] + [len(form.area) for form in self.forms])
         self.parts = [slice(a, b) for a, b in pairwise(ends)]
@@ -136,12 +151,14 @@ class Touches:
         rising = (rises / radii)[:, None] * way, -rises * (distance - layout.radius) / radii
         self._on = there * area, off, steep, rising
 
+    @_once
     def moves(self, i: int) -> np.ndarray:
         """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; none on
         electrodes."""
         part = self.parts[i]
         return self.forms[i].moves * (self._moving[part] & ~self._inside[part][:, None])
 
+    @_once
     def d_covered(self, i: int) -> tuple[np.ndarray, np.ndarray]:
         """(5, p) change of the weights of contact i by `MOVING`, and (5, n) of what it has on
         electrodes."""
@@ -156,6 +173,7 @@ class Touches:
         np.add.at(direct.T, self._electrode[part], (by_rim * (1 - off) - on * by_electrode).T)
         return by_rim * off + on * by_electrode, direct[:, :-1]
 
+    @_once
     def d_impedance(self, i: int) -> np.ndarray:
         """(5, p, m) E with dD = E + E^T by `MOVING` of contact i, ohm: its patches, and the patches
         `near(i)`."""
@@ -176,9 +194,10 @@ class Touches:
         """Where in `near(i)` the patches of contact i begin."""
         return int(np.searchsorted(self.near(i), self.parts[i].start))
 
-    def mean_changes(self, i: int, by_impedance, d_weight, d_direct) -> np.ndarray:
-        """(5,) derivatives of `mean` of contact i, ohm, with `d_impedance(i)` and
-        `d_covered(i)`."""
+    @_once
+    def mean_changes(self, i: int) -> np.ndarray:
+        """(5,) derivatives of `mean` of contact i by `MOVING`, ohm."""
+        by_impedance, (d_weight, d_direct) = self.d_impedance(i), self.d_covered(i)
         part, covered = self.parts[i], self.covered[i]
         weight, first = self.weight[part], self._first(i)
         found = 2 * (by_impedance[:, :, first : first + len(weight)] @ weight) @ weight

@@ -199,7 +199,7 @@ class Expectation:
         one[CONDUCTANCE] = -np.log(1 / given + touch.mean[0])
         linear = self._linear(one[None], grounded, frame)
         step = np.linalg.solve(linear.normal, linear.right)
-        taken = step @ linear.right + linear.channels.promised
+        taken = step @ linear.right + linear.beside
         return float(np.sqrt(max(linear.fit.cost - taken, 0.0)))
 
     def on_electrode(self, linear: Linear) -> float:
@@ -253,7 +253,7 @@ class RowInformation:
         for centre in centres:
             linear = expectation.linear(centre, grounded=every)
             prediction, weights = linear.fit.prediction, linear.fit.rows.weights
-            columns = np.concatenate([prediction.contact_columns(), linear.sheet.columns])
+            columns = np.concatenate([prediction.contact_columns(), linear.equations.sheet.columns])
             columns = columns.transpose(1, 0, 2)  # (E, k, n)
             rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
             sheet = linear.fit.prior.sheet_deviation**-2.0

@@ -1,0 +1,68 @@
+"""How well the force of contacts is known that conduct so well that the sheet hardly sees how well.
+
+A contact of conductance g on a sheet of R_s ohm/sq draws its current through the sheet around it: by
+itself it adds 1/g to about R_s / 2 pi. The table goes through radii and g R_s / 2 pi, single contacts at
+random places, and shows by what the reported forces are off, what the reports say that they may be off
+by, and how many true forces lie within two of these standard deviations. `inf` : a bare conductor as far
+as readings tell; its force is a lower bound, and counts as held where it is one.
+
+    scripts/setup python3 benchmark/nearly_bare.py [--layout equal-8x8] [--count 8] [--profile accurate]
+
+Frames are made by finite elements, the reconstruction uses closed forms.
+"""
+
+import argparse
+
+import numpy as np
+
+import tomotactile_ros as tt
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.scene import Adc, Noise, Scene
+from tomotactile_ros.simulation import Simulator
+
+RADII = 0.16, 0.32, 0.6, 1.2, 1.8  # spacings
+STRENGTHS = 0.3, 1.0, 2.0, 4.0, 8.0, 16.0  # g R_s / 2 pi
+DRIVE, NOISE = 3.3, 1e-3  # V
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--layout", default="equal-8x8")
+    parser.add_argument("--count", type=int, default=8, help="contacts in a row of the table")
+    parser.add_argument("--profile", default="accurate")
+    given = parser.parse_args()
+    layout = tt.load_layout(given.layout)
+    pitch, half = float(np.median(layout.pitches)), np.array(layout.outline.size) / 2
+    law = ContactLaw(1e-4, 1.0)
+    settings = tt.Settings(given.profile, noise=NOISE, contact_law=law)
+    pipeline, draw = tt.Pipeline(layout, settings), np.random.default_rng(1)
+    print("radius mm  g R_s/2 pi  off by %: median  worst  said %: median  inf  held  other count")
+    for radius in pitch * np.array(RADII):
+        area = np.pi * radius**2
+        for strength in STRENGTHS:
+            pressure = float(law.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
+            off, said, held, others = [], [], 0, 0
+            for _ in range(given.count):
+                centre = tuple(draw.uniform(radius - half, half - radius))
+                contact = Contact("disc", center=centre, radius=float(radius), pressure=pressure)
+                scene = Scene("one", DRIVE, (contact,), law, noise=Noise(NOISE), adc=Adc(12, DRIVE))
+                frame = Simulator(layout, scene, model="fem").frame(0.0, 0)
+                found = pipeline.process(frame, layout.grounded, DRIVE).contacts
+                if len(found) != 1:
+                    others += 1
+                    continue
+                error = found[0].force / (pressure * area) - 1
+                deviation = found[0].force_std / found[0].force
+                bare = not np.isfinite(deviation)
+                held += error < 0.05 if bare else abs(error) < 2 * deviation
+                off.append(100 * abs(error))
+                said.append(100 * deviation)
+            print(
+                f"{1e3 * radius:9.1f}  {strength:10.1f}  {np.median(off):16.1f}  {max(off):5.1f}"
+                f"  {np.median(said):14.1f}  {np.isinf(said).sum():3d}  {held}/{len(off)}  {others}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
