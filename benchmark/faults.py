@@ -40,7 +40,7 @@ import numpy as np
 
 from tomotactile_ros.devices.base import Status
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.nodes import diagnostics, driver
+from tomotactile_ros.nodes import data_source, diagnostics
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmark"))  # scripts/setup keeps Python from doing so
@@ -94,7 +94,7 @@ class Outcome:
 
 def level_of(status: Status) -> int:
     """Level that the driver node gives a device with this status."""
-    level = driver._LEVELS.get(status.state, diagnostics.ERROR)
+    level = data_source.level_of(status)
     for trouble in status.troubles:
         level = max(level, diagnostics.level_of(trouble))
     if status.dead:
