@@ -432,10 +432,17 @@ class Search:
         order."""
         if fit.chi_squared > _MISFIT * fit.rows.count:
             return True
-        if fit.chi_squared <= _POOR * fit.rows.count and not self.effort.alternatives:
-            return False
-        self._next(fit)
-        return self._counts(fit, fit.promised) or self._form_matters(fit)
+        if fit.chi_squared > _POOR * fit.rows.count or self.effort.alternatives:
+            self._next(fit)
+            if self._counts(fit, fit.promised) or self._form_matters(fit):
+                return True
+        return self._may_be_two(fit)
+
+    def _may_be_two(self, fit: Fit) -> bool:
+        """Whether a long contact leaves more over than noise does: it may be two, of which no first
+        order tells."""
+        long = np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > _LONG
+        return bool(long.any()) and fit.chi_squared - fit.rows.count > self._threshold
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""
