@@ -24,7 +24,12 @@ from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscr
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
-from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, SPECS, settings_of
+from tomotactile_ros.nodes.reconstruction_parameters import (
+    OF_THE_NODE,
+    SPECS,
+    law_in_words,
+    settings_of,
+)
 from tomotactile_ros.nodes.row_contacts import Rows
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
@@ -155,6 +160,7 @@ class Reconstruction:
             return Report(diagnostics.WARN, "not active")
         figures = {
             "profile": pipeline.profile,
+            "contact law": law_in_words(self.parameters.values),
             **self._watch.figures(),
             **self._rows.figures(),
             **self._taring.figures(),
@@ -256,6 +262,7 @@ class Reconstruction:
     def _use(self, pipeline: Pipeline, values: dict[str, Any]) -> None:
         if pipeline is not self._pipeline:
             self._log.info(pipeline.report)
+            self._log.info(f"forces by the contact law {law_in_words(values)}")
         with self._rows_lock:
             self._pipeline = pipeline
             self._outputs.configure(self._layout, pipeline.grid, values)
