@@ -77,6 +77,11 @@ def programs() -> dict[str, Program]:
              "2", "--out", "out.yaml"], 6.0,
         ),
         "evaluate": Program([*command, "evaluate", *small], 3.0),
+        "record": Program([*command, "record", *small, "--duration", "8", "--out", "out.npz"], 5.0),
+        "watch": Program([*command, "watch", *small, "--duration", "8"], 5.0),
+        "bench": Program(
+            [*command, "bench", "--parts", "stability", "--out", "out.json"], 6.0
+        ),
     }  # fmt: skip
 
 

@@ -24,6 +24,7 @@ qemu      the firmware in QEMU at 1,000 rows/s: every reading right
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import os
 import signal
@@ -39,17 +40,18 @@ import numpy as np
 
 from tomotactile_ros.devices.base import Status
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.nodes import diagnostics, driver
+from tomotactile_ros.nodes import data_source, diagnostics
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmark"))  # scripts/setup keeps Python from doing so
 
 import fault_kills
 import fault_soak
-from fault_sensor import Judge, Sensor, sensor, workshop
+from fault_sensor import Judge, Sensor, sensor, terminal_server, workshop
 
 LEVELS = ("OK", "WARN", "ERROR")
 MAX_AGE = 1.0  # s, as the driver node has it
+FRAME_BYTES = 64 * 169.0  # of 8 x 8, on the line
 SHORT = ("line", "loss", "nonsense", "age", "restarts")
 
 LINE = {
@@ -92,7 +94,7 @@ class Outcome:
 
 def level_of(status: Status) -> int:
     """Level that the driver node gives a device with this status."""
-    level = driver._LEVELS.get(status.state, diagnostics.ERROR)
+    level = data_source.level_of(status)
     for trouble in status.troubles:
         level = max(level, diagnostics.level_of(trouble))
     if status.dead:
@@ -125,12 +127,18 @@ class Watcher:
 
 
 def run(
-    program: str, port: str, seconds: float, side: int = 8, rate: float = 60.0, **options
-) -> Outcome:
-    """One sensor with one fault and one device that listens for so many seconds."""
+    program: str, port: str, seconds: float, side: int = 8, rate: float = 60.0,
+    network: bool = False, **options,
+) -> Outcome:  # fmt: skip
+    """One sensor with one fault and one device that listens for so many seconds.
+
+    `network`: the sensor's tty is reached by RFC 2217, through a terminal server of this process.
+    """
     judge = Judge(side * side)
-    with sensor(program, port, electrodes=side * side, **options) as source:
-        device = SerialDevice(source.port, side * side, rate=rate)
+    with contextlib.ExitStack() as stack:
+        source = stack.enter_context(sensor(program, port, electrodes=side * side, **options))
+        where = stack.enter_context(terminal_server(source.port)) if network else source.port
+        device = SerialDevice(where, side * side, rate=rate)
         device.max_age = MAX_AGE
         device.open(judge)
         watcher = Watcher(device)
@@ -250,22 +258,27 @@ def nonsense(options: argparse.Namespace) -> None:
 
 def age(options: argparse.Namespace) -> None:
     """A line that carries less than the sensor makes, with small and with large buffers."""
+    shares = itertools.product(("pty", "tcp"), (1e4, 1e8), (0.9, 0.5, 0.15))
+    cases = [(line, 250.0, buffer, share * 250.0 * FRAME_BYTES) for line, buffer, share in shares]
+    cases += [("socket", 250.0, buffer, 400e3) for buffer in (1e4, 1e8)]  # what a modem carries
+    cases += [("rfc2217", 60.0, buffer, None) for buffer in (1e4, 1e8)]  # as fast as it is
     rows = []
-    need = 250 * 64 * 169.0  # bytes/s of 8 x 8 at 250 frames/s
     with workshop() as (folder, program):
-        cases = itertools.product((f"pty:{folder}/port", "tcp:0"), (1e4, 1e8), (0.9, 0.5, 0.15))
-        for port, buffer, share in cases:
+        for line, rate, buffer, carries in cases:
             before = resident()
             out = run(
-                program, port, 3 * options.seconds, rate=250.0, buffer=int(buffer),
-                throttle=share * need, protocol=options.protocol,
+                program, f"pty:{folder}/port" if line in ("pty", "rfc2217") else "tcp:0",
+                3 * options.seconds, rate=rate, buffer=int(buffer), throttle=carries or 0,
+                protocol=options.protocol, network=line == "rfc2217",
             )  # fmt: skip
             oldest = f"{out.ages.max():.2f} s" if out.ages.size else "-"
+            share = 100 * carries / rate / FRAME_BYTES if carries else None
             rows.append(
                 [
-                    port.partition(":")[0],
+                    line,
+                    f"{rate:g}",
                     f"{buffer / 1e6:g} MB",
-                    f"{100 * share:.0f} %",
+                    f"{1e-3 * carries:.0f} kB/s, {share:.0f} %" if carries else "what it can",
                     f"{out.judge.frames} of {out.made}",
                     str(out.judge.wrong_readings),
                     oldest,
@@ -276,8 +289,8 @@ def age(options: argparse.Namespace) -> None:
                 ]
             )
     table(
-        ["line", "sensor's buffer", "line carries", "published", "wrong readings", "oldest",
-         "stamp off by", "too old, kept back", "memory", "level"], rows,
+        ["line", "frames/s", "sensor's buffer", "line carries", "published", "wrong readings",
+         "oldest", "stamp off by", "too old, kept back", "memory", "level"], rows,
     )  # fmt: skip
 
 

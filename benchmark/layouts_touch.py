@@ -3,11 +3,12 @@ what is expected without frames.
 
     scripts/setup python3 benchmark/layouts_touch.py 4
     scripts/setup python3 benchmark/layouts_touch.py 8 --layout mine.yaml --only equal r_2 mine
+    scripts/setup python3 benchmark/layouts_touch.py 4 --only equal r_2 --singles 120
     scripts/setup python3 benchmark/layouts_touch.py ring-16 --layout mine.yaml
 
 Tables are Markdown on standard output. What electrodes see is kept in build/layouts: half a minute
-for a layout of 4 x 4, three for one of 8 x 8, and half as much for the profiles. Needs Gmsh and
-scikit-fem. Tables of docs/layouts.md come from here.
+for a layout of 4 x 4, three for one of 8 x 8, ten for one of 16 x 16, and half as much for the
+profiles. Needs Gmsh and scikit-fem. Tables of docs/layouts.md come from here.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from tomotactile_ros.evaluation.posterior import Conditions, expected, usual_apa
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.optimizer.scan import Chooser, spread
 from tomotactile_ros.optimizer.touch_report import save_comparison
+from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -42,11 +44,18 @@ MOVED = 0.25  # of a spacing, uniform, of layouts at random
 AMOUNTS = {
     "4": Amount(40, 16, (0.04, 0.05)),
     "8": Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
+    "16": Amount(8, 4, (0.014, 0.018)),
     "hex-37": Amount(30, 10, (0.014, 0.018, 0.022, 0.026)),
     "ring-16": Amount(40, 16, (0.04, 0.05)),
 }
-ELLIPSES = {"4": 12, "8": 12, "hex-37": 16, "ring-16": 12}  # along a side, of pictures
-PLACES = {"4": 24, "8": 12, "hex-37": 16, "ring-16": 16}  # of what is expected, along a side
+ELLIPSES = {"4": 12, "8": 12, "16": 12, "hex-37": 16, "ring-16": 12}  # along a side, of pictures
+PLACES = {
+    "4": 24,
+    "8": 12,
+    "16": 12,
+    "hex-37": 16,
+    "ring-16": 16,
+}  # of what is expected, along a side
 
 
 def layouts(kind: str) -> dict[str, Layout]:
@@ -89,13 +98,15 @@ def words(name: str, kind: str) -> str:
     return WORDS.get(name, f"grid scaled by {name[1:]}" if name.startswith("x") else name)
 
 
-def figures(layout: Layout, kind: str, profiles) -> dict:
+def figures(layout: Layout, kind: str, amount: Amount, profiles) -> dict:
     """What is expected and what is measured, as plain data."""
     found = expected(layout, Conditions(apart=usual_apart(layout)), PLACES[kind])
-    data = reference(layout, AMOUNTS[kind], DATA)
+    data = reference(layout, amount, DATA)
     return {
         "expected": [*map(float, found.lengths), found.score],
-        "measured": {each.profile: each.figures for each in measure(data, profiles)},
+        "measured": {
+            each.profile: each.figures for each in measure(data, profiles, layout.grounded)
+        },
     }
 
 
@@ -120,6 +131,16 @@ def place_table(found: dict, profiles, kind) -> list[str]:
                 figure = each["measured"][profile][sheet]
                 cells.append(f"{1e3 * figure['mean']:.3f}, {1e3 * figure['p95']:.3f}")
         rows.append(cells)
+    return list(markdown(header, rows))
+
+
+def force_table(found: dict, profiles, kind) -> list[str]:
+    header = ["layout"]
+    header += [f"{p}, {sheet}: median, p95/%" for p in profiles for sheet in (EVEN, UNEVEN)]
+    rows = []
+    for name, each in found.items():
+        both = [each["measured"][p][sheet]["force"] for p in profiles for sheet in (EVEN, UNEVEN)]
+        rows.append([words(name, kind), *(f"{100 * a:.1f}, {100 * b:.1f}" for a, b in both)])
     return list(markdown(header, rows))
 
 
@@ -171,6 +192,7 @@ def main():
     parser.add_argument("kind", choices=AMOUNTS, help="electrodes along a side, or a layout")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="layouts to compare")
     parser.add_argument("--layout", action="append", default=[], help="another one, a file")
+    parser.add_argument("--singles", type=int, help="so many single contacts, and no pairs")
     parser.add_argument("--profiles", nargs="+", choices=PROFILES, default=PROFILES)
     parser.add_argument("--rows", type=int, help="best so many rows against all of them, instead")
     parser.add_argument("--picture", help="ellipses of the layouts, a file, instead")
@@ -189,7 +211,9 @@ def main():
         name = (args.only or ["equal"])[0]
         print("\n".join(rows_table(args.kind, args.rows, name, args.profiles)))
         return
-    every = layouts(args.kind)
+    every, amount = layouts(args.kind), AMOUNTS[args.kind]
+    if args.singles is not None:
+        amount = Amount(checks.integer(args.singles, "--singles", 1, 10_000), 0, ())
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
     found = {}
     DATA.mkdir(parents=True, exist_ok=True)
@@ -197,14 +221,17 @@ def main():
     for name, layout in every.items():
         if args.only and name not in args.only and layout.name not in map(_stem, args.layout):
             continue
-        kept = DATA / f"{layout.id.replace('#', '-')}-figures-{today}.json"
+        which = "-".join([today, str(amount.singles), *args.profiles])
+        kept = DATA / f"{layout.id.replace('#', '-')}-figures-{which}.json"
         if kept.exists():
             found[name] = json.loads(kept.read_text())
         else:
-            found[name] = figures(layout, args.kind, PROFILES)
+            found[name] = figures(layout, args.kind, amount, args.profiles)
             kept.write_text(json.dumps(found[name]))
         print(name, json.dumps(found[name]), file=sys.stderr, flush=True)
-    tables = [place_table, pair_table]
+    tables = [place_table, force_table]
+    if amount.pairs:
+        tables.append(pair_table)
     if len(found) > 2:
         tables.append(rank_table)
     for table in tables:

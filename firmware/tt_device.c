@@ -52,15 +52,16 @@ static float rate_for(const struct tt_device *device, uint8_t version)
 
 void tt_device_init(struct tt_device *device, const struct tt_facts *facts)
 {
-    float ticks = (float)facts->settle_ground + 1.0f
-        + (float)(facts->electrodes - 1u) * (float)facts->settle_read;
-    float rate;
+    float ticks, rate;
     memset(device, 0, sizeof *device);
     device->facts = facts;
     device->received.bytes = device->received_bytes;
     device->received.size = TT_RECEIVE_BYTES;
     device->sending.bytes = device->sending_bytes;
     device->sending.size = TT_SEND_BYTES;
+    tt_scan_init(&device->scan, facts->electrodes, facts->settle_ground, facts->settle_read);
+    ticks = (float)device->scan.settle_ground + 1.0f
+        + (float)(facts->electrodes - 1u) * (float)device->scan.settle_read;
     device->fastest_row_rate = 1.0f / (ticks * facts->tick);
     if (facts->line_rate > 0) {
         size_t packet = TT_V2_ROW_SIZE + 2u * facts->electrodes + TT_CRC_SIZE;
@@ -68,7 +69,6 @@ void tt_device_init(struct tt_device *device, const struct tt_facts *facts)
         device->fastest_row_rate = clamped(device->fastest_row_rate, 0.0f, on_line);
     }
     rate = device->fastest_row_rate / (float)facts->electrodes;
-    tt_scan_init(&device->scan, facts->electrodes, facts->settle_ground, facts->settle_read);
     apply_rate(&device->scan.plans[0], clamped(facts->rate, 1.0f / LONGEST_FRAME, rate));
     (void)tt_queue_put(&device->sending, (const uint8_t *)"", 1); /* against noise at power-up */
 }
@@ -344,9 +344,8 @@ static bool start(struct tt_device *device, const struct command *command)
         frames = tt_get_u32(command->bytes + TT_V2_START_FRAMES);
         timeout = tt_get_u16(command->bytes + TT_V2_START_TIMEOUT);
     }
-    if (scan->running && device->stream_version == command->version) {
+    if (device->stream_version == command->version && tt_scan_renew(scan, frames)) {
         device->timeout = 1000u * timeout;
-        scan->frames_left = frames;
         (void)send_ack(device, command, true);
         return true;
     }

@@ -18,8 +18,8 @@
 /* What a board is. Strings have at most TT_MAX_STRING bytes of printable UTF-8. */
 #define TT_MAX_STRING 32u
 struct tt_facts {
-    uint16_t electrodes;
-    uint16_t settle_ground, settle_read; /* ticks */
+    uint16_t electrodes;                 /* 1 to TT_MAX_ELECTRODES */
+    uint16_t settle_ground, settle_read; /* ticks, 1 or more */
     float tick;                          /* s, of the timer that calls tt_scan_tick */
     uint8_t bits;
     uint16_t zero;       /* counts that mean 0 V */

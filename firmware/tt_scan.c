@@ -139,6 +139,17 @@ void tt_scan_start(struct tt_scan *scan, uint32_t frames)
     scan->running = true;
 }
 
+bool tt_scan_renew(struct tt_scan *scan, uint32_t frames)
+{
+    bool running;
+    tt_board_lock(); /* or the last frame ends between question and answer */
+    running = scan->running;
+    if (running)
+        scan->frames_left = frames;
+    tt_board_unlock();
+    return running;
+}
+
 bool tt_scan_stop(struct tt_scan *scan)
 {
     scan->running = false;

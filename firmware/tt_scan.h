@@ -62,6 +62,10 @@ bool tt_scan_tick(struct tt_scan *scan);
 /* Main loop: begin a new frame; the scan must have stopped. `frames`: stop behind so many, 0: go on. */
 void tt_scan_start(struct tt_scan *scan, uint32_t frames);
 
+/* Main loop: a scan that runs goes on for so many frames from now, 0: without end; false where it
+ * has ended. */
+bool tt_scan_renew(struct tt_scan *scan, uint32_t frames);
+
 /* Main loop: stop behind the row under way; false until that is over. */
 bool tt_scan_stop(struct tt_scan *scan);
 

@@ -1,7 +1,8 @@
 """Driver and reconstruction of one sensor: as two processes or one, plain or managed, with rviz2.
 
-A node that refuses its parameters (exit status 2) stops the launch, or only itself
-(on_refusal:=ignore); one that dies otherwise is started again. Arguments left empty do not override
+Arguments that cannot be meant, and a node that refuses its parameters (exit status 2), stop the
+launch, or only the sensor (on_refusal:=ignore); a node that dies otherwise is started again.
+Arguments left empty do not override
 the parameter files. Include this file in a group of its own, as two_sensors.launch.py does: launch
 hands arguments of one include on to the next one otherwise.
 """
@@ -84,8 +85,8 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "on_refusal",
             default_value="stop",
-            description="what follows when a node refuses its parameters: stop (everything that "
-            "was launched) or ignore (nothing else)",
+            description="what follows when arguments or parameters are refused: stop (everything "
+            "that was launched) or ignore (nothing else)",
         )
     )
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
@@ -97,7 +98,10 @@ def start(context: LaunchContext) -> list:
     given = {name: LaunchConfiguration(name).perform(context) for name in names}
     for complaint in typos(context.argv, names):
         get_logger("tactile.launch.py").warning(complaint)
-    device = check(given)
+    try:
+        device = check(given)
+    except Refused as refusal:
+        return refuse(str(refusal), given["on_refusal"])
     # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
     actions = [make_rviz(given)] if given["viz"] == "true" else []
     where = f"/{given['namespace'].strip('/')}"
@@ -111,8 +115,28 @@ def start(context: LaunchContext) -> list:
     return [*actions, *(make_node(name, given) for name in OF_NODE)]
 
 
+class Refused(RuntimeError):
+    """Why arguments cannot be meant, in one line."""
+
+
+def refuse(complaint: str, on_refusal: str) -> list:
+    """Starts nothing; the launch fails as soon as it runs, unless that is to be ignored.
+
+    Not at once: an error while launch still reads its files makes it forget what it has begun to
+    start, and the nodes of a file that includes this one would be left behind.
+    """
+
+    def fail(context: LaunchContext) -> None:
+        raise RuntimeError(complaint)
+
+    if on_refusal == "ignore":
+        get_logger("tactile.launch.py").error(f"{complaint}; this sensor is not started")
+        return []
+    return [TimerAction(period=0.0, actions=[OpaqueFunction(function=fail)])]
+
+
 def check(given: dict[str, str]) -> str:
-    """The device in use; RuntimeError, in one line, for arguments that cannot be meant."""
+    """The device in use; Refused for arguments that cannot be meant."""
     for name, (default, _) in SWITCHES.items():
         given[name] = given[name].lower()
         refuse_unless(
@@ -170,9 +194,9 @@ def typos(words: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def refuse_unless(right: object, given: dict[str, str], name: str, complaint: str) -> None:
-    """Fails the launch with one line about an argument."""
+    """Says in one line what is wrong with an argument."""
     if not right:
-        raise RuntimeError(f"{name}:={given[name]} {complaint}")
+        raise Refused(f"{name}:={given[name]} {complaint}")
 
 
 def is_rate(text: str) -> bool:
@@ -190,7 +214,7 @@ def device_of_file(file: str) -> str:
     try:
         content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise RuntimeError(f"params_file:={file}: {' '.join(str(error).split())}") from None
+        raise Refused(f"params_file:={file}: {' '.join(str(error).split())}") from None
     for node, values in content.items() if isinstance(content, dict) else ():
         parameters = values.get("ros__parameters") if isinstance(values, dict) else None
         if node.endswith(("driver", "**")) and isinstance(parameters, dict):

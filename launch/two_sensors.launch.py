@@ -27,6 +27,8 @@ OF_SENSOR = {
     "device": "fake, serial, replay or none",
     "scene": "for device fake",
     "port": "for device serial",
+    "recording": "for device replay: a frames.npz or a rosbag2",
+    "topic": "for device replay: which topic of a bag with several sensors",
 }
 SWITCHES = {
     "robot": ("true", "robot_state_publisher with urdf/two_sensors.urdf.xacro"),

@@ -1,10 +1,12 @@
 """Layouts measured by contacts: the same contacts for all, and what counts as told apart."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tomotactile_ros.bench.accuracy import force_errors
 from tomotactile_ros.bench.layouts import EVEN, UNEVEN, Amount, Measured, touches
 from tomotactile_ros.layouts.layout import load_layout
 
@@ -38,5 +40,11 @@ def test_all_layouts_of_an_outline_get_the_same_contacts():
 )
 def test_pairs_are_told_apart_from_where_four_of_five_are(told, closest):
     apart = np.array([0.01, 0.02, 0.03, 0.04])
-    measured = Measured(load_layout("equal-4x4"), "fast", {}, apart, np.array(told))
+    measured = Measured(load_layout("equal-4x4"), "fast", {}, {}, apart, np.array(told))
     assert measured.closest == pytest.approx(closest)
+
+
+def test_force_errors_are_relative_and_one_where_nothing_is_reported():
+    contacts = [[SimpleNamespace(force=3.0), SimpleNamespace(force=1.0)], []]
+    results = [SimpleNamespace(contacts=each) for each in contacts]
+    assert force_errors(results, [2.0, 5.0]) == pytest.approx([0.5, 1.0])

@@ -1,10 +1,22 @@
 """The stability table: known errors come out as known, refusals as lines."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from tomotactile_ros.bench import extremes, report, stability
 from tomotactile_ros.support.errors import InputError
+
+
+class Reported(NamedTuple):
+    """As much of a contact as the table asks for."""
+
+    x: float
+    y: float
+    force: float
+    position_covariance: tuple
+    force_std: float
 
 
 def rows(what, *values):
@@ -51,6 +63,24 @@ def test_place_and_force_of_every_profile():
         assert each["place"] < 0.005 and abs(each["force"]) < 0.1 and each["ghosts"] == 0
     (line,) = [line for line in report.stability_lines([row]) if line.startswith("contact cond")]
     assert line.count("%") == len(extremes.PROFILES)
+
+
+def test_a_value_beyond_its_own_deviation_is_marked():
+    """A contact that is told 2 mm and 40 % beside the truth, with deviations of 0.1 mm and 1 %."""
+    true, force = np.array([[0.02, 0.03]]), 2.0
+    sure = Reported(0.02, 0.032, 1.2, (1e-8, 0, 0, 1e-8), 0.02)
+    unsure = Reported(0.02, 0.032, 1.2, (4e-6, 0, 0, 4e-6), np.inf)
+    untold = Reported(0.02, 0.032, 1.2, (np.nan,) * 4, np.nan)
+    found = {"fast": untold, "balanced": unsure, "accurate": sure}
+    outcomes = [extremes._row(name, lambda name: [found[name]], true, 0.2, force) for name in found]
+    assert outcomes[0]["place_off"] is None and outcomes[0]["force_off"] is None
+    assert outcomes[1]["place_off"] == pytest.approx(1.0) and outcomes[1]["force_off"] == 0.0
+    assert outcomes[2]["place_off"] == pytest.approx(20.0)
+    assert outcomes[2]["force_off"] == pytest.approx(40.0)
+    row = {"what": "w", "value": 1, "measure": stability.CONTACTS, "warnings": []}
+    *_, line, told = report.stability_lines([{**row, "error": outcomes, "refusal": None}])
+    assert line.endswith("  1.0e-02 !20, -40 % !40") and line.count("!") == 2
+    assert "1 of the 2 outcomes" in told
 
 
 def test_the_contact_law_stays_while_the_sheet_changes():

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from tomotactile_ros import cli
 from tomotactile_ros.estimation.channels import ChannelPrior
@@ -125,6 +127,51 @@ def test_a_slide_is_followed_with_its_velocity(operator, known):
     assert state.belief.numbers == (1,)
     assert np.hypot(*(state.belief.mean[:2] - place)) < 0.003
     assert np.hypot(*(state.belief.mean[2:4] - velocity)) < 0.1
+
+
+@pytest.fixture(scope="module")
+def at_rest():
+    """A frame of a resting contact, and what looks at it."""
+    return frames_of([RESTING], 1)[0], Pipeline(LAYOUT, Settings("accurate", contact_radius=0.008))
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(order=st.lists(st.integers(0, 15), min_size=8, max_size=40))
+def test_rows_may_be_missing_repeated_and_in_any_order(at_rest, order):
+    """As a frame of so many rows, and one after the other."""
+    assume(len(set(order)) >= 6)
+    (frame, pipeline), order = at_rest, np.array(order)
+    pipeline.untare()
+    whole = pipeline.process(frame[order], order, DRIVE, ROW_PERIOD)
+    assert len(whole.contacts) == 1 and is_at(whole.contacts[0], RESTING, 2e-3)
+    assert whole.holds == pytest.approx((len(order) - 1) * ROW_PERIOD)
+    rows = RowEstimator(pipeline._estimates(), frames=False)
+    state = RowsState(waits=False)
+    for i, ground in enumerate(order):
+        found = rows.estimate(frame[ground], ground, DRIVE, i * ROW_PERIOD, state).contacts
+        assert len(found) == 1 and is_at(found[0][2], RESTING, 0.01)
+    assert is_at(found[0][2], RESTING, 3e-3)
+
+
+def is_at(found, contact, reach):
+    return np.hypot(found.x - contact.center[0], found.y - contact.center[1]) < reach
+
+
+def test_what_was_taken_to_be_on_the_rim_comes_back(operator, known):
+    """There a reading does not change with the way to the rim: the sheet ends as in a mirror."""
+    place = np.array([0.03, 0.089])
+    touch = Contact("disc", center=tuple(place), radius=0.008, pressure=15e3)
+    follower = Follower(operator, 0.008, 0.6)
+    state = follower.begin(known)
+    mean, deviations = [0.035, 0.1, 0.0, 0.5, -9.4], [0.01, 0.02, 0.3, 0.3, 0.3]
+    size = np.array([np.log(0.008), 0.36])
+    state.belief = state.belief.with_contact(mean, np.square(deviations), size, 1, 0.0)
+    for i, row in enumerate(frames_of([touch], 1)[0]):
+        valid = np.arange(16) != i
+        follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i, i * ROW_PERIOD)
+        assert len(state.belief.numbers) == 1
+        assert np.hypot(*(state.belief.mean[:2] - place)) < 0.01, i
+    assert np.hypot(*(state.belief.mean[:2] - place)) < 0.002
 
 
 def test_contacts_near_each_other_wait_for_a_frame(estimator):

@@ -288,3 +288,17 @@ def test_regions_hold_contacts_of_another_model():
         covariance = covariance + np.eye(2) * 0.1e-3**2
         held += off @ np.linalg.solve(covariance, off) < 9.0
     assert held >= trials - 1
+
+
+def test_two_fingers_that_an_ellipse_nearly_explains_are_two():
+    """On many electrodes what one ellipse leaves of two discs is little beside all readings."""
+    layout, law = equal_grid(11, 11, (0.1375, 0.1375), 0.00125, 1e4), ContactLaw(1e-4, 1.0)
+    places = np.array([[0.016, -0.0332], [0.0015, -0.044]])
+    contacts = tuple(Contact("disc", center=p, radius=0.005, pressure=2e4) for p in places)
+    scene = Scene("two", 3.3, contacts, law, noise=Noise(1e-3))
+    frame = Simulator(layout, scene).frame(0.0, 0)
+    estimator = Estimator(layout, noise=1e-3, law=law, radius=0.005)
+    found = estimator.estimate(frame, layout.grounded, 3.3, State()).contacts
+    at = np.array([[each.x, each.y] for each in found])
+    assert at.shape == (2, 2)
+    assert np.hypot(*(places[:, None] - at).transpose(2, 0, 1)).min(axis=1).max() < 0.5e-3

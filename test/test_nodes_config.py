@@ -49,6 +49,7 @@ def test_the_aggregator_finds_each_status_in_one_group(probe, start):
     content = yaml.safe_load((CONFIG / "diagnostics.yaml").read_text("utf-8"))
     groups = [g for g in content["/**/analyzers"]["ros__parameters"].values() if g != "Tactile"]
     start("tactile", {"scene": "idle"}, namespace="/skin")
+    start("skin", {"sensors": "[skin]", "poses": CONFIG / "poses" / "two_sensors.yaml"})
     reports = probe.listen(DiagnosticArray, "/diagnostics")
 
     def names():

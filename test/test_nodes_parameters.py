@@ -220,6 +220,29 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
     ends_cleanly(reconstruction)
 
 
+def test_the_log_and_the_diagnostics_say_where_newtons_come_from(probe, start, tmp_path):
+    law = tmp_path / "law.yaml"
+    save_calibration(law, Fit(ContactLaw(2e-4, 1.0), 0.0, 1))
+    reconstruction = start("tactile", {"scene": "idle", "allow_path_changes": True})
+
+    def told() -> str:
+        message = probe.wait_for(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda m: any("reconstruction" in each.name and each.values for each in m.status),
+        )
+        (status,) = [each for each in message.status if "reconstruction" in each.name]
+        return {each.key: each.value for each in status.values}["contact law"]
+
+    assert told() == "g = 0.0001 p^1, assumed: not calibrated (parameter calibration)"
+    assert probe.set_parameter("/reconstruction", "contact_coefficient", 3e-4).successful
+    assert told() == "g = 0.0003 p^1, as the parameters say"
+    assert probe.set_parameter("/reconstruction", "calibration", str(law)).successful
+    assert told() == f"calibration {law}"
+    assert "forces by the contact law g = 0.0001 p^1, assumed" in reconstruction.output
+    ends_cleanly(reconstruction)
+
+
 def test_paths_are_fixed_at_the_start_unless_asked_for(probe, start, scene):
     start("tactile", {"scene": "idle"})
     probe.wait_for(VoltageFrame, "/voltage_frame")

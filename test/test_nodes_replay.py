@@ -1,4 +1,7 @@
-"""A recorded bag, played by the driver, gives the images of the recording, byte by byte."""
+"""A recorded bag, played by the driver, gives the images of the recording, byte by byte; with ROS's
+own reader and without."""
+
+import sys
 
 import pytest
 
@@ -7,7 +10,9 @@ rosbags = pytest.importorskip("rosbags")
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import ros_checks
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,15 +20,17 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
+from tomotactile_ros.devices import Frame, bag
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.conversions import frame_to_message, make_header, stamp_of
+from tomotactile_ros.support.errors import InputError
 
 COUNT = 5
 DEEP = 100
 
 
-def record(messages, folder) -> None:
-    """Write frames as a rosbag2."""
+def record(messages, folder, topics=("/voltage_frame",)) -> None:
+    """Write frames as a rosbag2, in turn to its topics."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -32,8 +39,8 @@ def record(messages, folder) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(text, name))
     with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/voltage_frame", name, typestore=store)
-        for message in messages:
+        connections = [writer.add_connection(t, name, typestore=store) for t in topics]
+        for message, connection in zip(messages, itertools.cycle(connections), strict=False):
             stamp = message.header.stamp
             nanoseconds = stamp.sec * 10**9 + stamp.nanosec
             writer.write(connection, nanoseconds, serialize_message(message))
@@ -115,3 +122,59 @@ def test_a_bag_replays_to_identical_images(probe, start, scene, tmp_path):
     ros_checks.check_diagnostics(
         probe, "played/reconstruction: reconstruction", DiagnosticStatus.OK, "images are made"
     )
+
+
+def stand_in_for_rosbag2_py() -> SimpleNamespace:
+    """The part of rosbag2_py that is used, where it is not installed."""
+    from rosbags.rosbag2 import Reader
+
+    class SequentialReader:
+        def open(self, storage, converter):
+            with Reader(storage.uri) as reader:
+                self._topics = [
+                    SimpleNamespace(name=c.topic, type=c.msgtype) for c in reader.connections
+                ]
+                self._left = [(c.topic, bytes(data), time) for c, time, data in reader.messages()]
+
+        def get_all_topics_and_types(self):
+            return self._topics
+
+        def set_filter(self, wanted):
+            self._left = [entry for entry in self._left if entry[0] in wanted.topics]
+
+        def has_next(self):
+            return bool(self._left)
+
+        def read_next(self):
+            return self._left.pop(0)
+
+    return SimpleNamespace(
+        SequentialReader=SequentialReader,
+        StorageOptions=lambda uri, storage_id: SimpleNamespace(uri=uri),
+        ConverterOptions=lambda given, wanted: None,
+        StorageFilter=lambda topics: SimpleNamespace(topics=topics),
+    )
+
+
+def test_a_bag_of_two_sensors_is_the_same_to_the_reader_of_ros_and_without(tmp_path, monkeypatch):
+    frames = []
+    for k in range(6):
+        frame = Frame(
+            np.full((2, 2), k, np.float32), np.arange(2, dtype=np.uint16), k, k + 1.0, 3.3
+        )
+        frames.append(frame_to_message(frame, "a layout", make_header(k + 1.0, "palm")))
+    record(frames, tmp_path / "bag", ["/left/voltage_frame", "/right/voltage_frame"])
+    try:
+        import rosbag2_py  # noqa: F401
+    except ImportError:
+        monkeypatch.setitem(sys.modules, "rosbag2_py", stand_in_for_rosbag2_py())
+    for has_ros in (True, False):
+        monkeypatch.setattr(bag, "_has_ros", lambda has_ros=has_ros: has_ros)
+        right = list(bag.read_bag(tmp_path / "bag", "/right/voltage_frame"))
+        assert [m.sequence for m in right] == [1, 3, 5]
+        assert [stamp_of(m.header) for m in right] == [2.0, 4.0, 6.0]
+        assert [list(m.voltages) for m in right] == [[k] * 4 for k in (1, 3, 5)]
+        with pytest.raises(InputError, match="/left/voltage_frame, /right/voltage_frame"):
+            list(bag.read_bag(tmp_path / "bag"))
+        with pytest.raises(InputError, match="/up/voltage_frame"):
+            list(bag.read_bag(tmp_path / "bag", "/up/voltage_frame"))

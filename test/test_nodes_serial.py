@@ -193,13 +193,13 @@ def test_a_restart_without_a_device_says_that_there_is_none(probe, start, tmp_pa
 
 
 def test_somebody_else_on_the_topic_is_told_by_the_driver(probe, start):
-    driver = start("driver", {"scene": "idle"})
-    probe.node.create_publisher(VoltageFrame, "/voltage_frame", 1)
+    driver = start("driver", {"scene": "idle"}, remaps={"voltage_frame": "raw"})
+    probe.node.create_publisher(VoltageFrame, "/raw", 1)
     ros_checks.check_diagnostics(
-        probe, "driver: device", DiagnosticStatus.ERROR, "1 more publish /voltage_frame"
+        probe, "driver: device", DiagnosticStatus.ERROR, "1 more publish /raw"
     )
     ends_cleanly(driver)
-    assert "1 more publish /voltage_frame" in driver.output
+    assert "1 more publish /raw" in driver.output
 
 
 def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, plug):

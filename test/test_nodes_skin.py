@@ -120,7 +120,7 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     assert message.state == ContactArray.STALE and not message.contacts
     Sensor(probe, "left", "left_link")
     ros_checks.check_diagnostics(
-        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish left/contacts"
+        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish /left/contacts"
     )
 
 
@@ -128,7 +128,8 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     "parameters, complaint",
     [
         ({}, "sensors: needs 1 to 255 different namespaces"),
-        ({"sensors": "[left, left]", "poses": "POSES"}, "different namespaces"),
+        ({"sensors": "[left, /left/]", "poses": "POSES"}, "different namespaces"),
+        ({"sensors": "[left-hand]", "poses": "POSES"}, "sensors: 'left-hand' is no namespace"),
         ({"sensors": "[1, 2]"}, "sensors"),
         ({"sensors": "[left]", "poses": "none.yaml"}, "none.yaml"),
         (
@@ -175,7 +176,8 @@ class StandIn:
             raise self.TransformException(f"{source} does not exist")
         if time.nanoseconds and time.nanoseconds > 1e9 * self.known[source][0]:
             raise self.TransformException("extrapolation into the future")
-        transform = TransformStamped(child_frame_id=source)
+        stamp = make_header(self.known[source][0], target)
+        transform = TransformStamped(header=stamp, child_frame_id=source)
         transform.transform.translation.z = self.known[source][1]
         transform.transform.rotation.z = transform.transform.rotation.w = 0.5**0.5
         return transform
@@ -188,9 +190,11 @@ def test_transforms_are_taken_at_the_stamp_or_the_newest_or_missed(monkeypatch):
     with pytest.raises(InputError, match="no transform from left_link to base_link: left_link"):
         locate(make_header(5.0, "left_link"))
     tf2.known["left_link"] = (10.0, 0.5)
-    for stamp in (5.0, 20.0):  # the second is after the newest transform
+    for stamp in (5.0, 10.3):  # the second is after the newest transform
         pose = locate(make_header(stamp, "left_link"))
         np.testing.assert_allclose(pose.positions([0.1, 0.0, 0.0]), [0.0, 0.1, 0.5], atol=1e-12)
+    with pytest.raises(InputError, match="transform of left_link is 3.0 s older than its contacts"):
+        locate(make_header(13.0, "left_link"))
 
 
 def test_a_sensors_place_comes_from_tf2(probe, start):
@@ -203,6 +207,18 @@ def test_a_sensors_place_comes_from_tf2(probe, start):
     tf2_ros.StaticTransformBroadcaster(probe.node).sendTransform(transform)
     (contact,) = merged(probe, lambda m: m.state == ContactArray.VALID).contacts
     assert contact.position.z == pytest.approx(0.5)
+
+
+def test_a_sensor_whose_transforms_have_stopped_is_nowhere(probe, start):
+    tf2_ros = pytest.importorskip("tf2_ros", reason="tf2_ros comes with a full ROS 2")
+    Sensor(probe, "left", "left_link")  # its stamps begin at 1000 s, and go on
+    start("skin", {"sensors": "[left]"})
+    transform = TransformStamped(header=make_header(1e3, "base_link"), child_frame_id="left_link")
+    transform.transform.rotation = Quaternion(w=1.0)
+    broadcaster = tf2_ros.TransformBroadcaster(probe.node)
+    probe.node.create_timer(0.2, lambda: broadcaster.sendTransform(transform))
+    stopped = merged(probe, lambda m: "s older than its contacts" in m.reason)
+    assert stopped.state == ContactArray.STALE and not stopped.contacts
 
 
 def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
@@ -218,5 +234,5 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     idle = probe.wait_for(ContactArray, "/right/contacts")
     assert (idle.header.frame_id, list(idle.contacts)) == ("right_link", [])
     ends_cleanly(sensors)
-    refused = start("sensors", {"sensors": "[left, left]"})
-    assert refused.wait() == 2 and "different namespaces" in refused.output
+    refused = start("sensors", {"sensors": "[left-hand]"})
+    assert refused.wait() == 2 and "'left-hand' is no namespace" in refused.output

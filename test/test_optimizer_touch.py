@@ -12,14 +12,17 @@ from tomotactile_ros.layouts.arrangements import spread_electrodes
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
+from tomotactile_ros.optimizer import step
 from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
+from tomotactile_ros.optimizer.options import START, start_of
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.optimizer.request import Request
-from tomotactile_ros.optimizer.step import best_of
+from tomotactile_ros.optimizer.step import Clock, best_of
 from tomotactile_ros.optimizer.touch import TouchObjective, TouchSearch, touch
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.surfaces import Cylinder
 
 SQUARE = (0.2, 0.2)
 POOR = equal_grid(3, 3, SQUARE, 0.008, 1e4, 0.045)  # far from the rim, and large
@@ -143,9 +146,9 @@ def test_a_search_goes_on_where_it_was_and_not_with_another_question(tmp_path):
     constraints = Constraints(grid.outline, 0.02)
     how = {"constraints": constraints, "rounds": 2, "starts": 1, "places": 3, "resolution": 12}
     whole = []
-    for step in touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1})):
-        whole.append(step)
-        if step.iteration == 1:
+    for each in touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1})):
+        whole.append(each)
+        if each.iteration == 1:
             state = path.read_text()  # as a stop leaves it
     assert json.loads(state)["done"] == 1
     path.write_text(state)
@@ -203,6 +206,8 @@ def test_on_a_circle_the_search_goes_without_a_closed_form():
         ({"fixed": (0,), "keep_out": ((-0.055, -0.055, 0.01),)}, "fixed: these electrodes violate"),
         ({"resume": True}, "resume"),
         ({"noise": -1.0}, "noise"),
+        ({"contact_radius": 0.11}, "no disc of 0.11 m has room on the sheet"),
+        ({"apart": 0.28}, "apart: no pair of contacts that is tried has room"),
     ],
 )
 def test_impossible_requests_are_one_line(given, message):
@@ -213,6 +218,7 @@ def test_impossible_requests_are_one_line(given, message):
 def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
     out = tmp_path / "disc.yaml"
     words = ["optimize", "--electrodes", "5", "--circle", "0.05", "--starts", "1", "--steps", "0"]
+    words += ["--fixed", "0", "--fixed", "0"]  # once said twice
     assert (
         main([*words, "--workers", "1", "--resolution", "12", "--apart", "0.04", "--out", str(out)])
         == 0
@@ -223,13 +229,55 @@ def test_the_command_takes_touch_by_default_and_any_outline(tmp_path):
     assert provenance["algorithm"] == "touch"
     assert provenance["metrics"]["after"]["touch"]["place"]["mean"] > 0
     assert "--electrodes 5 --circle 0.05" in provenance["settings"]["command"]
+    assert provenance["settings"]["fixed"] == [0]
     assert out.with_suffix(".png").exists()
     assert not out.with_suffix(".search.json").exists()  # it has ended
 
 
+def test_a_sheet_narrower_than_a_fingertip_is_judged_by_smaller_contacts(tmp_path, capsys):
+    path, out = str(tmp_path / "thin.yaml"), str(tmp_path / "out.yaml")
+    equal_grid(2, 4, (0.03, 0.008), 0.0005, 1e4).save(path)
+    assert main(["evaluate", "--layout", path, "--resolution", "12"]) == 0
+    said = capsys.readouterr()
+    assert "expected errors" not in said.out and "left out" in said.err
+    words = [
+        "evaluate",
+        "--layout",
+        path,
+        "--resolution",
+        "12",
+        "--touch-radius",
+        "0.001",
+        "--json",
+    ]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["touch"]["contact_radius"] == 0.001
+    words = ["optimize", "--layout", path, "--steps", "0", "--workers", "1", "--out", out]
+    assert main(words) == 2
+    assert main([*words, "--contact-radius", "0.001", "--resolution", "12"]) == 0
+    assert load_layout(out).provenance["settings"]["contact_radius"] == 0.001
+
+
+def test_a_bent_outline_stays_bent_whatever_is_spread_over_it(tmp_path):
+    sheet = replace(equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4), surface=Cylinder(0.04))
+    sheet.save(tmp_path / "sleeve.yaml")
+    given = {option.name: option.default for option in START}
+    start = start_of(given | {"layout": str(tmp_path / "sleeve.yaml"), "electrodes": 7})
+    assert start.electrodes == 7 and start.surface == sheet.surface
+
+
+def test_the_time_left_goes_with_what_is_to_be_done(monkeypatch):
+    now = iter([0.0, 4.0, 10.0, 14.0])
+    monkeypatch.setattr(step.time, "monotonic", lambda: next(now))
+    clock = Clock(2, [2, 3, 1])
+    assert [clock.step(i, None, 1.0).eta for i in range(3)] == pytest.approx([8.0, 2.0, 0.0])
+
+
 def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, capsys):
     out = tmp_path / "fast.yaml"
-    words = ["optimize", "--size", "0.1", "0.1", "--radius", "0.002", "--explore", "4", "9"]
+    sheet = replace(equal_grid(2, 2, (0.1, 0.1), 0.002, 1e4), surface=Cylinder(0.04))
+    sheet.save(tmp_path / "sleeve.yaml")
+    words = ["optimize", "--layout", str(tmp_path / "sleeve.yaml"), "--explore", "4", "9"]
     words += ["--place", "0.003", "--frame-time", "0.008", "--out", str(out)]
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -241,6 +289,7 @@ def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, 
     layout = load_layout(out)
     good = table[(table[:, 4] <= 3000) & (table[:, 2] <= 8)]
     assert layout.electrodes == good[:, 0].min()
+    assert layout.surface == sheet.surface  # bent as the sheet that was given
     assert out.with_suffix(".png").exists()
     assert main([*words, "--place", "1e-7"]) == 2
     assert "none of these numbers" in capsys.readouterr().err

@@ -24,6 +24,15 @@ def test_the_launch_ends_with_the_layout_written(tmp_path):
     assert load_layout(out).electrodes == 16
 
 
-@pytest.mark.parametrize("bad", [{"method": "guess"}, {"params_file": "/none.yaml"}])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"method": "guess"},
+        {"layout": "nowhere"},
+        {"out": "/nowhere/better.yaml"},
+        {"namespace": "left-hand"},
+        {"params_file": "/none.yaml"},
+    ],
+)
 def test_a_refused_parameter_fails_the_launch(bad):
     assert run(bad) == 1

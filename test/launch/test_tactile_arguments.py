@@ -3,6 +3,7 @@ started."""
 
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -120,12 +121,27 @@ WRONG = [
 ]
 
 
+def refusal_of(**arguments: str) -> str:
+    """Why the launch fails; nothing but that is started."""
+    (timer,), context = actions_of(**arguments)
+    (fail,) = timer.actions
+    with pytest.raises(RuntimeError) as error:
+        fail.execute(context)
+    return str(error.value)
+
+
 @pytest.mark.parametrize("arguments, complaint", WRONG)
 def test_a_wrong_value_is_refused_in_one_line(arguments, complaint):
-    with pytest.raises(RuntimeError) as error:
-        actions_of(**arguments)
-    assert str(error.value).startswith(complaint)
-    assert "\n" not in str(error.value)
+    said = refusal_of(**arguments)
+    assert said.startswith(complaint)
+    assert "\n" not in said
+
+
+def test_a_wrong_value_can_be_left_to_itself(monkeypatch):
+    said = []
+    monkeypatch.setattr(tactile, "get_logger", lambda name: SimpleNamespace(error=said.append))
+    assert actions_of(rate="quick", on_refusal="ignore")[0] == []
+    assert said == ["rate:=quick is no number from 0 on; this sensor is not started"]
 
 
 def test_every_argument_is_tried_with_a_right_and_a_wrong_value():
@@ -135,6 +151,13 @@ def test_every_argument_is_tried_with_a_right_and_a_wrong_value():
     tried = {name for arguments, *_ in RIGHT for name in arguments}
     assert declared == tried | {"viz", "params_file", "namespace"}  # those in the tests below
     assert declared - of_the_node <= {name for arguments, _ in WRONG for name in arguments}
+
+
+def test_every_argument_is_described_and_documented():
+    text = (FOLDER.parent / "docs" / "robots.md").read_text(encoding="utf-8")
+    table = text.split("| argument | values | meaning |")[1].split("\n\n")[0]
+    for argument in tactile.generate_launch_description().get_launch_arguments():
+        assert argument.description and f"`{argument.name}`" in table, argument.name
 
 
 @pytest.mark.parametrize("namespace", ["", "/", "left", "/left", "robot1/left_hand/"])
@@ -154,8 +177,8 @@ def test_a_device_named_in_a_parameter_file_counts(nodes_of, tmp_path):
     file.write_text("/**/driver: {ros__parameters: {device: serial}}\n")
     found = nodes_of(params_file=str(file), port="/dev/x")
     assert (found["driver"]["device"], found["driver"]["port"]) == ("serial", "/dev/x")
-    with pytest.raises(RuntimeError, match="recording:=b needs device:=replay, it is serial"):
-        actions_of(params_file=str(file), recording="b")
+    said = refusal_of(params_file=str(file), recording="b")
+    assert said == "recording:=b needs device:=replay, it is serial"
 
 
 def test_without_a_device_there_is_the_reconstruction_alone(nodes_of):

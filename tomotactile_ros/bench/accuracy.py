@@ -106,6 +106,14 @@ def distances(results: Sequence, positions: Sequence[np.ndarray]) -> np.ndarray:
     return np.array(out)
 
 
+def force_errors(results: Sequence, forces: Sequence[float]) -> np.ndarray:
+    """(N,) |found - true| / true of the strongest reported contact, where one of `forces` (N,), N,
+    presses; 1 where nothing was reported."""
+    found = [result.contacts[0].force if result.contacts else 0.0 for result in results]
+    true = np.array(forces, float)
+    return np.abs(np.array(found) - true) / true
+
+
 def _matches(result, true):
     """For each true contact (n, 2) the reported one, None where there is none."""
     partner = pair(result.contacts, [{"x": x, "y": y} for x, y in true])

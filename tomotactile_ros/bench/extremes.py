@@ -4,6 +4,10 @@ Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
 places, in parts of the longer side, with the true ones: the mean distance of a true contact from
 the nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
+
+What is reported has deviations of its own; `place_off` and `force_off` are the errors in units of
+them. Beyond `BEYOND` of either (a few in a thousand where the deviations are right) a value looks
+right and is not: the table marks it.
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ from tomotactile_ros.support.errors import InputError
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
 PROFILES = ("fast", "balanced", "accurate")
+BEYOND = 3.5  # stated deviations; 0.2 % of right places (two dimensions), 0.05 % of right forces
+MOST = 1000.0  # deviations that are told apart; also where a covariance claims no area
 _RADIUS = 0.005  # of a contact, m
 _CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
 
@@ -149,7 +155,7 @@ def _contacts(
     layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
     radius=_RADIUS, places=None, part=1.0,
 ) -> list[dict]:  # fmt: skip
-    """For each profile: place, force, ghosts, or the refusal.
+    """For each profile: place, force, ghosts, how far off both are, or the refusal.
 
     The contact law, the contacts and what the reconstruction is told of them are the ordinary ones
     but for what is said. `part` of each contact is on the sheet.
@@ -193,15 +199,43 @@ def _contacts(
 
 def _row(profile, found, places, side, force) -> dict:
     """How far contacts are off: place in parts of the side, force in parts of the true one."""
-    row = {"profile": profile, "place": None, "force": None, "ghosts": None, "refusal": None}
+    row = dict.fromkeys(("place", "force", "ghosts", "place_off", "force_off", "refusal"))
+    row["profile"] = profile
     try:
         contacts = found(profile)
     except InputError as refused:
         return {**row, "refusal": str(refused)}
     at = np.array([[contact.x, contact.y] for contact in contacts])
-    nearest = np.hypot(*(places[:, None] - at).transpose(2, 0, 1)).min(axis=1)
-    row["place"] = float(nearest.mean() / side)
+    distance = np.hypot(*(places[:, None] - at).transpose(2, 0, 1))
+    row["place"] = float(distance.min(axis=1).mean() / side)
+    nearest = [contacts[k] for k in distance.argmin(axis=1)]
+    row["place_off"] = _place_off(places, nearest)
     row["ghosts"] = max(len(contacts) - len(places), 0)
     if force:
-        row["force"] = sum(contact.force for contact in contacts) / force - 1
+        found_force = sum(contact.force for contact in contacts)
+        row["force"] = found_force / force - 1
+        row["force_off"] = _force_off(found_force - force, contacts)
     return row
+
+
+def _place_off(places, nearest):
+    """Largest distance of a true place from its contact, in deviations (Mahalanobis); None: untold."""
+    covariance = np.reshape([contact.position_covariance for contact in nearest], (-1, 2, 2))
+    if np.isnan(covariance).any():
+        return None
+    off = places - [[contact.x, contact.y] for contact in nearest]
+    if (np.linalg.det(covariance) <= 0).any():
+        return MOST
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariance), off)
+    return min(float(np.sqrt(squared.max())), MOST)
+
+
+def _force_off(error, contacts):
+    """The error of the sum of forces, in deviations, taken as independent; None: untold.
+
+    0 where a contact is said to be a bare conductor, of whose force no more is known than a bound.
+    """
+    deviation = math.hypot(*(contact.force_std for contact in contacts))
+    if math.isnan(deviation):
+        return None
+    return float(min(abs(error) / deviation, MOST)) if deviation > 0 else MOST

@@ -8,6 +8,8 @@ optimizers use.
 
 place  distance of the strongest reported contact from the true one, m; where nothing is reported
        as far as the middle of the sheet
+force  relative error of that contact's force, the contact law being known; 1 where nothing is
+       reported
 pairs  part of the pairs told apart: exactly two contacts, each nearer to its own than to the
        middle between them
 """
@@ -21,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.bench.accuracy import distances, told_apart
+from tomotactile_ros.bench.accuracy import distances, force_errors, told_apart
 from tomotactile_ros.bench.reference_cases import Family, Sheet, pair_states, textbook_states
 from tomotactile_ros.bench.reference_data import ReferenceData, load, make, save
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
@@ -81,13 +83,14 @@ def reference(layout: Layout, amount: Amount, folder: Path | None = None) -> Ref
 class Measured:
     """What one profile reports.
 
-    place : by kind of sheet the distances (N,), m
+    place, force : by kind of sheet the distances (N,), m, and relative errors of force (N,)
     apart (S,), m, and told (S,) the part of pairs at that distance that are told apart
     """
 
     layout: Layout
     profile: str
     place: dict[str, np.ndarray]
+    force: dict[str, np.ndarray]
     apart: np.ndarray
     told: np.ndarray
 
@@ -109,12 +112,14 @@ class Measured:
 
     @cached_property
     def figures(self) -> dict:
-        """Plain data: mean, median and p95 of the place by kind of sheet, m, and pairs."""
+        """Plain data: mean, median and p95 of the place by kind of sheet, m, of the force's errors
+        likewise, and pairs."""
         out: dict = {
             kind: {
                 "mean": float(values.mean()),
                 "median": float(np.median(values)),
                 "p95": float(np.percentile(values, 95)),
+                "force": [float(np.percentile(self.force[kind], part)) for part in (50, 95)],
             }
             for kind, values in self.place.items()
         }
@@ -139,7 +144,7 @@ def measure(
     true = [np.array([[c["x"], c["y"]] for c in state["contacts"]]) for state in data.states]
     for profile in profiles:
         pipeline = Pipeline(data.layout, Settings(profile, noise=NOISE, contact_law=LAW))
-        found = {}
+        found, force = {}, {}
         for case, numbers in data.cases().items():
             if not pairs and case not in (EVEN, UNEVEN):
                 continue
@@ -147,13 +152,18 @@ def measure(
             for i in numbers:  # each after a frame without any contact
                 pipeline.process(idle, rows, DRIVE)
                 results.append(pipeline.process(frames[i], rows, DRIVE))
-            judge = distances if case in (EVEN, UNEVEN) else told_apart
+            single = case in (EVEN, UNEVEN)
+            judge = distances if single else told_apart
             found[case] = judge(results, [true[i] for i in numbers])
+            if single:
+                pressed = [data.states[i]["contacts"][0]["force"] for i in numbers]
+                force[case] = force_errors(results, pressed)
         told = {case: told for case, told in found.items() if case not in (EVEN, UNEVEN)}
         yield Measured(
             data.layout,
             profile,
             {kind: found[kind] for kind in (EVEN, UNEVEN)},
+            force,
             np.array([float(case.split()[0]) / 1e3 for case in told]),
             np.array([each.mean() for each in told.values()]),
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import inf
 
 from tomotactile_ros.bench import tables
-from tomotactile_ros.bench.extremes import PROFILES
+from tomotactile_ros.bench.extremes import BEYOND, PROFILES
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
 from tomotactile_ros.bench.stability import CONTACTS
@@ -75,6 +75,7 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     lines = [_of_profiles(row, refusals) for row in several]
     yield from tables.text(header, lines, width, 2)
     yield from (f"[{number}] {text}" for text, number in refusals.items())
+    yield _beyond(several)
 
 
 def _choice(row):
@@ -156,11 +157,30 @@ def _of_profiles(row, refusals):
         if each["refusal"]:
             cells.append(f"[{refusals.setdefault(each['refusal'], len(refusals) + 1)}]")
             continue
-        force = "" if each["force"] is None else f", {100 * each['force']:+.0f} %"
+        place = f"{each['place']:.1e}{_mark(each.get('place_off'))}"
+        force = ""
+        if each["force"] is not None:
+            force = f", {100 * each['force']:+.0f} %{_mark(each.get('force_off'))}"
         ghosts = f", {each['ghosts']} ghosts" if each["ghosts"] else ""
-        cells.append(f"{each['place']:.1e}{force}{ghosts}")
+        cells.append(f"{place}{force}{ghosts}")
     warned = [f"warning: {each}" for each in row["warnings"]]
     return row["what"], f"{float(row['value']):g}", *cells[:-1], "; ".join([cells[-1], *warned])
+
+
+def _beyond(rows):
+    """What the mark means, and how much of what could be marked has it."""
+    cells = [each for row in rows for each in row["error"] or [] if not each["refusal"]]
+    stated = [each for each in cells if each.get("place_off") is not None]
+    marked = [each for each in stated if _mark(each["place_off"]) or _mark(each["force_off"])]
+    return (
+        f"!n: n times the deviation stated with it, wrong beyond what it says ({len(marked)} of "
+        f"the {len(stated)} outcomes with deviations, more than {BEYOND:g}); fast states none"
+    )
+
+
+def _mark(off):
+    """A value beyond the deviations that were stated with it looks right and is not."""
+    return "" if off is None or off <= BEYOND else f" !{off:.0f}"
 
 
 def _precision(rows):

@@ -14,13 +14,14 @@ from tomotactile_ros.evaluation.point_spread import (
     REGULARIZATION,
     RESOLUTION,
 )
-from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected
+from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS as TOUCH_RADIUS
+from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected, has_room
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, doubt
 from tomotactile_ros.support.progress import track
 
 HELP = "measure the resolution of a layout: HWHM and position error all over the sheet"
@@ -72,6 +73,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=PAIRS_APART,
         help=f"of --touch: distance of two contacts, m (default: {PAIRS_APART:g})",
     )
+    parser.add_argument(
+        "--touch-radius",
+        type=float,
+        default=TOUCH_RADIUS,
+        help=f"of --touch: radius of the contacts, m (default: {TOUCH_RADIUS:g})",
+    )
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
@@ -101,13 +108,20 @@ def run(args: Namespace) -> None:
         )
     content = as_dict(result)
     if _wants_touch(args, layout):
-        content["touch"] = _touch(layout, Conditions(apart=args.apart))
+        content["touch"] = _touch(layout, Conditions(apart=args.apart, radius=args.touch_radius))
     print(json.dumps(content, indent=1) if args.json else "\n".join(as_text(content)))
 
 
 def _wants_touch(args, layout):
     if args.touch is None:
-        return not args.profile and layout.electrodes <= _MOST_FOR_TOUCH
+        wanted = not args.profile and layout.electrodes <= _MOST_FOR_TOUCH
+        if wanted and not has_room(layout, args.touch_radius):
+            doubt(
+                f"--touch-radius: no disc of {args.touch_radius:g} m has room on the sheet, what is "
+                "expected of contacts is left out"
+            )
+            return False
+        return wanted
     return args.touch
 
 
@@ -199,6 +213,8 @@ def _touch_lines(touch):
             f"  two {1e3 * touch['apart']:g} mm apart: d' {pair['mean']:.4g}, worst tenth "
             f"{pair['worst_tenth']:.4g} ({touch['pairs']} pairs)"
         )
+    else:
+        yield f"  two {1e3 * touch['apart']:g} mm apart: none of the pairs tried has room on the sheet"
 
 
 def _short(value):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, MEMORY, NOISE, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.explore import FEWEST
@@ -30,7 +30,7 @@ from tomotactile_ros.optimizer.scan import spread
 from tomotactile_ros.optimizer.step import best_of, ratio
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.simulation import ROW_PERIOD
-from tomotactile_ros.support import checks
+from tomotactile_ros.support import checks, memory
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import YAML, check_out, check_picture
 from tomotactile_ros.support.progress import Progress, track
@@ -39,7 +39,7 @@ HELP = "optimize where the electrodes are, or which of them to ground"
 
 _PLACE = 0.002  # m
 _SCANS = ("scan", "grounding")  # the second is the name of old
-_OF_EXPLORE = ("noise",)  # of the search's options
+_OF_EXPLORE = ("noise", "contact_radius")  # of the search's options
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -176,6 +176,12 @@ def _request(args, start):
 def _search(args, request):
     """All steps, and the best; with progress."""
     several = request.method != "equalize" and args.workers > 1
+    if request.method == "touch":
+        busy = min(args.workers, max(request.total_starts, 2))  # two look at the start
+        memory.check(
+            busy * MEMORY * request.layout.electrodes,
+            f"{busy} processes at {request.layout.electrodes} electrodes",
+        )
     pool = Workers(args.workers) if several else nullcontext()
     with pool as executor, Progress(request.method, request.total) as progress:
         return best_of(
@@ -213,7 +219,8 @@ def _summary(start, best):
 
 def _expected(before, after):
     """What is expected of contacts, at places that the search did not see."""
-    yield f"expected of contacts, pairs {1e3 * after.conditions.apart:.3g} mm apart:"
+    room = "" if len(after.pairs) else ", none of which has room"
+    yield f"expected of contacts, pairs {1e3 * after.conditions.apart:.3g} mm apart{room}:"
     for label, group, key, scale, unit in (
         ("mean place error", "place", "mean", 1e6, "um"),
         ("place, worst tenth", "place", "worst_tenth", 1e6, "um"),
@@ -285,7 +292,10 @@ def _explore(args, start, report):
     checks.length(args.place, "--place")
     if args.frame_time is not None:
         checks.positive(args.frame_time, "--frame-time", "time in s")
-    conditions = Conditions(noise=NOISE if args.noise is None else args.noise)
+    conditions = Conditions(
+        noise=NOISE if args.noise is None else args.noise,
+        radius=CONTACT_RADIUS if args.contact_radius is None else args.contact_radius,
+    )
     sheet = start.outline, args.explore, start.radius, start.sheet_resistance
     steps = explore(*sheet, args.row_period, conditions)
     found = list(track(steps, "numbers of electrodes", total=len(args.explore)))
@@ -306,7 +316,8 @@ def _explore(args, start, report):
         )
     scan = best.rows if len(best.rows) < best.layout.electrodes else ()
     order = tuple(spread(best.layout.positions, scan)) if scan else ()
-    replace(best.layout, name=args.name or Path(args.out).stem, scan=order).save(args.out)
+    name = args.name or Path(args.out).stem
+    replace(best.layout, name=name, scan=order, surface=start.surface).save(args.out)
     print(
         f"{args.out}, {report}: {best.layout.electrodes} electrodes, {len(best.rows)} rows are the "
         f"fewest that are expected to come to {wanted}"

@@ -67,7 +67,8 @@ class Births:
             z = model.impedance[ground]
             shape = spread - z[:, None] - z @ share + z[ground]
         else:
-            shape = spread - row.others.T @ (row.ones @ share)
+            ones, others = row.added()
+            shape = spread - others.T @ (ones @ share)
         own = np.einsum("nk,nk->k", share, shape)
         driven = row.ratio @ share
         white = dtrtrs(root, np.column_stack([shape * gain[:, None], misfit]), lower=1)[0]

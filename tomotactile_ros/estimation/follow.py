@@ -37,6 +37,7 @@ _CONFUSED = (
 _LOOSE = (1e-3, 1e-3, 1.0, 1.0, 1.0)  # m, m/s and of ln c: what may change from one row to the next
 _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one
 YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
+_FADING = 0.05  # s of fading that are made up for at once: a thousandth of it
 _STEPS, _FIRST_STEPS = 8, 2  # of a fit at the most; of each of several starts
 _SETTLED = 0.05  # standard deviations that a last step moves a contact
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
@@ -55,8 +56,8 @@ class _Fit(NamedTuple):
     """How likely a row was, and what the belief is after it.
 
     prior, mean : the belief before the row, and the mean after it
-    cost : -2 ln(likelihood); chi_squared, row, misfit (n,) what is left of the readings, root (n, n)
-        lower Cholesky factor of its covariance S
+    chi_squared, row, misfit (n,) what is left of the readings, root (n, n) lower Cholesky factor of
+        its covariance S
     spread (S, n) covariance of the state with the readings; shares (m, n) those of its first m
         numbers times root^-T: of all, or of contacts alone where the row tells nothing of the
         sensor; None where nothing was learned at all
@@ -64,7 +65,6 @@ class _Fit(NamedTuple):
 
     prior: Belief
     mean: np.ndarray
-    cost: float
     chi_squared: float
     row: Row
     misfit: np.ndarray
@@ -73,19 +73,24 @@ class _Fit(NamedTuple):
     shares: np.ndarray | None = None
 
     @property
-    def belief(self) -> Belief:
-        """After the row."""
-        if self.shares is None:
-            return self.prior
-        shares, rows = self.shares, tuple(each + 1 for each in self.prior.rows)
-        if len(shares) == len(self.mean):
-            return self.prior.after(self.mean, self.prior.covariance - shares @ shares.T, rows)
-        own, covariance = len(shares), self.prior.covariance.copy()
-        covariance[:own, :own] -= shares @ shares.T
-        told = dtrtrs(self.root, shares.T, lower=1, trans=1)[0].T @ self.spread[own:].T
-        covariance[:own, own:] -= told
-        covariance[own:, :own] -= told.T
-        return self.prior.after(self.mean, covariance, rows)
+    def cost(self) -> float:
+        """-2 ln(likelihood), but for a constant."""
+        return self.chi_squared + 2 * float(np.log(self.root.diagonal()).sum())
+
+    def believed(self) -> Belief:
+        """The belief after the row. It takes the memory of the one before, which is lost."""
+        prior, shares = self.prior, self.shares
+        if shares is None:
+            return prior
+        covariance, own = prior.covariance, len(shares)
+        if own == len(self.mean):
+            covariance -= shares @ shares.T
+        else:
+            covariance[:own, :own] -= shares @ shares.T
+            told = dtrtrs(self.root, shares.T, lower=1, trans=1)[0].T @ self.spread[own:].T
+            covariance[:own, own:] -= told
+            covariance[own:, :own] -= told.T
+        return prior.after(self.mean, covariance, tuple(each + 1 for each in prior.rows))
 
 
 class Follower:
@@ -119,7 +124,10 @@ class Follower:
         """
         lasts = max(time - state.time, 0.0) if np.isfinite(state.time) else 0.0
         state.time = time
-        expected = state.belief.later(lasts, state.model.known.shift_deviation)
+        state.unfaded += lasts
+        faded = state.unfaded if state.unfaded > _FADING else 0.0
+        state.unfaded -= faded
+        expected = state.belief.later(lasts, state.model.known.shift_deviation, faded)
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         learns = self._learns(expected, state.read)
@@ -138,7 +146,7 @@ class Follower:
         if state.model.known.wide is not None and np.isinf(fit.row.own):
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
-        state.belief = self._tidied(fit.belief)
+        state.belief = self._tidied(fit.believed())
         if np.isinf(fit.row.own):
             state.confused = 0.0
         state.touched_at_once |= not state.read and not np.isinf(fit.row.own)
@@ -254,12 +262,13 @@ class Follower:
         if not prior.count and model.known.wide is None:
             return self._idle(model, prior, readings, valid, ground)
         mean, count, n = prior.mean if start is None else start, prior.count, len(readings)
-        mutual = model.mutual(prior.contacts()) if count > 1 else None
+        contacts = prior.contacts(mean)
+        mutual = model.mutual(contacts) if count > 1 else None
         sensor, gains = STATE * count, len(mean) - n  # each gain changes its own reading alone
         unread = np.where(valid, 0.0, _NOT_READ)
         covariance = prior.covariance
         for step in range(steps):
-            row = model.row(prior.contacts(mean), ground, mean[sensor:], mutual, valid)
+            row = model.row(contacts, ground, mean[sensor:], mutual, valid)
             changes, driven, common = row.changes, row.driven * valid, row.common * valid
             way = prior.mean - mean
             misfit = (readings - row.readings) * valid
@@ -274,7 +283,6 @@ class Follower:
             root = _root(scatter)
             along, shares = _whitened(root, misfit, spread if learns else spread[:sensor])
             chi_squared = float(along @ along)
-            cost = chi_squared + 2 * float(np.log(root.diagonal()).sum())
             wanted = prior.mean.copy()
             wanted[: len(shares)] += shares @ along
             taken = self._limited(mean, wanted, count)
@@ -284,7 +292,8 @@ class Follower:
             known = covariance.diagonal()[:sensor] - (shares[:sensor] ** 2).sum(axis=1)
             if (moved**2 <= _SETTLED**2 * known).all():
                 break
-        return _Fit(prior, mean, cost, chi_squared, row, misfit, root, spread, shares)
+            contacts = prior.contacts(mean)
+        return _Fit(prior, mean, chi_squared, row, misfit, root, spread, shares)
 
     def _idle(self, model, prior, readings, valid, ground) -> _Fit:
         """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
@@ -293,20 +302,24 @@ class Follower:
         left = np.where(valid, readings - row.readings, 0.0)
         deviation = np.sqrt(np.where(valid, row.variance, _NOT_READ))
         chi_squared = float(((left / deviation) ** 2).sum())
-        cost = chi_squared + 2 * float(np.log(deviation).sum())
-        return _Fit(prior, prior.mean, cost, chi_squared, row, left, np.diag(deviation))
+        return _Fit(prior, prior.mean, chi_squared, row, left, np.diag(deviation))
 
     def _limited(self, now, wanted, count):
-        """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet."""
+        """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet:
+        what reaches its rim goes no further."""
         reach, longest = REACH * self.operator.pitch, 1.0
         for x, y, _, _, strength in _each(wanted - now, count):
             longest = max(longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH)
         out = wanted if longest == 1 else now + (wanted - now) / longest
         width, height = self._half
-        for i, (x, y, _, _, strength) in enumerate(_each(out, count)):
+        for i, (x, y, vx, vy, strength) in enumerate(_each(out, count)):
             if abs(x) > width or abs(y) > height or not self._least < strength < self._most:
                 out[STATE * i] = min(max(x, -width), width)
                 out[STATE * i + 1] = min(max(y, -height), height)
+                if abs(x) > width and x * vx > 0:
+                    out[STATE * i + 2] = 0.0
+                if abs(y) > height and y * vy > 0:
+                    out[STATE * i + 3] = 0.0
                 out[STATE * i + STRENGTH] = min(max(strength, self._least), self._most)
         return out
 

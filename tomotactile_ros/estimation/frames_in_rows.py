@@ -38,6 +38,35 @@ _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
 
 @dataclass(frozen=True)
+class Fitted:
+    """What rows take from a `Fit`; little enough to be handed to another process.
+
+    used : electrodes; unknowns, covariance, chi_squared : of the fit; count : of its readings
+    lasts : s from the time of the unknowns to that of the last row
+    """
+
+    used: tuple[int, ...]
+    unknowns: Unknowns
+    covariance: np.ndarray
+    chi_squared: float
+    count: int
+    lasts: float
+
+    @classmethod
+    def of(cls, fit: Fit) -> Fitted:
+        """Of a fit that was solved."""
+        times = fit.rows.times
+        return cls(
+            tuple(int(each) for each in fit.operator.used),
+            fit.unknowns,
+            fit.covariance,
+            fit.chi_squared,
+            max(fit.rows.count, 1),
+            0.0 if times is None else float(times.max()),
+        )
+
+
+@dataclass(frozen=True)
 class FrameSeen:
     """What a frame said.
 
@@ -46,14 +75,15 @@ class FrameSeen:
     """
 
     estimate: Estimate
-    fit: Fit | None
+    fit: Fitted | None
     begun: float = 0.0
     ended: float = 0.0
 
     @classmethod
     def of(cls, estimate: Estimate, state: State) -> FrameSeen:
         """What was just estimated with `state`, at times that are not known yet."""
-        return cls(estimate, state.fit if estimate.state == "valid" else None)
+        known = estimate.state == "valid" and state.fit is not None
+        return cls(estimate, Fitted.of(state.fit) if known else None)
 
     def at(self, begun: float, period: float, rows: int) -> FrameSeen:
         """The same of a frame of so many rows, `period` s from one to the next."""
@@ -73,8 +103,7 @@ def corrected(
     ended : whether rows saw something end within the frame or the one before: it may show it still
     """
     operator, fit, belief = follower.operator, seen.fit, state.belief
-    lasts = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
-    found = fit.unknowns.after(lasts)
+    found = fit.unknowns.after(fit.lasts)
     since = max(state.time - seen.ended, 0.0)
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
     sliding = {} if confused else _sliding(belief)
@@ -84,7 +113,7 @@ def corrected(
         blurred |= _wide(found, operator.pitch) & _apart(found, there, reach)
     is_wide = _wide(found, operator.pitch) & ~blurred
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
-    misfit, left = max(1.0, fit.chi_squared / max(fit.rows.count, 1)), dict(then)
+    misfit, left = max(1.0, fit.chi_squared / fit.count), dict(then)
     if confused:
         belief = unlearned(belief, state.model.known)
     for i in np.flatnonzero(~is_wide & ~blurred):
@@ -218,7 +247,7 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     return out | touching.any(axis=1)
 
 
-def _covariance(fit: Fit, which: int, misfit: float):
+def _covariance(fit: Fitted, which: int, misfit: float):
     """Variance of ln a, and (5, 5) covariance of x, y, nothing of the velocity, ln c of a contact
     of a fit."""
     free = fit.unknowns.free

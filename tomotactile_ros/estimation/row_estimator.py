@@ -246,7 +246,7 @@ class RowEstimator:
             state.doubted, state.doubt = state.doubted + 1, estimate.reason
             return
         state.doubted = 0
-        if fit is None or not _same(fit, state.used):
+        if fit is None or fit.used != tuple(state.used):
             return
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
         if then is None:  # rows have begun since, or it took too long
@@ -365,7 +365,7 @@ def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
     since, fit = state.rows_since_change(seen.begun, seen.ended), seen.fit
     if since is None:
         return False
-    poor = fit is not None and fit.chi_squared > _POOR * max(fit.rows.count, 1)
+    poor = fit is not None and fit.chi_squared > _POOR * fit.count
     return poor or since < YOUNG
 
 
@@ -374,10 +374,6 @@ def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
     full[0, :4] = contact
     across = (patches_for(float(np.exp(contact[3])), operator.pitch),)
     return Touches(operator, full, across, sheet)
-
-
-def _same(fit, used) -> bool:
-    return tuple(int(each) for each in fit.operator.used) == tuple(used)
 
 
 def _is_broken(state: RowsState, time: float) -> bool:

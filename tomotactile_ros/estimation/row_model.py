@@ -15,6 +15,9 @@ with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb w
 as there are unknowns. The share of a disc in an electrode is that of its centre but for the
 logarithm of their distance, which is averaged over the disc where it reaches the electrode
 (`row_shares`). Matrices of few columns lie in memory as their transposes.
+
+Readings are those of the contacts as they are. Derivatives change slowly: those of the last row of
+the same electrode serve as long as contacts stay nearly where they were then.
 """
 
 from __future__ import annotations
@@ -33,8 +36,12 @@ from tomotactile_ros.estimation.solver import Prior
 
 # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 INEXACT = 0.01
-# spacings, and of ln c, that contacts change before derivatives by the sheet are taken anew
+# spacings, and of ln c, that contacts change before derivatives are taken anew
 _ALIKE, _AS_STRONG = 0.01, 0.1
+# spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim
+# of an insulated sheet they vanish: what ended there would stay, and seem to be known nowhere
+_INSIDE = 0.1
+_ALL = np.ones(1, bool)  # readings are valid
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,8 @@ class Row:
     driven (n,) 1 - rho, derivatives by gains
     variance (n,) of what is not known of single readings; common (n,) standard deviation that all
         share (R_l)
-    ratio (n,) rho; own : N, ohm; ones, others (k + 2, n) : M = Zb - ones^T others, see the module
+    ratio (n,) rho; own : N, ohm
+    spread (k, n) Q^T, matrix (k, k) A, lifted (n,) p / s^(1/2), see the module
     """
 
     readings: np.ndarray
@@ -103,8 +111,17 @@ class Row:
     common: np.ndarray
     ratio: np.ndarray
     own: float
-    ones: np.ndarray
-    others: np.ndarray
+    spread: np.ndarray
+    matrix: np.ndarray
+    lifted: np.ndarray
+
+    def added(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the rank that contacts, the grounded electrode and the floating sheet add to Zb: two
+        (k + 2, n) with M = Zb - ones^T others."""
+        z = self.own * self.ratio
+        ones = np.concatenate([self.spread, [z, self.lifted]])
+        solved = _solved(self.matrix, self.spread)
+        return ones, np.concatenate([solved, [self.ratio, -self.lifted]])
 
 
 class RowModel:
@@ -125,80 +142,81 @@ class RowModel:
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
+        size = np.array(operator.layout.outline.size)
+        self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}
+        self._mutual: tuple[list, np.ndarray | None] = [], None
 
     def row(
-        self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=1
+        self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=_ALL
     ) -> Row:
         """The row with electrode `ground` (of those in use) grounded.
 
         contacts (k, 4) x, y, ln c, ln a; mutual (k, k) D, ohm, None: none
         shift (J + n,) of the sheet's coefficients and of gains from those known
-        valid (n,) of the readings
+        valid (n,) of the readings, bool
         """
         known, zb = self.known, self.impedance
         if not len(contacts) and known.wide is None:
             return self._idle()
-        share, slopes, moved = self._placed(contacts)
-        way, count = np.exp(-contacts[:, 2]), len(contacts)
-        between = np.diag(way) if mutual is None else np.diag(way) + mutual
-        # of the rank that contacts, the grounded electrode and the floating sheet add to Zb
-        ones, others = np.empty((2, count + 2, len(share.T)))
-        spread, shown, z, lifted = ones[:count], others[:count], ones[-2], ones[-1]
-        np.matmul(share, zb, out=spread)
-        solved = _solved(between + spread @ share.T, spread)
-        shown[:] = solved[:, :-1]
-        np.subtract(zb[ground], spread[:, ground] @ shown, out=z)
-        lifted[:] = 0.0  # p over the root of s
+        count = len(contacts)
+        share, slopes = self.shares.at(contacts) if count else (self._none, self._none)
+        way, spread = np.exp(-contacts[:, 2]), share @ zb
+        matrix = spread @ share.T
+        matrix.reshape(-1)[:: count + 1] += way
+        if mutual is not None:
+            matrix += mutual
+        right = np.ones((count, 2))
+        right[:, 0] = spread[:, ground]
+        drawn, lifting = _solved(matrix, right).T
+        z, lifted = zb[ground] - drawn @ spread, np.zeros(len(zb))
         if known.wide is None:
-            lifted[:] = (1 - shown.sum(axis=0)) / math.sqrt(solved[:, -1].sum())
+            lifted = (1 - lifting @ spread) / math.sqrt(lifting.sum())
             z += lifted * lifted[ground]
         own = float(z[ground] + known.resistance[ground])
-        ratio = others[-2] = z / own
-        np.negative(lifted, out=others[-1])
-        impedance = zb - ones.T @ others
+        ratio = z / own
         driven = 1 - ratio
-        if mutual is None:
-            fed, current = share / way[:, None], (share @ ratio) / way
-        else:
-            fed = np.linalg.solve(between, share)
-            current = fed @ ratio
-        modes, sensor = len(known.sheet), STATE * count
-        changes = np.empty((sensor + modes, len(z)))
-        by_contact = _by_contact(slopes, ratio, fed, current, way * current)
-        np.matmul(by_contact, impedance, out=changes[:sensor])
-        changes[sensor:] = self._by_sheet(contacts, ground, moved, ratio, fed, current, impedance)
-        changes *= known.gain * valid
-        readings = (known.gain + shift[modes:]) * driven + known.offset
-        readings += shift[:modes] @ changes[sensor:]
         variance = self._alone + INEXACT**2 * driven**2
         common = known.gain * ratio * (known.deviations[2][ground] / own)
-        return Row(readings, changes, driven, variance, common, ratio, own, ones, others)
+        row = Row(driven, self._none, driven, variance, common, ratio, own, spread, matrix, lifted)
+        here, read = contacts.tolist(), valid.tobytes()
+        kept = self._kept.get(ground)
+        if kept is None or kept[1] != read or not self._alike(kept[0], here):
+            between = np.diag(way) if mutual is None else np.diag(way) + mutual
+            changes = self._changes(contacts, row, share, slopes, between)
+            self._kept[ground] = kept = here, read, changes * (known.gain * valid)
+        row.changes, modes = kept[2], len(known.sheet)
+        row.readings = (known.gain + shift[modes:]) * driven + known.offset
+        row.readings += shift[:modes] @ row.changes[STATE * count :]
+        return row
 
-    def _placed(self, contacts: np.ndarray):
-        if len(contacts):
-            return self.shares.at(contacts)
-        count, modes = self.operator.count, len(self.known.sheet)
-        none = np.empty((0, modes, count), np.float32)
-        return self._none, np.empty((0, 2, count)), none
+    def _changes(self, contacts, row: Row, share, slopes, between) -> np.ndarray:
+        """(5 k + J, n) derivatives, for gains of 1.
 
-    def _by_sheet(self, contacts, ground, moved, ratio, fed, current, impedance):
-        """(J, n) derivatives by the sheet's coefficients, for gains of 1: those of the last row of
-        the same electrode where contacts are nearly as they were then.
-
-        moved (k, J, n) of shares; fed (k, n), current (k,), impedance M: see `row`
+        share (k, n), slopes (k, 2, n) : of contacts; between (k, k) : C^-1
         """
-        here, kept = contacts.tolist(), self._kept.get(ground)
-        if kept is not None and self._alike(kept[0], here):
-            return kept[1]
-        single, n = ratio.astype(np.float32), len(ratio)
+        count, modes, n = len(contacts), len(self.known.sheet), len(row.ratio)
+        if (np.abs(contacts[:, :2]) > self._inside).any():
+            inside = contacts.copy()
+            inside[:, :2] = np.clip(contacts[:, :2], -self._inside, self._inside)
+            slopes = self.shares.at(inside)[1]
+        ones, others = row.added()
+        impedance = self.impedance - ones.T @ others
+        fed = np.linalg.solve(between, share)
+        current = fed @ row.ratio
+        changes = np.empty((STATE * count + modes, n))
+        if count:
+            by_strength = np.exp(-contacts[:, 2]) * current
+            by_contact = _by_contact(slopes, row.ratio, fed, current, by_strength)
+            np.matmul(by_contact, impedance, out=changes[: STATE * count])
+        single = row.ratio.astype(np.float32)
         currents = (self._change @ single).reshape(-1, n)
-        if here:
-            currents += (current.astype(np.float32) @ moved.reshape(len(here), -1)).reshape(-1, n)
+        if count:
+            moved = self.shares.by_sheet(contacts)
+            currents += (current.astype(np.float32) @ moved.reshape(count, -1)).reshape(-1, n)
             currents += (moved @ single).T @ fed.astype(np.float32)
-        found = currents @ impedance.astype(np.float32)
-        self._kept[ground] = here, found
-        return found
+        np.matmul(currents, impedance.astype(np.float32), out=changes[STATE * count :])
+        return changes
 
     def _alike(self, ones: list, others: list) -> bool:
         """Whether contacts x, y, ln c, ln a are nearly the same."""
@@ -219,14 +237,21 @@ class RowModel:
             np.ones(count),
             np.inf,
             self._none,
-            self._none,
+            np.zeros((0, 0)),
+            none,
         )
 
     def mutual(self, contacts: np.ndarray) -> np.ndarray | None:
         """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
-        them; None where they do everywhere."""
-        if not _near(contacts[:, :2].tolist(), SCREENED * self.operator.pitch):
+        them; None where they do everywhere. As derivatives, it is kept while contacts stay."""
+        here = contacts.tolist()
+        if not _near(here, SCREENED * self.operator.pitch):
             return None
+        if not self._alike(self._mutual[0], here):
+            self._mutual = here, self._mutual_of(contacts)
+        return self._mutual[1]
+
+    def _mutual_of(self, contacts: np.ndarray) -> np.ndarray:
         count = len(contacts)
         out = np.zeros((count, count))
         apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
@@ -245,13 +270,11 @@ class RowModel:
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(k, n + 1) solution with a small positive definite `matrix` of `right` (k, n), and of ones."""
-    both = np.empty((len(matrix), right.shape[1] + 1))
-    both[:, :-1], both[:, -1] = right, 1.0
-    if len(matrix):
-        _, found, failed = dposv(matrix, both)
-        both = found if not failed else np.linalg.solve(matrix, both)
-    return both
+    """(k, m) solution with a small positive definite `matrix` of `right` (k, m)."""
+    if not len(matrix):
+        return right
+    _, found, failed = dposv(matrix, right)
+    return found if not failed else np.linalg.solve(matrix, right)
 
 
 def _by_contact(slopes, ratio, fed, current, by_strength) -> np.ndarray:
@@ -268,9 +291,9 @@ def _by_contact(slopes, ratio, fed, current, by_strength) -> np.ndarray:
 
 
 def _near(places: list, reach: float) -> bool:
-    """Whether some two of few places are within `reach`, m."""
-    return any(
-        (x - places[j][0]) ** 2 + (y - places[j][1]) ** 2 < reach**2
-        for i, (x, y) in enumerate(places)
-        for j in range(i)
-    )
+    """Whether some two of few places (x, y, ...) are within `reach`, m."""
+    for i, (x, y, *_) in enumerate(places):
+        for u, v, *_ in places[:i]:
+            if abs(x - u) < reach and (x - u) ** 2 + (y - v) ** 2 < reach**2:
+                return True
+    return False

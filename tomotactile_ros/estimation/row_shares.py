@@ -30,22 +30,28 @@ class Shares:
             self._added = np.matmul(sheet.astype(np.float32), self._moved)
         self._fine: dict[tuple, tuple] = {}
         self._coarse: dict[tuple, np.ndarray] = {}
-        self._last: tuple = ()
+        self._last: tuple = (None,)
 
     def at(self, contacts: np.ndarray):
-        """H (k, n) of the discs `contacts` (k, 4) x, y (m), ln c, ln a; its slopes (k, 2, n), 1/m;
-        and (k, J, n) its derivative by the sheet's coefficients, single precision."""
+        """H (k, n) of the discs `contacts` (k, 4) x, y (m), ln c, ln a, and its slopes (k, 2, n),
+        1/m."""
         step = self._operator.pitch / _FINE
-        cells = np.rint(contacts[:, :2] / step)
-        keys = tuple((*cell, size) for cell, size in zip(cells.tolist(), contacts[:, 3].tolist()))
-        if not self._last or self._last[0] != keys:
+        keys, off = [], np.empty((len(contacts), 1, 2))
+        for i, (x, y, _, size) in enumerate(contacts.tolist()):
+            across, up = round(x / step), round(y / step)
+            keys.append((across, up, size))
+            off[i, 0] = x - step * across, y - step * up
+        if self._last[0] != keys:
             found = [self._cell(key, step) for key in keys]
-            share, slopes = (np.array([each[i] for each in found]) for i in range(2))
-            moved = np.array([self._by_sheet(key, step) for key in keys])
-            self._last = keys, share, slopes, moved
-        _, share, slopes, moved = self._last
-        off = contacts[:, :2] - step * cells
-        return share + np.matmul(off[:, None], slopes)[:, 0], slopes, moved
+            self._last = keys, *(np.array([each[i] for each in found]) for i in range(2))
+        _, share, slopes = self._last
+        return share + (off @ slopes)[:, 0], slopes
+
+    def by_sheet(self, contacts: np.ndarray) -> np.ndarray:
+        """(k, J, n) derivative of H by the sheet's coefficients, single precision."""
+        step = self._operator.pitch / _COARSE
+        cells = np.rint(contacts[:, :2] / step).astype(int).tolist()
+        return np.array([self._by_sheet(tuple(cell), step) for cell in cells])
 
     def added(self, stencil) -> np.ndarray | float:
         """(n, K) what the sheet adds to H of an even one, with a `stencil` of the lattice."""
@@ -69,17 +75,14 @@ class Shares:
             _keep(self._fine, key, found)
         return found
 
-    def _by_sheet(self, key: tuple, step: float) -> np.ndarray:
+    def _by_sheet(self, key: tuple[int, int], step: float) -> np.ndarray:
         """(J, n) derivative by the sheet's coefficients in the middle of a coarse cell."""
-        across = _FINE // _COARSE
-        coarse = round(key[0] / across), round(key[1] / across)
-        found = self._coarse.get(coarse)
+        found = self._coarse.get(key)
         if found is None:
-            middle = step * across * coarse[0], step * across * coarse[1]
-            points, weights = self._operator.lattice.around(*middle)
+            points, weights = self._operator.lattice.around(step * key[0], step * key[1])
             near = self._moved[points].reshape(len(points), -1)
             found = (weights[0].astype(np.float32) @ near).reshape(self._modes, -1)
-            _keep(self._coarse, coarse, found)
+            _keep(self._coarse, key, found)
         return found
 
 

@@ -3,6 +3,7 @@ numbers."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -59,25 +60,31 @@ class Belief:
             number: self.mean[STATE * i : STATE * i + 2] for i, number in enumerate(self.numbers)
         }
 
-    def later(self, lasts: float, deviation: np.ndarray) -> Belief:
+    def later(self, lasts: float, deviation: np.ndarray, unfaded: float | None = None) -> Belief:
         """What is expected `lasts` s later: contacts go on, with an acceleration of which only the
         size is known.
 
         The sensor slowly becomes as unknown as before, standard deviation `deviation` (S,): what
-        the model lacks makes rows less independent than they are taken for.
+        the model lacks makes rows less independent than they are taken for. That may be made up for
+        later: `unfaded` s of it are due now, `lasts` without.
         """
         if not self.count or lasts <= 0:
             return self
-        kept, both, moved, added = _lasting(self.count, len(deviation), lasts)
-        contacts = STATE * self.count
-        mean = kept * self.mean
-        mean[:contacts] = moved @ self.mean[:contacts]
-        covariance = self.covariance * both
-        covariance[:contacts] = moved @ covariance[:contacts]
-        covariance[:, :contacts] = covariance[:, :contacts] @ moved.T
-        covariance[:contacts, :contacts] += added
-        own = covariance.reshape(-1)[contacts * (len(mean) + 1) :: len(mean) + 1]
-        own += (1 - kept[contacts:] ** 2) * deviation**2
+        contacts, faded = STATE * self.count, lasts if unfaded is None else unfaded
+        moved, added = _lasting(self.count, lasts)
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[:contacts] = moved @ mean[:contacts]
+        own, rest = covariance[:contacts, :contacts], covariance[:contacts, contacts:]
+        own[:] = moved @ own @ moved.T + added
+        rest[:] = moved @ rest
+        covariance[contacts:, :contacts] = rest.T
+        if faded > 0:
+            kept = math.exp(-faded / _FORGETTING)
+            mean[contacts:] *= kept
+            covariance[contacts:] *= kept
+            covariance[:, contacts:] *= kept
+            own = covariance.reshape(-1)[contacts * (len(mean) + 1) :: len(mean) + 1]
+            own += (1 - kept**2) * deviation**2
         return self.after(mean, covariance)
 
     def after(self, mean, covariance, rows=None) -> Belief:
@@ -127,12 +134,8 @@ class Belief:
 
 
 @lru_cache(maxsize=16)
-def _lasting(count: int, sensor: int, lasts: float):
-    """What `lasts` s do to `count` contacts and `sensor` numbers: (5 count + sensor,) parts of all
-    that are kept, their products, (5 count, 5 count) motion of contacts, and what it adds to their
-    covariance."""
-    kept = np.ones(STATE * count + sensor)
-    kept[STATE * count :] = np.exp(-lasts / _FORGETTING)
+def _lasting(count: int, lasts: float):
+    """(5 count, 5 count) motion of contacts in `lasts` s, and what it adds to their covariance."""
     moved, added = np.eye(STATE), np.zeros((STATE, STATE))
     q = _ENDURING**2 / _WITHIN * lasts
     for at, by in ((0, 2), (1, 3)):
@@ -142,7 +145,7 @@ def _lasting(count: int, sensor: int, lasts: float):
         added[at, at] = q * lasts**2 / 3
     added[STRENGTH, STRENGTH] = _PRESSING**2 * lasts / 1e-3
     each = np.eye(count)
-    return kept, kept[:, None] * kept, np.kron(each, moved), np.kron(each, added)
+    return np.kron(each, moved), np.kron(each, added)
 
 
 @dataclass
@@ -150,6 +153,7 @@ class RowState:
     """All that lasts from row to row; a new one begins anew.
 
     confused : surprising rows of late, infinite when there were too many, see `follow`
+    unfaded : s for which what rows say of the sensor has not faded yet
     read : rows so far; touched_at_once : whether something touched already in the first of them
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
@@ -163,6 +167,7 @@ class RowState:
     last: int = 0
     unexplained: int = 0
     confused: float = 0.0
+    unfaded: float = 0.0
     read: int = 0
     touched_at_once: bool = False
     sums: np.ndarray | None = None

@@ -76,6 +76,7 @@ SUSPECT = 12.0
 _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
+_FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
@@ -98,7 +99,7 @@ class Effort:
     alternatives: bool = True
 
 
-FULL, BOUNDED = Effort(), Effort(patches=5, alternatives=False)
+FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 
 class Solver(Protocol):
@@ -286,7 +287,7 @@ class Search:
         given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
         fit = solve(*given, at, most)
         self._known = fit.equations
-        across = tuple(self._across(*each) for each in zip(fit.unknowns.contacts, start.across))
+        across = self._patches(fit.unknowns.contacts, start.across)
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
             work = fit.work
@@ -305,9 +306,14 @@ class Search:
         bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
         return self._wide_enough(fit, bare)
 
-    def _across(self, contact: np.ndarray, before: int) -> int:
-        """Patches across a contact (6,) that had `before`: as its radius asks for."""
-        wanted = min(patches_of(contact, self.operator.pitch), self.effort.patches)
+    def _patches(self, contacts: np.ndarray, before: tuple[int, ...]) -> tuple[int, ...]:
+        """Patches across each of `contacts` (k, 6) that had `before`, as their radii ask for: of many,
+        which together are one wide shape, fewer."""
+        most = self.effort.patches if len(contacts) <= _FEW else min(_COARSE, self.effort.patches)
+        return tuple(self._across(each, had, most) for each, had in zip(contacts, before))
+
+    def _across(self, contact: np.ndarray, before: int, most: int) -> int:
+        wanted = min(patches_of(contact, self.operator.pitch), most)
         return wanted if wanted > before or wanted < before - 2 else before
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
@@ -426,10 +432,17 @@ class Search:
         order."""
         if fit.chi_squared > _MISFIT * fit.rows.count:
             return True
-        if fit.chi_squared <= _POOR * fit.rows.count and not self.effort.alternatives:
-            return False
-        self._next(fit)
-        return self._counts(fit, fit.promised) or self._form_matters(fit)
+        if fit.chi_squared > _POOR * fit.rows.count or self.effort.alternatives:
+            self._next(fit)
+            if self._counts(fit, fit.promised) or self._form_matters(fit):
+                return True
+        return self._may_be_two(fit)
+
+    def _may_be_two(self, fit: Fit) -> bool:
+        """Whether a long contact leaves more over than noise does: it may be two, of which no first
+        order tells."""
+        long = np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > _LONG
+        return bool(long.any()) and fit.chi_squared - fit.rows.count > self._threshold
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""
@@ -634,8 +647,9 @@ class Search:
             return fit
         excess = (fit.prediction.means - ways)[which] * 2 * np.pi / self.operator.resistance
         contacts[which, RADIUS] += np.minimum(excess, _WIDER)
-        for i in np.flatnonzero(which):
-            across[i] = self._across(contacts[i], across[i])
+        for i, wanted in enumerate(self._patches(contacts, tuple(across))):
+            if which[i]:
+                across[i] = wanted
         wider = replace(fit.unknowns, contacts=contacts, across=tuple(across))
         begun = Fit(self.operator, wider, fit.rows, fit.prior)
         most = np.log(FILLED / np.maximum(begun.prediction.means, 1e-9))

@@ -55,6 +55,7 @@ PAIRS_APART = 0.04  # m, two fingers
 PAIR_PITCHES = 0.6  # two contacts where pitches differ: 40 mm with 4 x 4 electrodes on 200 mm
 NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
 PLACES = 10  # contacts along the longer side
+MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
 
@@ -335,6 +336,20 @@ def usual_apart(layout: Layout) -> float:
     return PAIR_PITCHES * float(np.sqrt(layout.outline.area) / (np.sqrt(layout.electrodes) - 1))
 
 
+def has_room_for_pairs(layout: Layout, conditions: Conditions) -> bool:
+    """Whether pairs `conditions.apart` from each other lie on the sheet anywhere."""
+    centres = lattice(layout, PLACES, conditions.radius)
+    return len(_pairs(layout, centres, conditions.apart, conditions.radius)[0]) > 0
+
+
+def has_room(layout: Layout, radius: float) -> bool:
+    """Whether a disc of `radius`, m, lies wholly on the sheet anywhere that is looked at."""
+    try:
+        return len(lattice(layout, PLACES, radius)) > 0
+    except InputError:
+        return False
+
+
 def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:
     """(P, 2) middles, m, of discs of `radius` (m) that lie wholly on the sheet, `places` along its
     longer side.
@@ -345,6 +360,8 @@ def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.n
     """
     xmin, ymin, xmax, ymax = layout.outline.bounds
     low, high = np.array([xmin, ymin]) + radius, np.array([xmax, ymax]) - radius
+    if not np.all(high > low):
+        raise _no_room(radius)
     columns, rows = np.maximum(1, np.round(places * (high - low) / (high - low).max())).astype(int)
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
     share = np.arange(1, columns * rows + 1)[:, None] * np.array([0.7548776662, 0.5698402910]) % 1
@@ -352,8 +369,14 @@ def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.n
     points = low + at * (high - low)
     found = points[_on_sheet(layout, points, radius)]
     if not len(found):
-        raise InputError(f"contact radius: no disc of {radius:g} m has room on the sheet")
+        raise _no_room(radius)
     return found
+
+
+def _no_room(radius):
+    return InputError(
+        f"contact radius: no disc of {radius:g} m has room on the sheet; a smaller one may have"
+    )
 
 
 def _on_sheet(layout, points, radius):

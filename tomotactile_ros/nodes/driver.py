@@ -197,7 +197,7 @@ class Driver:
             electrodes = ", ".join(map(str, dead))
             text = f"electrodes that look dead: {electrodes}"
             found.append(Trouble(f"dead {electrodes}", False, text))
-        others = self._node.count_publishers("voltage_frame") - 1
+        others = self._node.count_publishers(self._publisher.topic_name) - 1
         if others > 0:
             text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
             found.append(Trouble("publishers", True, text))

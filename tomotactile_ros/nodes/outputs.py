@@ -94,10 +94,10 @@ class Outputs:
         contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
         stale = self._too_old(header)
-        wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
         with self._order:
             self._contacts.publish(contacts_to_message(contacts, placed, header, stale))
             if self._wrench.get_subscription_count() > 0:
+                wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
                 self._wrench.publish(wrench_to_message(*wrench, header))
             self._valid_since = None if stale else time.monotonic()
         if header.frame_id != self.frame_id:  # the driver has another than was thought

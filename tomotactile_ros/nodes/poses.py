@@ -13,11 +13,15 @@ from tomotactile_ros.spatial import Pose
 from tomotactile_ros.support.errors import InputError
 
 Locate = Callable[[Header], Pose]
+OLDEST = 0.5  # s between contacts and the newest transform: five of one that comes at 10 Hz
 
 
 def make_locator(node: Node, frame_id: str, file: str) -> Locate:
     """What says where the frame of a header is in `frame_id`; it raises InputError if it is not
     known.
+
+    A transform of tf2 holds for the stamp of the header, or it is the newest one where that is at
+    most `OLDEST` away: an arm whose transforms have stopped may be anywhere by now.
 
     Parameters
     ----------
@@ -43,6 +47,7 @@ def make_locator(node: Node, frame_id: str, file: str) -> Locate:
                 found = buffer.lookup_transform(frame_id, source, Time.from_msg(header.stamp))
             except TransformException:  # newer than the last transform: that one, then
                 found = buffer.lookup_transform(frame_id, source, Time())
+                _check_age(header, found.header)
         except TransformException as error:
             raise InputError(f"no transform from {source} to {frame_id}: {error}") from None
         return _pose(found.transform)
@@ -63,6 +68,16 @@ def _fixed(poses, frame_id: str) -> Locate:
         return poses[header.frame_id]
 
     return locate
+
+
+def _check_age(contacts: Header, transform: Header) -> None:
+    """Refuse a transform that is of another time than contacts; a stamp of 0 is no time."""
+    late = (Time.from_msg(contacts.stamp) - Time.from_msg(transform.stamp)).nanoseconds / 1e9
+    if abs(late) > OLDEST:
+        when = "older" if late > 0 else "newer"
+        raise InputError(
+            f"the newest transform of {contacts.frame_id} is {abs(late):.1f} s {when} than its contacts"
+        )
 
 
 def _pose(transform) -> Pose:

@@ -24,7 +24,12 @@ from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscr
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
-from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, SPECS, settings_of
+from tomotactile_ros.nodes.reconstruction_parameters import (
+    OF_THE_NODE,
+    SPECS,
+    law_in_words,
+    settings_of,
+)
 from tomotactile_ros.nodes.row_contacts import Rows
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
@@ -109,6 +114,7 @@ class Reconstruction:
         """Stop processing frames."""
         with self._lock, self._rows_lock:
             self._active = False
+        self._rows.stop()
         self._learning.stop()
 
     def cleanup(self) -> None:
@@ -154,6 +160,7 @@ class Reconstruction:
             return Report(diagnostics.WARN, "not active")
         figures = {
             "profile": pipeline.profile,
+            "contact law": law_in_words(self.parameters.values),
             **self._watch.figures(),
             **self._rows.figures(),
             **self._taring.figures(),
@@ -197,7 +204,7 @@ class Reconstruction:
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         self._check(frame, layout_id)
-        followed, result = self._rows.followed, None
+        followed, result, tells = self._rows.followed, None, False
         self._rows.watch.frame_has(len(frame.grounded))
         if followed and self._rows.leaves_out(self._pipeline, frame):
             return
@@ -205,11 +212,7 @@ class Reconstruction:
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)
         if result is None:
-            result = self._pipeline.process(
-                frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
-            )
-            if followed:
-                self._rows.correct(self._pipeline, frame)
+            result, tells = self._rows.process(self._pipeline, frame), followed
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
@@ -232,6 +235,8 @@ class Reconstruction:
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start
         self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took)
+        if tells:
+            self._rows.correct(self._pipeline, frame)
 
     def _check(self, frame: Frame, layout_id: str) -> None:
         """Refuse, as InputError, what is not of this layout."""
@@ -257,6 +262,7 @@ class Reconstruction:
     def _use(self, pipeline: Pipeline, values: dict[str, Any]) -> None:
         if pipeline is not self._pipeline:
             self._log.info(pipeline.report)
+            self._log.info(f"forces by the contact law {law_in_words(values)}")
         with self._rows_lock:
             self._pipeline = pipeline
             self._outputs.configure(self._layout, pipeline.grid, values)

@@ -82,6 +82,18 @@ def settings_of(values: dict[str, Any]) -> Settings:
     )
 
 
+def law_in_words(values: dict[str, Any]) -> str:
+    """Where newtons come from: a calibration, the parameters, or nothing but their defaults."""
+    if values["calibration"]:
+        return f"calibration {values['calibration']}"
+    given = {name: values[name] for name in ("contact_coefficient", "contact_exponent")}
+    law = "g = {contact_coefficient:g} p^{contact_exponent:g}".format(**given)
+    defaults = {spec.name: spec.default for spec in SPECS}
+    if all(defaults[name] == value for name, value in given.items()):
+        return f"{law}, assumed: not calibrated (parameter calibration)"
+    return f"{law}, as the parameters say"
+
+
 def _contact_law(values: dict[str, Any]) -> ContactLaw:
     if values["calibration"]:
         return load_calibration(values["calibration"])

@@ -20,6 +20,7 @@ from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.row_watch import RowWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.beside import Beside
 from tomotactile_ros.reconstruction.settings import Result
 
 SPECS = (
@@ -55,6 +56,7 @@ class Rows:
         self._last = -_PATIENCE
         self._since, self._touching = 0, None
         self._left_out = False  # the last frame
+        self._beside = Beside()
         self._preparing = False  # seconds, where the profile has no estimator
 
     @property
@@ -121,18 +123,30 @@ class Rows:
             return None
         return pipeline.image_after_row(state)
 
+    def process(self, pipeline: Pipeline, frame: Frame) -> Result:
+        """The result of a frame; where rows are followed and the profile fits contacts, from the
+        process beside as soon as that is ready."""
+        if self.followed and pipeline.fits and self._beside.takes(pipeline):
+            try:
+                return self._beside.process(*_words(frame))
+            except ConnectionError as error:
+                self._node.get_logger().warning(str(error))
+        return pipeline.process(*_words(frame))
+
     def correct(self, pipeline: Pipeline, frame: Frame) -> None:
         """Let a frame that was just processed correct what rows tell, if they ask for it."""
         state = self._state
-        if state is not None and self._of[0] is pipeline and state.asks:
-            pipeline.correct(
-                state,
-                frame.voltages,
-                frame.grounded,
-                frame.drive_voltage,
-                frame.row_period,
-                frame.stamp,
-            )
+        if state is None or self._of[0] is not pipeline or not state.asks:
+            return
+        maker = self._beside if self._beside.takes(pipeline) else pipeline
+        try:
+            maker.correct(state, *_words(frame))
+        except ConnectionError as error:  # the next frame tells
+            self._node.get_logger().warning(str(error))
+
+    def stop(self) -> None:
+        """End the process beside; the next frame that rows ask for starts it again."""
+        self._beside.stop()
 
     def troubles(self) -> list[Trouble]:
         """What is wrong with the rows of the last seconds."""
@@ -150,3 +164,8 @@ class Rows:
             self._outputs.withhold(result.reason, header)
         else:
             self._outputs.publish_contacts(result.contacts, header)
+
+
+def _words(frame: Frame) -> tuple:
+    """A frame as `Pipeline.process` takes it."""
+    return frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp

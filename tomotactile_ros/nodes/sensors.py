@@ -11,10 +11,10 @@ from collections.abc import Iterator
 
 from rclpy.node import Node
 
+from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.tactile import PATIENCE, make_nodes
-from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
@@ -32,9 +32,7 @@ class Sensors:
 
     def configure(self) -> None:
         """Refuse a list that cannot be."""
-        names = self.namespaces()
-        if not names or len(set(names)) < len(names):
-            raise InputError("sensors: needs different namespaces, e.g. [left, right]")
+        self.namespaces()
 
     def activate(self) -> None:
         """Nothing to do."""
@@ -42,9 +40,8 @@ class Sensors:
     deactivate = cleanup = activate
 
     def namespaces(self) -> list[str]:
-        """Full namespaces, below that of this node."""
-        own = self._node.get_namespace().rstrip("/")
-        return [n if n.startswith("/") else f"{own}/{n}" for n in self.parameters["sensors"]]
+        """Full namespaces, below that of this node; InputError for a list that cannot be."""
+        return full_namespaces(self._node, self.parameters["sensors"])
 
 
 def make_all() -> Iterator[Node]:

@@ -17,6 +17,7 @@ from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
+from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode, run
@@ -31,7 +32,6 @@ SPECS = (
     Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
     Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
 )
-MOST = 255  # sensors: the number of one is in the ids of its contacts
 _ID_BITS = 24
 _QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 _HEARING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -47,6 +47,7 @@ class SkinPart:
         self.parameters = Parameters(node, SPECS, self._change)
         self._skin = Skin((), 1.0)
         self._locate = None
+        self._topics: dict[str, str] = {}
         self._active = False
         self._published = 0.0
         overrides = QoSOverridingOptions.with_default_policies()
@@ -64,12 +65,11 @@ class SkinPart:
         """Listen to the sensors."""
         values = self.parameters
         names = values["sensors"]
-        if not 1 <= len(names) <= MOST or len(set(names)) < len(names):
-            raise InputError(f"sensors: needs 1 to {MOST} different namespaces, e.g. [left, right]")
+        namespaces = full_namespaces(self._node, names)
         self._skin = Skin(names, values["timeout"])
         self._locate = make_locator(self._node, values["frame_id"], values["poses"])
-        for name in names:
-            self._listen(name)
+        for name, namespace in zip(names, namespaces, strict=True):
+            self._listen(name, f"{namespace.rstrip('/')}/contacts")
 
     def activate(self) -> None:
         """Begin to publish."""
@@ -94,17 +94,18 @@ class SkinPart:
 
     def _mixed(self) -> dict[str, str]:
         """Sensors whose contacts come from several nodes in turn."""
-        found = {name: self._node.count_publishers(_topic(name)) for name in self._skin.members}
-        return {name: f"{n} publish {_topic(name)}" for name, n in found.items() if n > 1}
+        found = {name: self._node.count_publishers(t) for name, t in self._topics.items()}
+        return {name: f"{n} publish {self._topics[name]}" for name, n in found.items() if n > 1}
 
-    def _listen(self, name: str) -> None:
-        self._node.create_subscription(
+    def _listen(self, name: str, topic: str) -> None:
+        subscription = self._node.create_subscription(
             ContactArray,
-            _topic(name),
+            topic,
             lambda message: self._on_contacts(name, message),
             _HEARING,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+        self._topics[name] = subscription.topic_name
 
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]
@@ -147,10 +148,6 @@ class SkinPart:
 
     def _change(self, changed: set[str], values: dict) -> None:
         self._skin.timeout = values["timeout"]
-
-
-def _topic(name: str) -> str:
-    return f"{name.rstrip('/')}/contacts"
 
 
 def _check(contacts: list[Contact]) -> None:

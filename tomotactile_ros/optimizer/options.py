@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.evaluation.posterior import NOISE
+from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, NOISE
 from tomotactile_ros.layouts.arrangements import (
     MAX_SPREAD,
     USUAL_SIZE,
@@ -168,6 +168,12 @@ SEARCH = (
         methods=("touch",),
     ),
     Option(
+        "contact_radius",
+        float,
+        f"Of touch: radius of the contacts, m (default: {CONTACT_RADIUS:g})",
+        methods=("touch",),
+    ),
+    Option(
         "apart",
         float,
         "Of touch: distance of two contacts that are to be told apart, m (default: 0.6 spacings)",
@@ -283,7 +289,8 @@ def _spread(values, mark, layout: Layout | None = None):
             outline = Outline.circle(values["circle"])
         else:
             raise InputError(f"{mark}circle: the sheet has a {mark}size, give only one")
-    return spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])
+    spread = spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])
+    return spread if layout is None else replace(spread, surface=layout.surface)
 
 
 def request_of(
@@ -311,9 +318,10 @@ def request_of(
         starts=values["starts"],
         seed=values["seed"],
         resolution=values["resolution"],
-        fixed=tuple(each for group in values["fixed"] or () for each in group),
+        fixed=tuple(dict.fromkeys(each for group in values["fixed"] or () for each in group)),
         radius_range=values["radius_range"] and tuple(values["radius_range"]),
         noise=values["noise"],
+        contact_radius=values["contact_radius"],
         apart=values["apart"],
         resume=values["resume"],
         state_file=state_file,

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import NOISE, Conditions, usual_apart
+from tomotactile_ros.evaluation.posterior import (
+    CONTACT_RADIUS,
+    NOISE,
+    Conditions,
+    has_room_for_pairs,
+    usual_apart,
+)
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint
@@ -60,6 +66,7 @@ class Request:
     fixed : of touch, electrodes that stay where they are
     radius_range : of touch, smallest and largest radius of electrodes, m; None: that of the layout
     noise : of touch, of a reading, V rms; None for the default
+    contact_radius : of touch, of the contacts, m; None for the default
     apart : of touch, distance of two contacts that are to be told apart, m; None for the default
     resume : of touch, go on from `state_file`
     state_file : of touch, where the state is kept after every round; None: nowhere
@@ -81,6 +88,7 @@ class Request:
     fixed: tuple[int, ...] = ()
     radius_range: tuple[float, float] | None = None
     noise: float | None = None
+    contact_radius: float | None = None
     apart: float | None = None
     resume: bool = False
     state_file: Path | None = None
@@ -102,11 +110,16 @@ class Request:
             largest = self.radius_range[1] if self.radius_range else self.layout.radius
             self._constraints().check(self.layout.electrodes, largest)
         if self.method != "touch":
-            for name in ("fixed", "radius_range", "noise", "apart", "resume"):
+            for name in ("fixed", "radius_range", "noise", "contact_radius", "apart", "resume"):
                 if getattr(self, name):
                     raise InputError(f"{name}: only method touch knows it")
             return
-        self._conditions()  # refuses what cannot be
+        conditions = self._conditions()  # refuses what cannot be
+        if self.apart is not None and not has_room_for_pairs(self.layout, conditions):
+            raise InputError(
+                f"apart: no pair of contacts that is tried has room on this sheet {self.apart:g} m from "
+                "each other"
+            )
         if self.resume and self.state_file is None:
             raise InputError("resume: there is no file with the state of a search")
 
@@ -145,7 +158,7 @@ class Request:
                 radii=self.radius_range,
                 symmetric=self.symmetric,
                 rounds=self.total,
-                starts=self._starts,
+                starts=self.total_starts,
                 executor=executor,
                 checkpoint=self._checkpoint(),
                 regularization=self.regularization,
@@ -192,8 +205,9 @@ class Request:
                 "radius_range": None if self.radius_range is None else list(self.radius_range),
                 "fixed": list(self.fixed),
                 "noise": conditions.noise,
+                "contact_radius": conditions.radius,
                 "apart": conditions.apart,
-                "starts": self._starts,
+                "starts": self.total_starts,
             }
         if self.method == "free":
             out |= {
@@ -205,12 +219,14 @@ class Request:
         return out
 
     @property
-    def _starts(self) -> int:
+    def total_starts(self) -> int:
+        """Layouts that touch starts from."""
         return STARTS if self.starts is None else self.starts
 
     def _conditions(self) -> Conditions:
         return Conditions(
             noise=NOISE if self.noise is None else self.noise,
+            radius=CONTACT_RADIUS if self.contact_radius is None else self.contact_radius,
             apart=usual_apart(self.layout) if self.apart is None else self.apart,
         )
 

@@ -70,7 +70,8 @@ class Chooser:
     def __init__(self, layout: Layout, conditions: Conditions | None = None, places: int = PLACES):
         self.layout = layout
         expectation = Expectation(layout, conditions)
-        self.information = RowInformation(expectation, lattice(layout, places))
+        centres = lattice(layout, places, expectation.conditions.radius)
+        self.information = RowInformation(expectation, centres)
         self._chosen: list[int] = []  # one by one
         self._best: dict[int, list[int]] = {}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,10 +54,15 @@ class Step:
 
 
 class Clock:
-    """Numbers the steps, remembers the lowest score and estimates the time left."""
+    """Numbers the steps, remembers the lowest score and estimates the time left.
 
-    def __init__(self, total: int):
+    total : number of steps, the start not counted
+    efforts : (total + 1,) what each step takes, the start first, in any unit; None: all the same
+    """
+
+    def __init__(self, total: int, efforts: Sequence[float] | None = None):
         self.total = total
+        self._efforts = np.ones(total + 1) if efforts is None else np.array(efforts, float)
         self._start = time.monotonic()
         self._lowest = np.inf
 
@@ -69,7 +74,8 @@ class Clock:
         allowed: bool = True,
         posterior: Posterior | None = None,
     ) -> Step:
-        """The next step; the time left is that of the steps so far, iteration 0 included.
+        """The next step; the time left is in proportion to that of the steps so far, the start
+        included.
 
         What is not `allowed` (a start that violates constraints) is the best only as long as there
         is nothing else.
@@ -77,8 +83,8 @@ class Clock:
         counted = score if allowed else np.inf
         best = bool(counted < self._lowest) or iteration == 0
         self._lowest = min(counted, self._lowest)
-        each = (time.monotonic() - self._start) / (iteration + 1)
-        left = each * (self.total - iteration)
+        done, all_of_it = self._efforts[: iteration + 1].sum(), self._efforts.sum()
+        left = (time.monotonic() - self._start) * float(all_of_it / done - 1)
         return Step(iteration, self.total, quality, float(score), best, left, posterior)
 
 

@@ -224,7 +224,9 @@ def touch(
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
     done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
-    clock = Clock(rounds)
+    clock = Clock(
+        rounds, [2, *(_evaluations(number, starts, done) for number in range(1, rounds + 1))]
+    )
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
     spread = map if executor is None else executor.map
@@ -240,13 +242,14 @@ def touch(
     if not trials:
         raise InputError(
             f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m spacing, "
-            f"{constraints.margin:g} m margin and the zones to keep out of"
+            f"{constraints.margin:g} m margin and the zones to keep out of; where there is room, another "
+            "start helps, for instance fewer electrodes or, with electrodes, a larger inset"
         )
     judged = trials
     known = {_key(layout): (Trial(layout.positions, layout.radius, 1.0), found)}  # at these places
     for number in range(max(done, 1), rounds + 1):
         if number > done:
-            moves = _FIRST_MOVES * 2 ** (number - 1)
+            moves = _moves(number)
             evaluations = _EVALUATIONS + moves
             trials = list(spread(search.improve, trials, repeat(moves), repeat(evaluations)))
             trials = sorted(trials, key=lambda each: each.score)[: max(len(trials) // 2, 2)]
@@ -259,6 +262,20 @@ def touch(
         moved = replace(layout, positions=best.positions, radius=best.radius, provenance={})
         quality = evaluate_layout(moved, **evaluation)
         yield clock.step(number, quality, best.score, posterior=found)
+
+
+def _moves(number):
+    """Moves of the trials of round `number`."""
+    return _FIRST_MOVES * 2 ** (number - 1)
+
+
+def _evaluations(number, starts, done):
+    """About so many evaluations there are in round `number`, where `done` rounds were taken from a
+    file."""
+    trials = starts if number == 1 else min(starts, max(starts // 2 ** (number - 1), 2))
+    first = starts if number == max(done, 1) and not done else 0
+    improved = trials * (_EVALUATIONS + _moves(number)) if number > done else 0
+    return first + improved + trials
 
 
 def _key(electrodes: Layout | Trial) -> tuple[bytes, float]:

@@ -12,15 +12,15 @@ LARGEST_VOLTAGE = 1e3  # V; beyond, a reading is no reading
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
-def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
-    """(E, E) float64 frame with row l for ground condition l, V; NaN where nothing valid was read.
+def rows_of(layout: Layout, voltages, grounded) -> np.ndarray:
+    """(L, E) float64 rows in their order, V; NaN where nothing valid was read.
 
     Parameters
     ----------
     voltages : (L, E) V, NaN where there is no valid reading
-    grounded : (L,) grounded electrode of each row, each at most once, in any order
+    grounded : (L,) grounded electrode of each row, any of them in any order, maybe more than once
 
-    Raises InputError where the frame does not fit the layout.
+    Raises InputError where they do not fit the layout.
     """
     electrodes = layout.electrodes
     voltages, grounded = np.asarray(voltages), np.asarray(grounded)
@@ -34,16 +34,35 @@ def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
             f"grounded: shape {grounded.shape} does not fit, the number of an electrode is needed "
             f"for each of the {len(voltages)} rows"
         )
-    grounded = grounded.astype(np.intp)
     if len(grounded) and not (0 <= grounded.min() and grounded.max() < electrodes):
         raise InputError(f"grounded: the electrodes of {layout.name} are 0 to {electrodes - 1}")
-    frame = np.full((electrodes, electrodes), np.nan)
-    frame[grounded] = voltages
+    rows = np.array(voltages, float)
+    np.copyto(rows, np.nan, where=np.abs(rows) > LARGEST_VOLTAGE)
+    rows[np.arange(len(rows)), grounded.astype(np.intp)] = np.nan
+    return rows
+
+
+def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
+    """(E, E) float64 frame with row l for ground condition l, V; NaN where nothing valid was read.
+
+    As `rows_of`, and each electrode is grounded at most once, or an InputError says which is not.
+    """
+    rows, grounded = rows_of(layout, voltages, grounded), np.asarray(grounded).astype(np.intp)
     if np.bincount(grounded, minlength=1).max() > 1:
         raise InputError(f"grounded: electrode {np.bincount(grounded).argmax()} is named twice")
-    np.copyto(frame, np.nan, where=np.abs(frame) > LARGEST_VOLTAGE)
-    frame.ravel()[:: electrodes + 1] = np.nan
+    frame = np.full((layout.electrodes, layout.electrodes), np.nan)
+    frame[grounded] = rows
     return frame
+
+
+def last_of_each(voltages, grounded) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows that ground the same electrode the last one, in the order of rows."""
+    voltages, grounded = np.asarray(voltages), np.asarray(grounded)
+    if voltages.ndim != 2 or grounded.shape != (len(voltages),):
+        return voltages, grounded  # whoever reads them says what is wrong
+    _, last = np.unique(grounded[::-1], return_index=True)
+    kept = np.sort(len(grounded) - 1 - last)
+    return (voltages, grounded) if len(kept) == len(grounded) else (voltages[kept], grounded[kept])
 
 
 def ordered_row(layout: Layout, voltages, grounded: int) -> np.ndarray:

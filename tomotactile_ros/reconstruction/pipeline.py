@@ -28,8 +28,10 @@ from tomotactile_ros.reconstruction.estimate import (
 from tomotactile_ros.reconstruction.frame_checks import (
     check_drive_voltage,
     is_idle,
+    last_of_each,
     ordered,
     ordered_row,
+    rows_of,
 )
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.mistakes import Doubts
@@ -205,15 +207,17 @@ class Pipeline:
         Parameters
         ----------
         voltages : (L, E) V; NaN where there is no valid reading
-        grounded : (L,) grounded electrode of each row, any subset in any order
+        grounded : (L,) grounded electrode of each row, any subset in any order; in profiles that
+            fit contacts also more than once
         drive_voltage : V
         row_period : s between rows, which are in the order of time; 0: all at once
         stamp : s, time of the first row; with it contacts are followed from frame to frame
 
         Raises InputError where the frame does not fit the layout.
         """
-        drive_voltage = check_drive_voltage(drive_voltage)
-        mistake = self._mistake(voltages, grounded, drive_voltage)
+        drive_voltage, self._estimate_of_frame = check_drive_voltage(drive_voltage), None
+        once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
+        mistake = self._mistake(*once, drive_voltage)
         if mistake:
             lasts = row_period * max(len(grounded) - 1, 0)
             result = self._withheld(mistake, self._excluded, {}, math.nan, lasts)
@@ -327,13 +331,13 @@ class Pipeline:
 
         Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
         """
-        if self._estimate_of_frame is not None:
-            state.tell(self._estimate_of_frame.at(stamp, row_period, len(grounded)))
+        seen, self._estimate_of_frame = self._estimate_of_frame, None
+        if seen is not None:
+            state.tell(seen.at(stamp, row_period, len(grounded)))
             return
-        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
         chosen = np.asarray(grounded, int)
-        look = self._row_estimator().look
-        seen = look(frame[chosen], chosen, drive_voltage, row_period, state.frames)
+        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
+        seen = self._row_estimator().look(rows, chosen, drive_voltage, row_period, state.frames)
         state.tell(seen.at(stamp, row_period, len(chosen)))
 
     def _row_estimator(self) -> RowEstimator:
@@ -363,7 +367,8 @@ class Pipeline:
             typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
             potential = drive_voltage * np.minimum(conductance * typical, 1.0)
         else:
-            potential = self._one_step(self._without_baseline(voltages, grounded), bad)
+            once = last_of_each(voltages, grounded)
+            potential = self._one_step(self._without_baseline(*once), bad)
         return Result(
             self.grid.fill(potential),
             self.grid.fill(pressure),
@@ -390,7 +395,7 @@ class Pipeline:
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage, row_period):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
-        bad = self._read(voltages, grounded, drive_voltage)[1]
+        bad = self._read(*last_of_each(voltages, grounded), drive_voltage)[1]
         bad[list(estimate.left_out)] = False
         if not bad.any():
             return estimate
@@ -404,9 +409,9 @@ class Pipeline:
         return again
 
     def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
-        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
-        rows = np.asarray(grounded, int)
-        return self._estimates().estimate(frame[rows], rows, drive_voltage, self._state, row_period)
+        chosen = np.asarray(grounded, int)
+        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
+        return self._estimates().estimate(rows, chosen, drive_voltage, self._state, row_period)
 
     def _expected_zero(self, readings, grounded=slice(None)):
         """(..., E) ordered readings, V, with the tare taken off, but for offsets that are known:

@@ -8,6 +8,8 @@
 #ifndef MULTIPLEXERS_H
 #define MULTIPLEXERS_H
 
+#include "tt_config.h"
+
 #define ELECTRODES 64u
 #define TICK_US 14u /* settling of one reading, with its conversion of 2 µs */
 
@@ -18,6 +20,8 @@
 #ifndef SERIAL_NUMBER
 #define SERIAL_NUMBER "0"
 #endif
+
+typedef char all_electrodes_have_memory[ELECTRODES <= TT_MAX_ELECTRODES ? 1 : -1];
 
 /* What is the same in the `struct tt_facts` of each such board. */
 #define MULTIPLEXER_FACTS                                                     \

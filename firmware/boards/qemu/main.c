@@ -40,6 +40,8 @@
 
 enum { IRQ_UART0_RECEIVED = 0, IRQ_UART0_SENT = 1, IRQ_TIMER0 = 8 };
 
+typedef char all_electrodes_have_memory[TABLE_ELECTRODES <= TT_MAX_ELECTRODES ? 1 : -1];
+
 static struct tt_device device;
 static uint16_t grounded, selected;
 static uint32_t last_count, high_count;

@@ -113,7 +113,7 @@ __attribute__((section(".irq_vectors"), used)) static void (*const irq_vectors[I
 
 /* ---- hardware ---- */
 
-static void wait_for(volatile uint32_t *place, uint32_t mask)
+static void wait_for(const volatile uint32_t *place, uint32_t mask)
 {
     while (!(*place & mask)) {
     }

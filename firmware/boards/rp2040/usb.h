@@ -5,7 +5,7 @@
 #include "tt_queue.h"
 
 /* Show the device to the host; strings have at most 32 characters of ASCII. Main, once. */
-void usb_start(struct tt_queue *received, struct tt_queue *sending, const char *product,
+void usb_start(struct tt_queue *received, struct tt_queue *sent, const char *product,
                const char *serial);
 
 /* There may be something to send, or room for what is received. Main loop. */

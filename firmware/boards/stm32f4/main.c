@@ -149,7 +149,7 @@ __attribute__((section(".irq_vectors"), used)) static void (*const irq_vectors[I
 
 /* ---- hardware ---- */
 
-static bool wait_for(volatile uint32_t *place, uint32_t mask, uint32_t value)
+static bool wait_for(const volatile uint32_t *place, uint32_t mask, uint32_t value)
 {
     uint32_t turns = LONG_ENOUGH;
     while ((*place & mask) != value && --turns > 0) {

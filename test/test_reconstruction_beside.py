@@ -1,0 +1,119 @@
+"""Frames in a process of their own: the same answers, and no process that is left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.beside import Beside
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.errors import InputError
+
+LAYOUT = load_layout("equal-4x4")
+
+
+@pytest.fixture
+def beside():
+    made = Beside()
+    yield made
+    made.stop()
+
+
+def pipeline_of(profile="accurate", **settings):
+    return Pipeline(LAYOUT, Settings(profile, **settings))
+
+
+def frame(place=(0.02, -0.03)):
+    touch = Contact("disc", center=place, radius=0.006, pressure=20000.0)
+    voltages = Simulator(LAYOUT, Scene("one", 3.3, [touch])).frame(0.0, 0)
+    return voltages, np.arange(16), 3.3, 1e-3, 5.0
+
+
+def until_it_takes(beside, pipeline):
+    while not beside.takes(pipeline):
+        time.sleep(0.02)
+
+
+def said(pipeline, maker, words):
+    """What a frame says, and what it tells rows that came with it."""
+    state = pipeline.rows(waits=False)
+    result = maker.process(*words)
+    maker.correct(state, *words)
+    return result, state.told()
+
+
+def test_it_says_what_the_pipeline_says_and_another_one_does_after_it_was_killed(beside):
+    here = pipeline_of()
+    assert not beside.takes(here)  # it begins, and nobody waits for it
+    until_it_takes(beside, here)
+    offset = np.linspace(-0.02, 0.02, 16)
+    for tare in (None, np.tile(offset, (16, 1))):
+        words = frame()
+        if tare is not None:
+            here.use_baseline(tare)
+            words = words[0] + offset, *words[1:]
+        assert beside.takes(here)  # tares are told at once
+        result, seen = said(here, beside, words)
+        expected, expected_seen = said(here, pipeline_with(here.baseline), words)
+        (one,), (other,) = result.contacts, expected.contacts
+        assert np.hypot(one.x - 0.02, one.y + 0.03) < 1e-3
+        assert (one.x, one.y, one.force) == pytest.approx((other.x, other.y, other.force), rel=1e-3)
+        np.testing.assert_allclose(result.pressure, expected.pressure, rtol=1e-2)
+        assert (seen.begun, seen.ended) == (expected_seen.begun, expected_seen.ended)
+        assert seen.fit.used == expected_seen.fit.used
+    os.kill(beside.pid, signal.SIGKILL)
+    with pytest.raises(ConnectionError, match="has ended"):
+        beside.process(*frame())
+    here.untare()
+    until_it_takes(beside, here)
+    assert len(beside.process(*frame()).contacts) == 1
+
+
+def pipeline_with(baseline):
+    made = pipeline_of()
+    if baseline is not None:
+        made.use_baseline(baseline)
+    return made
+
+
+def test_other_settings_are_prepared_for_and_bad_frames_refused(beside):
+    until_it_takes(beside, pipeline_of())
+    coarse = pipeline_of(resolution=20)
+    assert not beside.takes(coarse)
+    until_it_takes(beside, coarse)
+    assert beside.process(*frame()).pressure.shape == (20, 20)
+    with pytest.raises(InputError, match="drive_voltage"):
+        beside.process(*frame()[:2], -1.0, 1e-3, 5.0)
+    assert beside.takes(coarse)  # and it goes on
+
+
+def test_it_ends_with_whoever_started_it():
+    """Even if that is killed, and so can end nothing."""
+    program = (
+        "import os, signal; from tomotactile_ros.reconstruction.beside import Beside; "
+        "from tomotactile_ros.reconstruction import Pipeline, Settings; "
+        "from tomotactile_ros.layouts.layout import load_layout; made = Beside(); "
+        "made.takes(Pipeline(load_layout('equal-4x4'), Settings('fast'))); "
+        "print(made.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    command = [sys.executable, "-c", program]
+    ended = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True, timeout=120)
+    assert ended.returncode == -signal.SIGKILL
+    while runs(int(ended.stdout)):
+        time.sleep(0.02)
+
+
+def runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
