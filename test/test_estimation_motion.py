@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tomotactile_ros as tt
 from tomotactile_ros.estimation import motion
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
@@ -16,6 +17,7 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Prior, Rows
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -215,3 +217,24 @@ def test_two_touches_stay_two(profile):
         assert result.state == "valid"
         found = sorted(c.x for c in result.contacts)
         assert found == pytest.approx([-0.03] if n < 2 else [-0.03, 0.03], abs=1e-3)
+
+
+@pytest.mark.parametrize("frame", [60, 61])
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_a_tap_that_begins_in_the_last_rows_is_right_or_withheld(profile, frame):
+    """No contact elsewhere, and not none: the last rows read up to a volt."""
+    plain, scene = tt.load_layout("equal-8x8"), tt.load_scene("tap")
+    layout = replace(plain, scan=tuple(map(int, spread(plain.positions, range(64)))))
+    simulator = Simulator(layout, scene)
+    settings = Settings(profile, noise=1e-3, contact_law=scene.contact_law)
+    pipeline = Pipeline(plain, settings)
+    for number in (frame - 1, frame):
+        time = number * 64 * ROW_PERIOD
+        voltages, grounded = simulator.frame(time), simulator.grounded
+        result = pipeline.process(voltages, grounded, 3.3, ROW_PERIOD, time)
+    assert np.nanmax(np.where(np.arange(64) == grounded[:, None], 0, voltages)) > 0.3
+    if result.state == "valid":
+        (found,) = result.contacts
+        assert np.hypot(found.x - 0.06, found.y + 0.03) < 3e-3
+    else:
+        assert "last" in result.reason and not result.idle

@@ -225,7 +225,7 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
-            fit, first = self._fit(search, rows, prior, start, state, begun > 0)
+            fit, first, torn = self._fit(search, rows, prior, start, state, begun > 0)
             fit = self._without_bad_channels(search, fit, left_out)
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
@@ -243,7 +243,7 @@ class Estimator:
         state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
-        reason, misfit = self._refusal(fit), fit.chi_squared / fit.rows.count
+        reason, misfit = self._refusal(fit, torn), fit.chi_squared / fit.rows.count
         if reason:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first)
@@ -302,9 +302,9 @@ class Estimator:
 
     def _fit(
         self, search: Search, rows: Rows, prior: Prior, start, state, begun
-    ) -> tuple[Fit, int]:
+    ) -> tuple[Fit, int, bool]:
         """The fit of all rows, or of those since the last change where they contradict each
-        other."""
+        other, its first row, and whether they do and no few of the last are explained."""
         timed = rows.times is not None
         there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
@@ -327,12 +327,12 @@ class Estimator:
                 if alike < whole:
                     late = self._grown(search, rows, prior, start, state.sensor, alike)
         if late is not None:
-            return late, whole - len(late.rows.grounded)
+            return late, whole - len(late.rows.grounded), False
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
         if _is_suspect(fit) and start is not None and alike == whole:
             fit = _better(fit, search.contacts(rows, prior))
-        return fit, 0
+        return fit, 0, timed and (begun or alike < whole)
 
     def _there(
         self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State
@@ -406,7 +406,9 @@ class Estimator:
             fit = tried
         return fit
 
-    def _refusal(self, fit: Fit) -> str:
+    def _refusal(self, fit: Fit, torn: bool) -> str:
+        if torn and not _explains(fit):
+            return "something changed within the last rows, and no contacts explain them"
         if fit.chi_squared > _REFUSED * fit.rows.count:
             left = np.sqrt(_share_left(fit))
             return (

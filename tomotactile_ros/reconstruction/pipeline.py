@@ -349,7 +349,8 @@ class Pipeline:
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
         estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
-        if estimate.state != "valid":
+        # where something began or ended within the frame, its last rows contradict all others
+        if estimate.state != "valid" and not estimate.first:
             frame = voltages, grounded, drive_voltage, row_period
             estimate = self._without_contradicting(estimate, *frame)
         lasts = row_period * max(len(grounded) - 1, 0)
