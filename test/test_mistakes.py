@@ -204,6 +204,14 @@ def test_sheet_resistance_in_kilo_ohms(tmp_path, capsys):
     assert line.startswith("tomotactile inspect: ") and "10 ohm/sq is low" in line
 
 
+def test_sheet_resistance_in_kilo_ohms_where_a_layout_is_made(tmp_path, capsys):
+    words = ["--rows", "2", "--cols", "2", "--size", "0.2", "0.2", "--sheet-resistance", "10"]
+    for number, command in enumerate((["layout"], ["optimize", "--starts", "1", "--steps", "1"])):
+        out = str(tmp_path / f"{number}.yaml")
+        assert cli.main([*command, *words, "--out", out]) == 0
+        assert "was 10 kohm/sq meant? That is 10000" in capsys.readouterr().err
+
+
 def test_a_keep_out_zone_that_is_nowhere(tmp_path, capsys):
     words = ["optimize", "--rows", "3", "--cols", "3", "--size", "0.2", "0.2", "--method", "free"]
     words += ["--keep-out", "30", "-20", "5", "--out", str(tmp_path / "x.yaml")]

@@ -15,7 +15,12 @@ from tomotactile_ros.layouts.arrangements import (
     hexagonal_grid,
     usual_radius,
 )
-from tomotactile_ros.layouts.layout import Layout, check_usual_size, equal_grid
+from tomotactile_ros.layouts.layout import (
+    Layout,
+    check_usual_size,
+    doubt_low_resistance,
+    equal_grid,
+)
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import YAML, check_out
@@ -68,6 +73,7 @@ def run(args: Namespace) -> None:
     layout = _ring(args, name) if args.ring is not None else _grid(args, name)
     option = "--size" if args.ring is None else "--circle"
     check_usual_size(layout.outline.size, option, "add --unusual-size", args.unusual_size)
+    doubt_low_resistance(layout.sheet_resistance, "--sheet-resistance")
     check_out(args.out, *YAML)
     provenance = {
         "algorithm": _algorithm(args),

@@ -182,6 +182,15 @@ def check_usual_size(size: tuple[float, float], key: str, remedy: str, meant: bo
     )
 
 
+def doubt_low_resistance(sheet_resistance: float, key: str) -> None:
+    """Doubt a resistance, ohm/sq, that was probably given in kilohm."""
+    if 0 < sheet_resistance < LOW_RESISTANCE:
+        doubt(
+            f"{key}: {sheet_resistance:g} ohm/sq is low for a probing layer; "
+            f"was {sheet_resistance:g} kohm/sq meant? That is {1e3 * sheet_resistance:g}"
+        )
+
+
 def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     """Read a layout from a path, or by the name of an installed one.
 
@@ -216,11 +225,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     if not reader.flag("unusual_size"):
         check_usual_size(outline.size, f"{reader.place}outline", "write unusual_size: true")
     sheet_resistance = reader.number("sheet_resistance")
-    if 0 < sheet_resistance < LOW_RESISTANCE:
-        doubt(
-            f"{reader.place}sheet_resistance: {sheet_resistance:g} ohm/sq is low for a probing "
-            f"layer; was {sheet_resistance:g} kohm/sq meant? That is {1e3 * sheet_resistance:g}"
-        )
+    doubt_low_resistance(sheet_resistance, f"{reader.place}sheet_resistance")
     return reader.build(
         Layout,
         name=reader.text("name"),

@@ -20,7 +20,13 @@ from tomotactile_ros.layouts.arrangements import (
     spread_electrodes,
     usual_radius,
 )
-from tomotactile_ros.layouts.layout import Layout, check_usual_size, equal_grid, load_layout
+from tomotactile_ros.layouts.layout import (
+    Layout,
+    check_usual_size,
+    doubt_low_resistance,
+    equal_grid,
+    load_layout,
+)
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.equalize import SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
@@ -262,6 +268,7 @@ def _grid(values, mark):
         raise InputError(
             f"{mark}rows and {mark}cols, or {mark}layout, or {mark}electrodes, are needed"
         )
+    doubt_low_resistance(values["sheet_resistance"], f"{mark}sheet_resistance")
     if values["circle"] is not None:
         raise InputError(f"{mark}circle: has no rows and columns, give {mark}electrodes")
     return start_layout(
@@ -283,6 +290,7 @@ def _spread(values, mark, layout: Layout | None = None):
         outline, radius, resistance = layout.outline, layout.radius, layout.sheet_resistance
     else:
         radius, resistance = values["radius"], values["sheet_resistance"]
+        doubt_low_resistance(resistance, f"{mark}sheet_resistance")
         if values["circle"] is None:
             outline = Outline.rectangle(*(values["size"] or USUAL_SIZE))
         elif values["size"] is None:
