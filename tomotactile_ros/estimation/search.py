@@ -77,7 +77,7 @@ _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 _FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
-_IN_MOTION = 8  # patches to the width of one that moves
+_IN_MOTION = 10  # patches to the width of one that moves
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
@@ -314,7 +314,9 @@ class Search:
         shape, and of contacts that move, whose form shows later."""
         if len(unknowns.contacts) > _FEW:
             return min(_COARSE, self.effort.patches)
-        return min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
+        return (
+            min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
+        )
 
     def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
         """Patches across each contact as its radius asks for, or what it has where that is near."""
