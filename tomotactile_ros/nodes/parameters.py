@@ -22,10 +22,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.params_files import TYPO
 
 OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
-_TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
 _ITEMS = {
     int: ("whole numbers", Parameter.Type.INTEGER_ARRAY),
     float: ("numbers", Parameter.Type.DOUBLE_ARRAY),
@@ -158,7 +158,7 @@ class Parameters:
         # rclpy offers no public look at the values given at the start
         given = getattr(self._node, "_parameter_overrides", {})
         for name in given:
-            close = difflib.get_close_matches(name, self._specs, n=1, cutoff=_TYPO)
+            close = difflib.get_close_matches(name, self._specs, n=1, cutoff=TYPO)
             if close and not self._node.has_parameter(name):
                 self._node.get_logger().warning(
                     f"parameter '{name}' is unknown and ignored; did you mean '{close[0]}'?"
