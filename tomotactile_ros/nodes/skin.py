@@ -8,6 +8,7 @@ from copy import copy
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -74,7 +75,8 @@ class SkinPart:
     def activate(self) -> None:
         """Begin to publish."""
         self._active = True
-        self._node.create_timer(0.1, self._go_on)
+        # on a steady clock: where simulated time stands still, who is silent is told all the same
+        self._node.create_timer(0.1, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Publish nothing any more."""
