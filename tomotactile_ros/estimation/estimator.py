@@ -371,7 +371,7 @@ class Estimator:
             else:
                 ahead = middle - _middle(rows, explained)
                 late = search.moved(best.unknowns.after(ahead), part, prior)
-            if not _explains(late):
+            if not _explains(late) and (best is None or not search.is_torn(late)):
                 late = search.one_more(late)
             if _explains(late):
                 best, explained = late, size
