@@ -45,6 +45,7 @@ class Spec:
     low, high : range of a number, ends included.
     choices : the words allowed for a text.
     read_only : cannot be changed while the node runs.
+    frame : names a frame of tf2; empty only where the default is.
     items : `int`, `float` or `str`, what an array holds; whole numbers are taken for decimal ones.
     path : names a file or a port; cannot be changed while the node runs either, unless it was
         started with `allow_path_changes`: whoever may set parameters could else let the node open
@@ -59,6 +60,7 @@ class Spec:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     path: bool = False
+    frame: bool = False
     items: type = int
 
     def descriptor(self) -> ParameterDescriptor:
@@ -94,6 +96,11 @@ class Spec:
         if self.choices and value not in self.choices:
             raise InputError(
                 f"{self.name}: {reprlib.repr(value)} is none of {', '.join(self.choices)}"
+            )
+        if self.frame and (value.startswith("/") or bool(self.default) and not value):
+            raise InputError(
+                f"{self.name}: {reprlib.repr(value)} is no frame of tf2, which is not empty and does "
+                f"not begin with /; {value.lstrip('/') or self.default} would be one"
             )
         return value
 

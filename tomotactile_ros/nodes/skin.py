@@ -29,7 +29,7 @@ from tomotactile_ros.support.errors import InputError, printable
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
-    Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True),
+    Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True, frame=True),
     Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
     Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
 )
