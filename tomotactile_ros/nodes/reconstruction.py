@@ -110,12 +110,17 @@ class Reconstruction:
         """Begin to process frames."""
         self._watch.restart()
         self._learning.start()
+        with unless_stopped(self._node):
+            self._outputs.begin()
         self._active = True
 
     def deactivate(self) -> None:
-        """Stop processing frames."""
+        """Stop processing frames, and say last that it is not known any more what touches."""
         with self._lock, self._rows_lock:
             self._active = False
+        if self._node.context.ok():
+            with unless_stopped(self._node):
+                self._outputs.take_back("the reconstruction was stopped")
         self._rows.stop()
         self._learning.stop()
 
