@@ -36,6 +36,7 @@ from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.settings import doubt_of_noise
 from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
@@ -67,6 +68,7 @@ class Reconstruction:
         self._said: set[tuple[str, bool]] = set()
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
+        self._noise = np.nan  # V rms of a reading, as the last frame showed it
         self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
         self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
@@ -189,6 +191,8 @@ class Reconstruction:
             troubles.append(Trouble(f"excluded {electrodes}", False, text))
         if self._withheld:
             troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
+        if text := doubt_of_noise(self._noise, pipeline.settings.noise):
+            troubles.append(Trouble("noise", False, text))
         if self._bare:
             text = f"frames name their layout without its hash, it should be {self._layout.id}"
             troubles.append(Trouble("bare layout", False, text))
@@ -235,7 +239,7 @@ class Reconstruction:
             self._outputs.publish(result.pressure, result.contacts, header)
             if not followed:
                 self._outputs.publish_contacts(result.contacts, holds)
-        self._excluded = result.excluded
+        self._excluded, self._noise = result.excluded, result.noise
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start
