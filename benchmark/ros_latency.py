@@ -20,6 +20,7 @@ from ament_index_python.packages import get_package_prefix
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.processes import Child, stop_all
 
+WARM_UP = 8.0  # s: a process of their own prepares for frames where rows are followed
 SYSTEMS = {"two processes": ("driver", "reconstruction"), "composed": ("tactile",)}
 
 
@@ -33,6 +34,7 @@ def main() -> None:
     parser.add_argument("--layout", default="equal-8x8")
     parser.add_argument("--scene", default="two-points")
     parser.add_argument("--rows", type=int, default=0, help="in a message; 0: whole frames")
+    parser.add_argument("--publish-every", type=int, help="rows between contacts; N of --rows")
     parser.add_argument("--out", help="JSON file for the figures")
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -67,7 +69,7 @@ def measure(system: str, rate: float, options: argparse.Namespace) -> list:
     }  # fmt: skip
     if options.rows:
         parameters |= {"delivery": "rows", "rows_per_message": options.rows}
-        parameters |= {"publish_every": options.rows}
+        parameters |= {"publish_every": options.publish_every or options.rows}
     words = [w for item in parameters.items() for w in ("-p", "{}:={}".format(*item))]
     folder = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
     children = [Child(name, [str(folder / name), "--ros-args", *words]) for name in SYSTEMS[system]]
@@ -120,7 +122,9 @@ def watch(children: list[Child], rate: float, options: argparse.Namespace) -> li
                 if child.status is not None:
                     raise SystemExit(f"{child.name} ended: {child.last_words}")
 
-    spin(lambda: len(latencies) >= 2 * rate)  # warm
+    spin(lambda: len(latencies) >= 2 * rate)
+    warm = time.monotonic() + WARM_UP
+    spin(lambda: time.monotonic() > warm)
     latencies.clear()
     start, used, memory = time.monotonic(), cpu_seconds(children), megabytes(children)
     spin(lambda: time.monotonic() > start + options.seconds)

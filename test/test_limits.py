@@ -53,6 +53,17 @@ def test_a_regularization_makes_the_image_and_no_contacts(frame, profile, level)
     assert not np.allclose(result.potential, plain.potential)
 
 
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_noise_that_a_converter_cuts_off_is_no_touch(profile):
+    """Of readings around 0 V half the noise is cut off; what is left has a mean."""
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+    noise = np.random.default_rng(4).standard_normal((64, 64))
+    idle = process(layout, np.clip(0.1 * noise, 0.0, DRIVE), profile, noise=0.1)
+    assert idle.state == "valid" and not idle.contacts
+    with pytest.raises(InputError, match=r"noise: 1 V is not from 0 V to 0.66 V.*3.3 V"):
+        process(layout, np.clip(noise, 0.0, DRIVE), profile, noise=1.0)
+
+
 @pytest.mark.parametrize("noise", [1e-7, 1e-4])
 @pytest.mark.parametrize("profile", ["fast", "accurate"])
 def test_noise_that_is_said_to_be_less_than_the_models_error_withholds_nothing(profile, noise):

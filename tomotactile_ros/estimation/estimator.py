@@ -69,6 +69,9 @@ CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
 # tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
 BARE, _LEAST_WAY = 0.2, 0.4
+# mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
+# negative half
+_CUT_OFF = (2 * np.pi) ** -0.5
 MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 
 
@@ -262,7 +265,9 @@ class Estimator:
         return clipped(voltages) & (below | (voltages > 0))
 
     def _prior(self, operator: SheetOperator, drive_voltage: float) -> Prior:
-        prior = Prior.unknown(operator, self.channels, self.radius, drive_voltage)
+        offset = float(np.hypot(self.channels.offset, _CUT_OFF * self.noise))
+        channels = replace(self.channels, offset=offset)
+        prior = Prior.unknown(operator, channels, self.radius, drive_voltage)
         if self.spread is not None:
             prior = replace(prior, spread=self.spread)
         if self.sensor is None:
@@ -366,7 +371,7 @@ class Estimator:
             else:
                 ahead = middle - _middle(rows, explained)
                 late = search.moved(best.unknowns.after(ahead), part, prior)
-            if not _explains(late):
+            if not _explains(late) and (best is None or not search.is_torn(late)):
                 late = search.one_more(late)
             if _explains(late):
                 best, explained = late, size

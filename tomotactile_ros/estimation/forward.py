@@ -149,15 +149,13 @@ class Prediction:
         self.covered, self.share, self.means = touches.covered, touches.share, touches.mean
         weights = self.conductances[touches.owner] * touches.weight
         self._direct = self.conductances @ touches.direct
-        # (1 + D G)^-1
-        mutual = touches.impedance * weights
-        mutual[np.diag_indices(len(mutual))] += 1.0
-        damping = np.linalg.inv(mutual)
-        strength = weights[:, None] * damping
-        self._strength = (strength + strength.T) / 2
-        # what a change of the patches' conductances acts through
-        self._inner = self.share @ damping.T
-        self._fed = self.share @ self._strength
+        # C = S (1 + S D S)^-1 S with S^2 = G; D off tables need not be positive definite to the last
+        root = np.sqrt(weights)
+        between = touches.impedance * root * root[:, None]
+        between[np.diag_indices(len(between))] += 1.0
+        self._fed = np.linalg.solve(between, (self.share * root).T).T * root
+        # H (1 + G D)^-1: what a change of the patches' conductances acts through
+        self._inner = self.share - self._fed @ touches.impedance
 
     def freed(self, unknowns: Unknowns) -> Prediction:
         """The same for `unknowns` that differ in what is free only."""

@@ -57,7 +57,7 @@ CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
 _LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # times the threshold: a contact that a linear test is so sure of is not tried without
-_CERTAIN = 4.0
+_CERTAIN = 2.0
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
 _MOSTLY = 0.75
@@ -77,6 +77,7 @@ _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 _FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
+_IN_MOTION = 8  # patches to the width of one that moves
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
@@ -119,6 +120,7 @@ class Search:
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
+        self._simple: Fit | None = None  # the last answer of `_simplified`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
@@ -169,7 +171,7 @@ class Search:
                 return self._first(rest, seen, first)
         found = self._without_idle(self._from(start))
         another = self._left > 0 and self._is_another(start.unknowns, found, usual)
-        if another and not self._is_torn(found):
+        if another and not self.is_torn(found):
             found = self._likelier(found, self._first(self._at_rest(start.rows, start.prior)))
         return found
 
@@ -278,6 +280,7 @@ class Search:
     def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
         """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
         seems out of reach."""
+        start = self._coarse(start)
         if like.prior.learned and len(start.contacts):
             start = self._settled(start, like)
         at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
@@ -287,7 +290,7 @@ class Search:
         given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
         fit = solve(*given, at, most)
         self._known = fit.equations
-        across = self._patches(fit.unknowns.contacts, start.across)
+        across = self._patches(fit.unknowns)
         if across != fit.unknowns.across and fit.cost < _WORTH * goal:
             finer = replace(fit.unknowns, across=across)
             work = fit.work
@@ -306,15 +309,30 @@ class Search:
         bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
         return self._wide_enough(fit, bare)
 
-    def _patches(self, contacts: np.ndarray, before: tuple[int, ...]) -> tuple[int, ...]:
-        """Patches across each of `contacts` (k, 6) that had `before`, as their radii ask for: of many,
-        which together are one wide shape, fewer."""
-        most = self.effort.patches if len(contacts) <= _FEW else min(_COARSE, self.effort.patches)
-        return tuple(self._across(each, had, most) for each, had in zip(contacts, before))
+    def _most_across(self, unknowns: Unknowns) -> int:
+        """Patches to the width of each contact at most: fewer of many, which together are one wide
+        shape, and of contacts that move, whose form shows later."""
+        if len(unknowns.contacts) > _FEW:
+            return min(_COARSE, self.effort.patches)
+        return min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
+
+    def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
+        """Patches across each contact as its radius asks for, or what it has where that is near."""
+        most = self._most_across(unknowns)
+        return tuple(
+            self._across(each, had, most) for each, had in zip(unknowns.contacts, unknowns.across)
+        )
 
     def _across(self, contact: np.ndarray, before: int, most: int) -> int:
         wanted = min(patches_of(contact, self.operator.pitch), most)
         return wanted if wanted > before or wanted < before - 2 else before
+
+    def _coarse(self, unknowns: Unknowns) -> Unknowns:
+        """The same with no more patches than are allowed."""
+        most = self._most_across(unknowns)
+        if max(unknowns.across, default=0) <= most:
+            return unknowns
+        return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
         """Contacts from `start` on, also from other sizes, with the sensor held as it was
@@ -419,7 +437,7 @@ class Search:
             least, most = (count, most) if holds(count) else (least, count - 1)
         return least
 
-    def _is_torn(self, fit: Fit) -> bool:
+    def is_torn(self, fit: Fit) -> bool:
         """Whether the rows of a fit that leaves much over are of several states, which no contacts
         explain."""
         rows = fit.rows
@@ -503,7 +521,7 @@ class Search:
 
     def _near(self, start: Unknowns, like: Fit, goal: float = np.inf) -> Fit:
         """Near the best fit from `start`, by steps of contacts alone."""
-        return self._approached(Fit(self.operator, start, like.rows, like.prior))
+        return self._approached(Fit(self.operator, self._coarse(start), like.rows, like.prior))
 
     def _split(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
@@ -630,7 +648,7 @@ class Search:
 
     def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
         """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
-        fit = Fit(self.operator, start, like.rows, like.prior)
+        fit = Fit(self.operator, self._coarse(start), like.rows, like.prior)
         return self._wide_enough(fit, np.arange(len(start.contacts)) >= len(start.contacts) - new)
 
     def _wide_enough(self, fit: Fit, which: np.ndarray) -> Fit:
@@ -647,7 +665,7 @@ class Search:
             return fit
         excess = (fit.prediction.means - ways)[which] * 2 * np.pi / self.operator.resistance
         contacts[which, RADIUS] += np.minimum(excess, _WIDER)
-        for i, wanted in enumerate(self._patches(contacts, tuple(across))):
+        for i, wanted in enumerate(self._patches(replace(fit.unknowns, contacts=contacts))):
             if which[i]:
                 across[i] = wanted
         wider = replace(fit.unknowns, contacts=contacts, across=tuple(across))
@@ -662,6 +680,8 @@ class Search:
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each
         left to its neighbour; whatever is left of the budget."""
+        if fit is self._simple:
+            return fit
         self._left = max(self._left, _LEAST_WORK)
         fit = self._gathered(fit)
         tested: set[bytes] = set()
@@ -685,7 +705,8 @@ class Search:
             if fewer is None:
                 break
             fit = fewer
-        return self._without_idle(fit)
+        self._simple = self._without_idle(fit)
+        return self._simple
 
     def _gathered(self, fit: Fit) -> Fit:
         """The same or a fit with one wide contact in the place of several near each other."""

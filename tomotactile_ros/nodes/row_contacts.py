@@ -124,9 +124,9 @@ class Rows:
         return pipeline.image_after_row(state)
 
     def process(self, pipeline: Pipeline, frame: Frame) -> Result:
-        """The result of a frame; where rows are followed and the profile fits contacts, from the
-        process beside as soon as that is ready."""
-        if self.followed and pipeline.fits and self._beside.takes(pipeline):
+        """The result of a frame; where rows are followed, from the process beside as soon as that is
+        ready."""
+        if self.followed and self._beside.takes(pipeline):
             try:
                 return self._beside.process(*_words(frame))
             except ConnectionError as error:

@@ -9,6 +9,9 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
 LARGEST_VOLTAGE = 1e3  # V; beyond, a reading is no reading
+# V rms, in parts of the drive voltage: the converter cuts off what noise adds beyond its range, and
+# what is left is not noise around what is true
+MOST_NOISE = 0.2
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
@@ -76,11 +79,17 @@ def ordered_row(layout: Layout, voltages, grounded: int) -> np.ndarray:
     return row
 
 
-def check_drive_voltage(value) -> float:
-    """The drive voltage, V, positive and finite."""
+def check_drive_voltage(value, noise: float) -> float:
+    """The drive voltage, V, positive, finite, and so much that readings with `noise`, V rms, can tell
+    something."""
     value = checks.positive(value, "drive_voltage", "voltage in V")
     if not 1e-6 <= value <= LARGEST_VOLTAGE:
         raise InputError(f"drive_voltage: {value:g} V is not from 1e-06 V to {LARGEST_VOLTAGE:g} V")
+    if noise > MOST_NOISE * value:
+        raise InputError(
+            f"noise: {noise:g} V is not from 0 V to {MOST_NOISE * value:g} V, "
+            f"{100 * MOST_NOISE:g} % of the drive voltage {value:g} V: readings could not tell a touch"
+        )
     return value
 
 

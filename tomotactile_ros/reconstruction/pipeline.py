@@ -215,7 +215,8 @@ class Pipeline:
 
         Raises InputError where the frame does not fit the layout.
         """
-        drive_voltage, self._estimate_of_frame = check_drive_voltage(drive_voltage), None
+        drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
+        self._estimate_of_frame = None
         once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
         mistake = self._mistake(*once, drive_voltage)
         if mistake:
@@ -287,7 +288,7 @@ class Pipeline:
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
     ) -> None:
         """Take a row into `state` and ask for nothing; see `process_row`."""
-        drive_voltage = check_drive_voltage(drive_voltage)
+        drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
         row = ordered_row(self.layout, voltages, int(grounded))
         row = self._expected_zero(row, int(grounded))
         self._row_estimator().follow(row, int(grounded), drive_voltage, float(time), state)
@@ -510,7 +511,8 @@ class Pipeline:
     def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
         """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
         as for `process`."""
-        estimate = self._estimate(voltages, grounded, check_drive_voltage(drive_voltage))
+        drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
+        estimate = self._estimate(voltages, grounded, drive_voltage)
         found = [
             Strength(np.array([each.x, each.y]), each.conductance, each.area)
             for each in estimate.contacts
