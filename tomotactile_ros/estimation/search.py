@@ -314,7 +314,9 @@ class Search:
         shape, and of contacts that move, whose form shows later."""
         if len(unknowns.contacts) > _FEW:
             return min(_COARSE, self.effort.patches)
-        return min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
+        return (
+            min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
+        )
 
     def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
         """Patches across each contact as its radius asks for, or what it has where that is near."""
