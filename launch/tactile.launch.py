@@ -12,7 +12,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, TimerAction
 from launch.logging import get_logger
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -21,6 +20,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchContext, LaunchDescription
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.params_files import TYPO, fits, parameters_of, read_sections
 
 PACKAGE = "tomotactile_ros"
 REFUSED = 2
@@ -58,7 +59,6 @@ SWITCHES = {
     "viz": ("false", "start rviz2"),
 }
 NAMESPACE = r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?"
-NEAR = 0.75  # likeness, of 1, of a typo
 ON_REFUSAL = ("stop", "ignore")
 DELIVERIES = ("frames", "rows")
 OF_NODE = {
@@ -96,15 +96,15 @@ def start(context: LaunchContext) -> list:
     """All actions, once the arguments are known."""
     names = (*TEXTS, *SWITCHES, "on_refusal")
     given = {name: LaunchConfiguration(name).perform(context) for name in names}
+    where = full_namespace(context, given["namespace"])
     for complaint in typos(context.argv, names):
         get_logger("tactile.launch.py").warning(complaint)
     try:
-        device = check(given)
+        device = check(given, where)
     except Refused as refusal:
         return refuse(str(refusal), given["on_refusal"])
     # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
     actions = [make_rviz(given)] if given["viz"] == "true" else []
-    where = f"/{given['namespace'].strip('/')}"
     if device == "fake":
         scene = given["scene"] or "that of the parameters"
         actions.append(LogInfo(msg=f"{where}: SIMULATED data, device fake, scene {scene}"))
@@ -113,6 +113,13 @@ def start(context: LaunchContext) -> list:
     if given["composed"] == "true":
         return [*actions, make_node("tactile", given)]
     return [*actions, *(make_node(name, given) for name in OF_NODE)]
+
+
+def full_namespace(context: LaunchContext, namespace: str) -> str:
+    """Namespace of the nodes from the root on: below that of the group that includes this file."""
+    group = context.launch_configurations.get("ros_namespace", "")
+    above = "" if namespace.startswith("/") else group.strip("/")
+    return "/" + "/".join(part for part in (above, namespace.strip("/")) if part)
 
 
 class Refused(RuntimeError):
@@ -135,8 +142,8 @@ def refuse(complaint: str, on_refusal: str) -> list:
     return [TimerAction(period=0.0, actions=[OpaqueFunction(function=fail)])]
 
 
-def check(given: dict[str, str]) -> str:
-    """The device in use; Refused for arguments that cannot be meant."""
+def check(given: dict[str, str], where: str) -> str:
+    """The device in use by the sensor of a namespace; Refused for arguments that cannot be meant."""
     for name, (default, _) in SWITCHES.items():
         given[name] = given[name].lower()
         refuse_unless(
@@ -163,7 +170,8 @@ def check(given: dict[str, str]) -> str:
     )
     if given["params_file"]:
         refuse_unless(Path(given["params_file"]).is_file(), given, "params_file", "no such file")
-    device = given["device"] or device_of_file(given["params_file"]) or "fake"
+    of_file = device_of_file(given, where)
+    device = given["device"] or of_file or "fake"
     for name, needed in FOR_DEVICE.items():
         if given[name] and device != needed:
             simulated = ": data would be simulated" if device == "fake" else ""
@@ -187,7 +195,7 @@ def typos(words: Sequence[str], names: Sequence[str]) -> list[str]:
     complaints = []
     for word in words:
         name, assigned, _ = word.partition(":=")
-        near = difflib.get_close_matches(name, names, 1, NEAR)
+        near = difflib.get_close_matches(name, names, 1, TYPO)
         if assigned and name not in names and near:
             complaints.append(f"{word}: no argument of tactile.launch.py, was {near[0]}:= meant?")
     return complaints
@@ -207,19 +215,25 @@ def is_rate(text: str) -> bool:
         return False
 
 
-def device_of_file(file: str) -> str:
-    """The device that a parameter file names for a driver, or nothing."""
+def device_of_file(given: dict[str, str], where: str) -> str:
+    """The device that the parameter file names for the driver, or nothing.
+
+    Refused for a file that is for none of the nodes in the namespace: ROS would ignore all of it.
+    """
+    file = given["params_file"]
     if not file:
         return ""
+    names = ["reconstruction"] if given["device"] == "none" else list(OF_NODE)
+    nodes = [f"{where.rstrip('/')}/{name}" for name in names]
     try:
-        content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise Refused(f"params_file:={file}: {' '.join(str(error).split())}") from None
-    for node, values in content.items() if isinstance(content, dict) else ():
-        parameters = values.get("ros__parameters") if isinstance(values, dict) else None
-        if node.endswith(("driver", "**")) and isinstance(parameters, dict):
-            return str(parameters.get("device", ""))
-    return ""
+        keys = [key for key, _ in read_sections(file)]
+        device = parameters_of(file, nodes[0]).get("device", "")
+    except InputError as error:
+        raise Refused(f"params_file:={error}") from None
+    if not any(fits(key, node) for key in keys for node in nodes):
+        for_whom = ", ".join(keys) or "nobody"
+        raise Refused(f"params_file:={file} is for {for_whom}, not for {' or '.join(nodes)}")
+    return str(device)
 
 
 def make_node(name: str, given: dict[str, str]) -> Node:

@@ -372,3 +372,17 @@ def test_a_frame_that_ends_just_after_a_touch_has_begun_changes_nothing(estimato
     for each in known[before + 4 : after]:
         assert is_seen(RESTING, each, 3e-3, 0.2) == resting[0]
         assert is_seen(tap, each, 5e-3, 0.3) != resting[0]
+
+
+def test_rows_take_up_the_noise_that_a_frame_shows():
+    """Of idle rows with five times the noise that was said, those after the first frame show
+    nothing."""
+    pipeline, random = Pipeline(LAYOUT, Settings("accurate")), np.random.default_rng(2)
+    state = pipeline.rows()
+    for k in range(20 * 16):
+        row = np.maximum(5e-3 * random.standard_normal(16), 0.0)
+        pipeline.follow_row(row, k % 16, DRIVE, k * ROW_PERIOD, state)
+        if k > 16:
+            result = pipeline.after_row(state)
+            assert (result.state, result.contacts) == ("valid", [])
+    assert state.noise == pytest.approx(5e-3, rel=0.25)

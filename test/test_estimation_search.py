@@ -149,6 +149,34 @@ def test_idle_frames_of_a_converter_that_ends_at_0_volt():
         assert estimate("8x8", frame * DRIVE / 4096).contacts == []
 
 
+@pytest.mark.parametrize("name", ["4x4", "8x8", "ring"])
+@pytest.mark.parametrize("noise", [3e-3, 15e-3])
+def test_more_noise_than_was_said_is_seen_and_taken_as_that(name, noise):
+    """Of frames for which 1 mV was said: touched ones, which hold no other contact, and untouched
+    ones, of which a converter cuts off half."""
+    discs = TWO if name == "8x8" else ONE
+    frame = simulate(name, discs, noise)
+    said = estimator(name).estimate(frame, np.arange(len(frame)), DRIVE, State())
+    assert said.noise == pytest.approx(noise, rel=0.25)
+    assert said.state == "valid" and said.misfit < 1.5
+    for x, y, *_ in discs:
+        assert min(np.hypot(c.x - x, c.y - y) for c in said.contacts) < (0.4e-3 + 0.2 * noise)
+    assert len(said.contacts) == len(discs)
+    idle = np.maximum(simulate(name, (), noise), 0.0)
+    said = estimator(name).estimate(idle, np.arange(len(idle)), DRIVE, State())
+    assert (said.state, said.contacts) == ("valid", [])
+    assert said.noise == pytest.approx(noise, rel=0.25)
+
+
+def test_what_is_no_noise_is_not_taken_for_it():
+    """Frames of two states of the sheet, without the times of their rows, leave much over that is
+    the same for neighbours."""
+    frame, other = simulate("8x8", ONE), simulate("8x8", TWO[1:])
+    frame[32:] = other[32:]
+    said = estimate("8x8", frame)
+    assert said.state == "withheld" and said.noise < 3 * NOISE
+
+
 def test_offsets_of_channels_are_no_contact():
     assert estimate("4x4", simulate("4x4", (), offset=Rms(3e-3, seed=2))).contacts == []
 

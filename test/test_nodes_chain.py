@@ -12,6 +12,7 @@ rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import LIMIT, ends_cleanly
@@ -103,6 +104,13 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
     change("driver", Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
     change("driver", Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
     ros_checks.check_contact(probe)
+    contacts = probe.listen(ContactArray, "/contacts")
+    wrenches = probe.listen(WrenchStamped, "/wrench")
+    probe.until(lambda: wrenches and wrenches[-1].wrench.force.z < 0, "wrench")
+    change("reconstruction", Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE)
+    probe.until(lambda: contacts and contacts[-1].state == ContactArray.STALE, "last word")
+    assert contacts[-1].reason == "the reconstruction was stopped"
+    probe.until(lambda: np.isnan(wrenches[-1].wrench.force.z), "unknown wrench")
     for process in nodes.values():
         ends_cleanly(process)
 

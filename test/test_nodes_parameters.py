@@ -20,6 +20,7 @@ from rcl_interfaces.srv import (
     ListParameters,
     SetParameters,
 )
+from rclpy.context import Context
 from rclpy.parameter import Parameter
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
@@ -27,12 +28,16 @@ from sensor_msgs.msg import Image
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.reconstruction.calibration import Fit, save_calibration
 from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.support.params_files import parameters_of
 
 BAD_STARTS = [
     ("driver", {"layout": "nowhere"}, "'nowhere': no such file"),
     ("driver", {"layout": "5"}, "layout"),
     ("driver", {"device": "camera"}, "device: 'camera' is none of fake, serial, replay"),
     ("driver", {"scene": "nothing"}, "'nothing': no such file"),
+    ("driver", {"frame_id": "/palm_link"}, "palm_link would be one"),
+    ("driver", {"frame_id": "''"}, "frame_id: '' is no frame of tf2"),
+    ("reconstruction", {"frame_id": "/palm_link"}, "'/palm_link' is no frame of tf2"),
     ("driver", {"rate": "fast"}, "rate: 'fast' is not a number"),
     ("driver", {"rate": "-1"}, "rate"),
     ("driver", {"rate": ".nan"}, "rate"),
@@ -308,8 +313,50 @@ def test_images_go_on_while_parameters_are_put_into_effect(domain, probe, start,
         reconstruction.kill()
 
 
-def test_a_misspelt_parameter_is_pointed_out(probe, start):
-    both = start("tactile", {"scene": "idle", "rat": "20.0", "partial_frames": "true"})
+KEYS = [
+    "driver",
+    "/driver",
+    "/left/driver",
+    "left/driver",
+    "/*/driver",
+    "/**/driver",
+    "/left/*",
+    "/left/**",
+    "/**",
+    "/*",
+    "/right/driver",
+    "drivr",
+]
+
+
+@pytest.mark.parametrize("namespace", ["/", "/left", "/robot/left"])
+def test_keys_of_a_parameter_file_are_understood_as_ros_understands_them(
+    domain, tmp_path, namespace
+):
+    file = tmp_path / "p.yaml"
+    text = "".join(
+        f"{key!r}: {{ros__parameters: {{p{i}: true, last: {i}}}}}\n" for i, key in enumerate(KEYS)
+    )
+    file.write_text(text + "left: {driver: {ros__parameters: {nested: true}}}\n")
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context, domain_id=domain)
+    try:
+        node = rclpy.create_node("driver", namespace=namespace, context=context)
+        taken = {p.name: p.value for p in node._parameter_overrides.values()}
+        assert parameters_of(file, node.get_fully_qualified_name()) == taken
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+def test_a_misspelt_parameter_is_pointed_out(probe, start, tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text("left: {driver: {ros__parameters: {rate: 20.0}}}\n")
+    parameters = {"scene": "idle", "rat": "20.0", "partial_frames": "true"}
+    both = start("tactile", parameters, files=[file])
     probe.wait_for(VoltageFrame, "/voltage_frame")
     assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in both.output
     assert "partial_frames" not in both.output  # the other node's
+    probe.until(lambda: "is ignored" in both.output.split("'rat'", 1)[1], "word of the file")
+    assert f"{file} is ignored: it is for /left/driver, this node is /driver" in both.output
+    assert "this node is /reconstruction" not in both.output

@@ -195,6 +195,7 @@ def test_two_publishers_and_old_frames_are_told(probe, start):
 def test_what_was_valid_is_taken_back_where_nothing_follows(probe, start):
     """Who believes the last message would go on pressing while the driver is dead."""
     start("reconstruction", {"layout": "equal-4x4", "max_age": 0.5})
+    assert probe.wait_for(Bool, "/touched", qos=LATCHED).data  # nothing is known yet
     source = Source(probe)
     source.stamp = int(time.time()) + 3600  # valid as long as it comes
     source.send()

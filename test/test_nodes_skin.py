@@ -103,12 +103,16 @@ def test_contacts_of_two_sensors_become_one_list_in_the_robots_frame(probe, star
 
 
 def test_a_sensor_whose_contacts_are_withheld_or_nowhere_is_named(probe, start, poses):
-    Sensor(probe, "left", "left_link", state=ContactArray.WITHHELD, reason="torn")
-    Sensor(probe, "right", "elsewhere")
-    start("skin", {"sensors": "[left, right]", "poses": poses})
+    left = Sensor(probe, "left", "left_link", state=ContactArray.WITHHELD, reason="torn")
+    right = Sensor(probe, "right", "elsewhere")
+    start("skin", {"sensors": "[left, right]", "poses": poses, "use_sim_time": "true"})
     message = merged(probe, lambda m: "elsewhere" in m.reason and "torn" in m.reason)
     assert message.state == ContactArray.STALE and not message.contacts
     assert "left: torn" in message.reason and "none of frame 'elsewhere'" in message.reason
+    # the simulation that makes them, and /clock, has ended: no time goes by in it
+    left.timer.cancel()
+    right.timer.cancel()
+    merged(probe, lambda m: m.reason.count("no contacts for") == 2)
 
 
 def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):

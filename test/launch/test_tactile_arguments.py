@@ -181,6 +181,38 @@ def test_a_device_named_in_a_parameter_file_counts(nodes_of, tmp_path):
     assert said == "recording:=b needs device:=replay, it is serial"
 
 
+@pytest.mark.parametrize(
+    "key, arguments, others",
+    [
+        ("/left/driver", {"namespace": "right"}, "/right/driver or /right/reconstruction"),
+        ("driver", {"namespace": "left"}, "/left/driver or /left/reconstruction"),
+        ("driver", {"ros_namespace": "/left"}, "/left/driver or /left/reconstruction"),
+        ("/**/drivr", {"device": "serial"}, "/driver or /reconstruction"),
+        ("/**/driver", {"device": "none"}, "/reconstruction"),
+    ],
+)
+def test_a_parameter_file_for_nobody_is_refused(tmp_path, key, arguments, others):
+    """ROS ignores it: the sensor would be a simulation, whatever the file says."""
+    file = tmp_path / "p.yaml"
+    file.write_text(f"{key}: {{ros__parameters: {{device: serial, port: /dev/x}}}}\n")
+    said = refusal_of(params_file=str(file), **arguments)
+    whom = key if key.startswith("/") else f"/{key}"
+    assert said == f"params_file:={file} is for {whom}, not for {others}"
+
+
+def test_only_what_a_parameter_file_says_of_this_sensor_counts(tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text(
+        "left: {driver: {ros__parameters: {device: serial, port: /dev/x}}}\n"
+        "/right/driver: {ros__parameters: {scene: idle}}\n"
+    )
+    for of_left in ({"namespace": "left"}, {"ros_namespace": "left"}):
+        actions, _ = actions_of(params_file=str(file), port="/dev/y", **of_left)
+        assert [type(action) for action in actions] == [Node, Node]
+    said = refusal_of(params_file=str(file), namespace="right", port="/dev/y")
+    assert said.startswith("port:=/dev/y needs device:=serial, it is fake")
+
+
 def test_without_a_device_there_is_the_reconstruction_alone(nodes_of):
     assert set(nodes_of(device="none", composed="true")) == {"reconstruction"}
 
@@ -199,4 +231,5 @@ def test_simulated_data_are_announced():
         return " ".join("".join(s.perform(context) for s in log.msg) for log in logs)
 
     assert "/left: SIMULATED data" in said(namespace="left", scene="slide")
+    assert "/robot/left: SIMULATED data" in said(namespace="left", ros_namespace="/robot")
     assert said(device="serial", port="/dev/x") == ""

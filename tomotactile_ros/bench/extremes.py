@@ -112,6 +112,11 @@ def contacts_by_noise(noise: float) -> list[dict]:
     return _contacts(grid(), noise=noise)
 
 
+def contacts_by_unsaid_noise(noise: float) -> list[dict]:
+    """Of `noise`, V rms, where `NOISE` is said."""
+    return _contacts(grid(), noise=noise, said=NOISE)
+
+
 def contacts_by_bits(bits: int) -> list[dict]:
     return _contacts(grid(), bits=bits)
 
@@ -153,12 +158,13 @@ def contacts_by_number(number: int) -> list[dict]:
 
 def _contacts(
     layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
-    radius=_RADIUS, places=None, part=1.0,
+    radius=_RADIUS, places=None, part=1.0, said=None,
 ) -> list[dict]:  # fmt: skip
     """For each profile: place, force, ghosts, how far off both are, or the refusal.
 
     The contact law, the contacts and what the reconstruction is told of them are the ordinary ones
-    but for what is said. `part` of each contact is on the sheet.
+    but for what is said. `part` of each contact is on the sheet; `said`: V rms of noise, None: what
+    it is.
     """
     size = np.array(layout.outline.size)
     places = (PLACE * size)[None] if places is None else places
@@ -175,7 +181,7 @@ def _contacts(
 
     def found(profile):
         settings = Settings(
-            profile, resolution=CELLS, noise=max(noise, 1e-6), regularization=level,
+            profile, resolution=CELLS, noise=said or max(noise, 1e-6), regularization=level,
             contact_law=law or LAW, contact_radius=radius,
         )  # fmt: skip
         pipeline = Pipeline(layout, settings)

@@ -18,6 +18,7 @@ _RESISTANCES = tuple(10.0**n for n in range(-3, 10, 2))
 _CONDUCTANCES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf)
 _LAMBDAS = (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30)
 _NOISES = (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_UNSAID = (1e-5, 3e-3, 1e-2, 3e-2, 0.1)
 _BITS = (1, 2, 4, 8, 12, 16, 24)
 _DEAD = (0, 1, 4, 16, 32, 48, 60, 62, 63)
 _ELECTRODES = (1, 4, 6, 9, 16, 64, 2500)
@@ -51,6 +52,7 @@ def trials() -> tuple[Trial, ...]:
         Trial("lambda^2, eq. 1", IMAGE, _LAMBDAS, one_step.as_used),
         Trial("lambda^2, eq. 1", CONTACTS, _LAMBDAS, extremes.contacts_by_lambda),
         Trial("noise, V", CONTACTS, _NOISES, extremes.contacts_by_noise),
+        Trial("noise, V; 1 mV said", CONTACTS, _UNSAID, extremes.contacts_by_unsaid_noise),
         Trial("converter, bits", CONTACTS, _BITS, extremes.contacts_by_bits),
         Trial("dead channels of 64", CONTACTS, _DEAD, extremes.contacts_by_dead),
         Trial("side, m", CONTACTS, (1e-3, 0.02, 0.2, 1.0, 10.0), extremes.contacts_by_side),

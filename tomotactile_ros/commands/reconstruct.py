@@ -21,7 +21,13 @@ from tomotactile_ros.learning.file import load_sensor
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
-from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, PROFILES, ContactEstimate, Result
+from tomotactile_ros.reconstruction.settings import (
+    DEFAULT_LAW,
+    PROFILES,
+    ContactEstimate,
+    Result,
+    doubt_of_noise,
+)
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD
@@ -84,6 +90,7 @@ def run(args: Namespace) -> None:
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
+    noise: list[float] = []
     process = _every_row if args.every_row else _every_frame
     with results_writer(args.out, images=not args.every_row, law=law) as take:
         frames = zip(recorded.voltages, stamps)
@@ -93,6 +100,7 @@ def run(args: Namespace) -> None:
                 latency.append(lasted)
                 left_out.update(result.faults)
                 withheld.update([result.reason] * bool(result.reason))
+                noise += [result.noise] * bool(np.isfinite(result.noise))
                 take(result, lasted, holds)
     each = "row" if args.every_row else "frame"
     print(
@@ -105,6 +113,8 @@ def run(args: Namespace) -> None:
         print(f"{count} {each}s withheld: {reason}")
     for electrode, why in sorted(left_out.items()):
         print(f"electrode {electrode} left out: {why}")
+    if noise and (doubt := doubt_of_noise(float(np.median(noise)), args.noise)):
+        print(f"{doubt}: --noise")
     if of_law:
         print(of_law)
 

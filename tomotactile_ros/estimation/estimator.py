@@ -16,6 +16,7 @@ from tomotactile_ros.estimation.ground import NO_GROUND, no_ground_is_seen
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
     clipped,
     dead_channels,
@@ -42,6 +43,10 @@ EXCLUDED = "excluded by the settings"  # why an electrode is left out
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
+# variance in parts of what was expected, from which on noise is larger; and the part of chi-squared that
+# it then is: what the model lacks is not noise
+_NOISIER, _MOST_OF_IT = 1.5, 0.5
+_MOST_NOISE = 0.03  # of the drive voltage: readings that scatter more make no sense
 _FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
 # last rows of a frame that are looked at alone where it changes: of half as many where these contradict
@@ -110,6 +115,8 @@ class Estimate:
     left_out : {electrode: what is wrong with its channel}
     misfit : chi-squared per reading, about 1 where noise explains what the model does not
     first : number of the first row that was used; earlier ones belong to another state of the sheet
+    noise : of a reading, V rms, as the rows show it, what was expected at the least; 0 where they do
+        not tell
     """
 
     contacts: list[Contact]
@@ -119,12 +126,13 @@ class Estimate:
     left_out: dict[int, str] = field(default_factory=dict)
     misfit: float = 0.0
     first: int = 0
+    noise: float = 0.0
 
 
 @dataclass
 class State:
     """What lasts from frame to frame: where the last fit ended, its equations, and
-    of which electrodes."""
+    of which electrodes; `noise` of readings, V rms, where they scatter more than was expected."""
 
     unknowns: Unknowns | None = None
     sensor: Fit | None = (
@@ -138,6 +146,7 @@ class State:
     joined: tuple[np.ndarray, np.ndarray] | None = (
         None  # discs, and the contact that each is part of
     )
+    noise: float = 0.0
 
     def forget(self) -> None:
         self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
@@ -188,13 +197,35 @@ class Estimator:
         turn.
 
         Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of
-        the last row.
+        the last row. Readings that scatter more than they were said to are looked at again as what
+        they are, and the next ones from the beginning.
         """
-        voltages = np.asarray(voltages, float)
-        grounded = np.asarray(grounded, int)
+        frame = np.asarray(voltages, float), np.asarray(grounded, int), drive_voltage
+        noise = max(self.noise, state.noise)
+        estimate, fit = self._look(*frame, state, row_period, noise)
+        seen = None if fit is None else scatter(fit)
+        if seen is None:
+            return estimate
+        as_seen = noise * float(np.sqrt(seen))
+        if (
+            seen > _NOISIER
+            and seen > _MOST_OF_IT * estimate.misfit
+            and as_seen < _MOST_NOISE * drive_voltage
+        ):
+            state.forget()
+            state.noise = as_seen
+            estimate, _ = self._look(*frame, state, row_period, as_seen)
+        elif seen < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
+            state.noise = as_seen
+        return replace(estimate, noise=max(self.noise, state.noise))
+
+    def _look(
+        self, voltages, grounded, drive_voltage: float, state: State, row_period, noise: float
+    ) -> tuple[Estimate, Fit | None]:
+        """`estimate` of readings with `noise`, V rms, and the fit that it rests on, if any."""
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
-            return Estimate([], [], "withheld", "no row was read", left_out)
+            return Estimate([], [], "withheld", "no row was read", left_out), None
         valid = np.isfinite(voltages)
         own = np.arange(len(grounded)), grounded
         read = valid.copy()
@@ -202,33 +233,35 @@ class Estimator:
         valid[own] = False
         for electrode in np.flatnonzero(dead_channels(read)):
             left_out.setdefault(int(electrode), "no readings")
-        for electrode in np.flatnonzero(stuck_channels(voltages, valid, self.noise)):
+        for electrode in np.flatnonzero(stuck_channels(voltages, valid, noise)):
             left_out.setdefault(int(electrode), "its reading never changes")
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
         if len(used) < 2:
-            return Estimate([], [], "withheld", "fewer than two electrodes can be read", left_out)
+            return Estimate(
+                [], [], "withheld", "fewer than two electrodes can be read", left_out
+            ), None
         driven = np.where(valid, voltages, np.nan)[:, list(used)] - self.offsets(used)
-        if no_ground_is_seen(driven, drive_voltage, self.noise):
+        if no_ground_is_seen(driven, drive_voltage, noise):
             state.forget()
-            return Estimate([], [], "withheld", NO_GROUND, left_out)
+            return Estimate([], [], "withheld", NO_GROUND, left_out), None
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
-        prior = self._prior(search.operator, drive_voltage)
+        prior = self._prior(search.operator, drive_voltage, noise)
         valid &= ~self._ended(voltages, used, prior)
-        rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times)
+        rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times, noise)
         for electrode in silent:
             left_out.setdefault(int(electrode), "it is never grounded: its switch or wire is open")
         if rows.count < _FEWEST_READINGS:
-            return Estimate([], [], "withheld", "too little was read", left_out)
-        begun = latest_state(1 - rows.readings, rows.weights > 0, self.noise / drive_voltage)
+            return Estimate([], [], "withheld", "too little was read", left_out), None
+        begun = latest_state(1 - rows.readings, rows.weights > 0, noise / drive_voltage)
         rows = rows.part(slice(begun, None))
         few = begun and len(rows.grounded) < _FEWEST
         if few and search.untouched(rows, prior):
             state.forget()
-            return Estimate([], [], "valid", "", left_out, 0.0, begun)
+            return Estimate([], [], "valid", "", left_out, 0.0, begun), None
         if rows.count < _FEWEST_READINGS or few:
             reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
-            return Estimate([], [], "withheld", reason, left_out, first=begun)
+            return Estimate([], [], "withheld", reason, left_out, first=begun), None
         if state.used != used:
             state.unknowns = state.sensor = None
         start = state.unknowns
@@ -242,7 +275,7 @@ class Estimator:
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
             reason = "the readings are none that a sheet with contacts can have"
-            return Estimate([], [], "withheld", reason, left_out, np.nan, begun)
+            return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
@@ -258,13 +291,13 @@ class Estimator:
         reason, misfit = self._refusal(fit, torn), fit.chi_squared / fit.rows.count
         if reason:
             state.forget()
-            return Estimate([], [], "withheld", reason, left_out, misfit, first)
+            return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         state.fit = fit
         parts, group = self._contacts(fit, self._groups(search, fit, state))
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
-            return Estimate([], [], "withheld", reason, left_out, misfit, first)
-        return Estimate(joined(parts, group), parts, "valid", "", left_out, misfit, first)
+            return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
+        return Estimate(joined(parts, group), parts, "valid", "", left_out, misfit, first), fit
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -273,8 +306,8 @@ class Estimator:
         below[list(used)] = prior.offset < 0
         return clipped(voltages) & (below | (voltages > 0))
 
-    def _prior(self, operator: SheetOperator, drive_voltage: float) -> Prior:
-        offset = float(np.hypot(self.channels.offset, _CUT_OFF * self.noise))
+    def _prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
+        offset = float(np.hypot(self.channels.offset, _CUT_OFF * noise))
         channels = replace(self.channels, offset=offset)
         prior = Prior.unknown(operator, channels, self.radius, drive_voltage)
         if self.spread is not None:
@@ -283,11 +316,13 @@ class Estimator:
             return prior
         return self.sensor.prior(operator, drive_voltage, prior)
 
-    def sensor_of(self, used: tuple[int, ...], drive_voltage: float) -> tuple[SheetOperator, Prior]:
-        """The operator of the electrodes `used`, and what is expected of the sensor before any
-        row."""
+    def sensor_of(
+        self, used: tuple[int, ...], drive_voltage: float, noise: float = 0.0
+    ) -> tuple[SheetOperator, Prior]:
+        """The operator of the electrodes `used`, and what is expected of the sensor before any row;
+        `noise` of its readings, V rms, where more is known of it."""
         operator = self._search(used).operator
-        return operator, self._prior(operator, drive_voltage)
+        return operator, self._prior(operator, drive_voltage, max(self.noise, noise))
 
     def _search(self, used) -> Search:
         if used not in self._searches:
@@ -301,15 +336,15 @@ class Estimator:
                 search = self._searches[used] = Search(operator, self.effort)
         return search
 
-    def _rows(self, search, voltages, valid, grounded, drive_voltage, times):
+    def _rows(self, search, voltages, valid, grounded, drive_voltage, times, noise):
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
         operator = search.operator
         used = operator.used
-        variance = (self.noise / drive_voltage) ** 2 + READING_FLOOR**2
+        variance = (noise / drive_voltage) ** 2 + READING_FLOOR**2
         at = operator.position[grounded]
         readings = np.where(valid, voltages, 0.0)[:, used] / drive_voltage
         weights = valid[:, used] / variance
-        silent = open_grounds(1 - readings, weights > 0, self.noise / drive_voltage)
+        silent = open_grounds(1 - readings, weights > 0, noise / drive_voltage)
         kept = (at >= 0) & ~silent & (weights > 0).any(axis=1)
         rows = Rows(readings, weights, at, times).part(np.flatnonzero(kept))
         return rows, grounded[silent & (at >= 0)]

@@ -41,6 +41,7 @@ _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
+_OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
 
@@ -55,6 +56,7 @@ class RowsState:
     doubted : frames since that nothing explained; passed : whether the last one was left out, as
         something began or ended in it
     ground : whether the last rows show that an electrode is grounded
+    noise : of readings, V rms, as frames have shown it; 0 before
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -68,6 +70,7 @@ class RowsState:
     used: tuple[int, ...] = ()
     drive: float = 0.0
     last: int = 0  # highest number of a contact that is not to be given again
+    noise: float = 0.0
     sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
     looked: float = -np.inf
@@ -173,7 +176,8 @@ class RowEstimator:
         if seen is not None:
             self._take(seen, state)
         driven = voltages[list(state.used)] - self.estimator.offsets(state.used)
-        state.ground.take(driven, drive_voltage, self.estimator.noise)
+        noise = max(self.estimator.noise, state.noise)
+        state.ground.take(driven, drive_voltage, noise)
         if state.ground.unseen:  # it tells nothing, and a search for what it says would be long
             state.read, state.grounded, state.times = [], [], []
             return
@@ -205,11 +209,10 @@ class RowEstimator:
         excluded = self.estimator.excluded
         electrodes = range(self.estimator.layout.electrodes)
         used = tuple(e for e in electrodes if e not in excluded and e not in state.left_out)
-        _, prior = self.estimator.sensor_of(used, drive_voltage)
-        variance = (self.estimator.noise / drive_voltage) ** 2
+        known = self._known(state, used, drive_voltage)
         last = state.highest
         state.used, state.drive = used, drive_voltage
-        state.rows = self._follower(used, drive_voltage).begin(Known.before(prior, variance))
+        state.rows = self._follower(used, drive_voltage).begin(known)
         state.rows.last = last
         state.sensor = self.estimator.sensor
         state.past.clear()
@@ -217,11 +220,16 @@ class RowEstimator:
     def _learned(self, state: RowsState) -> None:
         """Goes on with the same contacts and what is known of the sensor by now."""
         follower, rows = self._follower(state.used, state.drive), state.rows
-        _, prior = self.estimator.sensor_of(state.used, state.drive)
-        variance = (self.estimator.noise / state.drive) ** 2
-        known = replace(Known.before(prior, variance), wide=rows.model.known.wide)
+        known = self._known(state, state.used, state.drive)
+        known = replace(known, wide=rows.model.known.wide)
         state.sensor = self.estimator.sensor
         linearised(follower, rows, known, unlearned(rows.belief, known))
+
+    def _known(self, state: RowsState, used, drive_voltage: float) -> Known:
+        """What is expected of the sensor, with as much noise as frames have shown."""
+        noise = max(self.estimator.noise, state.noise)
+        _, prior = self.estimator.sensor_of(used, drive_voltage, noise)
+        return Known.before(prior, (noise / drive_voltage) ** 2)
 
     def _follower(self, used, drive_voltage) -> Follower:
         if used not in self._followers:
@@ -240,6 +248,10 @@ class RowEstimator:
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
         estimate, fit = seen.estimate, seen.fit
+        before = max(self.estimator.noise, state.noise)
+        if estimate.noise and abs(np.log(estimate.noise / before)) > _OTHER_NOISE:
+            state.noise = estimate.noise
+            self._learned(state)
         if not state.passed and _is_mixed(state, seen):
             state.passed = True
             return

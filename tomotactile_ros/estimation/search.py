@@ -77,7 +77,7 @@ _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 _FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
-_IN_MOTION = 8  # patches to the width of one that moves
+_IN_MOTION = 10  # patches to the width of one that moves
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000

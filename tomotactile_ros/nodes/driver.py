@@ -32,7 +32,9 @@ from tomotactile_ros.support.errors import InputError
 
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
-    Spec("frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True),
+    Spec(
+        "frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True, frame=True
+    ),
     HARDWARE_ID,
     Spec("device", "fake", "Where the frames come from", choices=KINDS),
     Spec(

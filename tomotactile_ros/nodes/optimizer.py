@@ -58,7 +58,7 @@ SPECS = (
     *(spec_of(option) for option in OPTIONS),
     Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
     Spec("name", "optimized", "Name of the best layout", read_only=True),
-    Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True),
+    Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True, frame=True),
 )
 
 

@@ -120,14 +120,26 @@ class Outputs:
 
     def watch(self) -> None:
         """Take back what was said last, once, where nothing has been said for `max_age`."""
+        if 0 < self._max_age:
+            self.take_back(f"no contacts for {self._max_age:g} s (max_age)", self._max_age)
+
+    def take_back(self, reason: str, age: float = 0.0) -> None:
+        """Say that it is not known what touches, with the reason, unless that was said last, or
+        what was said last is younger than `age`, s."""
         with self._order:
             since = self._valid_since
-            if since is None or not 0 < self._max_age < time.monotonic() - since:
+            if since is None or time.monotonic() - since < age:
                 return
-            header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self.frame_id)
-            reason = f"no contacts for {self._max_age:g} s (max_age)"
+            header = self._header_of_now()
             self._withhold(withheld_message(header, reason, ContactArray.STALE))
         self.say_touched(True, header)
+
+    def begin(self) -> None:
+        """Say that it is not known yet whether something touches."""
+        self.say_touched(True, self._header_of_now())
+
+    def _header_of_now(self) -> Header:
+        return Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self.frame_id)
 
     def _withhold(self, message: ContactArray) -> None:
         self._valid_since = None
@@ -143,7 +155,7 @@ class Outputs:
 
     def _show_layout(self, frame_id: str) -> None:
         self.frame_id = frame_id
-        header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=frame_id)
+        header = self._header_of_now()
         self._layout_message.publish(layout_to_message(self._layout, self._grid, header))
         self._layout_markers.publish(layout_markers(self._layout, header))
 

@@ -22,10 +22,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.params_files import TYPO
 
 OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
-_TYPO = 0.75  # likeness of two names, by difflib, from which one may be meant for the other
 _ITEMS = {
     int: ("whole numbers", Parameter.Type.INTEGER_ARRAY),
     float: ("numbers", Parameter.Type.DOUBLE_ARRAY),
@@ -45,6 +45,7 @@ class Spec:
     low, high : range of a number, ends included.
     choices : the words allowed for a text.
     read_only : cannot be changed while the node runs.
+    frame : names a frame of tf2; empty only where the default is.
     items : `int`, `float` or `str`, what an array holds; whole numbers are taken for decimal ones.
     path : names a file or a port; cannot be changed while the node runs either, unless it was
         started with `allow_path_changes`: whoever may set parameters could else let the node open
@@ -59,6 +60,7 @@ class Spec:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     path: bool = False
+    frame: bool = False
     items: type = int
 
     def descriptor(self) -> ParameterDescriptor:
@@ -94,6 +96,11 @@ class Spec:
         if self.choices and value not in self.choices:
             raise InputError(
                 f"{self.name}: {reprlib.repr(value)} is none of {', '.join(self.choices)}"
+            )
+        if self.frame and (value.startswith("/") or bool(self.default) and not value):
+            raise InputError(
+                f"{self.name}: {reprlib.repr(value)} is no frame of tf2, which is not empty and does "
+                f"not begin with /; {value.lstrip('/') or self.default} would be one"
             )
         return value
 
@@ -158,7 +165,7 @@ class Parameters:
         # rclpy offers no public look at the values given at the start
         given = getattr(self._node, "_parameter_overrides", {})
         for name in given:
-            close = difflib.get_close_matches(name, self._specs, n=1, cutoff=_TYPO)
+            close = difflib.get_close_matches(name, self._specs, n=1, cutoff=TYPO)
             if close and not self._node.has_parameter(name):
                 self._node.get_logger().warning(
                     f"parameter '{name}' is unknown and ignored; did you mean '{close[0]}'?"

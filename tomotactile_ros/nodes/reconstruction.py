@@ -37,6 +37,7 @@ from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.settings import doubt_of_noise
 from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
@@ -69,6 +70,7 @@ class Reconstruction:
         self._conditions = Conditions(self._log)
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
+        self._noise = np.nan  # V rms of a reading, as the last frame showed it
         self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
         self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
@@ -110,12 +112,17 @@ class Reconstruction:
         """Begin to process frames."""
         self._watch.restart()
         self._learning.start()
+        with unless_stopped(self._node):
+            self._outputs.begin()
         self._active = True
 
     def deactivate(self) -> None:
-        """Stop processing frames."""
+        """Stop processing frames, and say last that it is not known any more what touches."""
         with self._lock, self._rows_lock:
             self._active = False
+        if self._node.context.ok():
+            with unless_stopped(self._node):
+                self._outputs.take_back("the reconstruction was stopped")
         self._rows.stop()
         self._learning.stop()
 
@@ -189,6 +196,8 @@ class Reconstruction:
             troubles.append(Trouble("excluded", False, text, which=electrodes))
         if self._withheld:
             troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
+        if text := doubt_of_noise(self._noise, pipeline.settings.noise):
+            troubles.append(Trouble("noise", False, text))
         if self._bare:
             text = f"frames name their layout without its hash, it should be {self._layout.id}"
             troubles.append(Trouble("bare layout", False, text))
@@ -238,7 +247,7 @@ class Reconstruction:
             self._outputs.publish(result.pressure, result.contacts, header)
             if not followed:
                 self._outputs.publish_contacts(result.contacts, holds)
-        self._excluded = result.excluded
+        self._excluded, self._noise = result.excluded, result.noise
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start

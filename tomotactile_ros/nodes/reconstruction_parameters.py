@@ -12,7 +12,13 @@ from tomotactile_ros.sheet import MODELS
 
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
-    Spec("frame_id", "", "Frame in all headers; empty: that of the voltage frame", read_only=True),
+    Spec(
+        "frame_id",
+        "",
+        "Frame in all headers; empty: that of the voltage frame",
+        read_only=True,
+        frame=True,
+    ),
     HARDWARE_ID,
     Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
     Spec("deadline", 0.05, "For auto: s, what a frame may take", low=1e-4, high=10.0),

@@ -20,6 +20,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.params_files import files_of, warn_of_keys
 from tomotactile_ros.nodes.usage import asks_for_help, usage
 from tomotactile_ros.support.command_line import say_doubts
 from tomotactile_ros.support.errors import InputError
@@ -191,9 +192,11 @@ def run(
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = MultiThreadedExecutor(_THREADS)
+        files = files_of(sys.argv[1:] if args is None else args)
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
+            warn_of_keys(node, files)
         for timer in [timer for node in nodes for timer in node.timers]:
             timer.reset()  # all at once, from now: each awakening of the executor costs ms
         interrupt.wanted = False

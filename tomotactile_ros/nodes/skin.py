@@ -8,6 +8,7 @@ from copy import copy
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -30,7 +31,7 @@ from tomotactile_ros.support.errors import InputError, printable
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
-    Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True),
+    Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True, frame=True),
     Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
     Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
 )
@@ -77,7 +78,8 @@ class SkinPart:
     def activate(self) -> None:
         """Begin to publish."""
         self._active = True
-        self._node.create_timer(0.1, self._go_on)
+        # on a steady clock: where simulated time stands still, who is silent is told all the same
+        self._node.create_timer(0.1, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Publish nothing any more."""

@@ -368,10 +368,12 @@ class Pipeline:
         lasts = row_period * max(len(grounded) - 1, 0)
         if self.fits:
             self._estimate_of_frame = FrameSeen.of(estimate, self._state)
+        noise = estimate.noise or math.nan
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
         if estimate.state != "valid":
-            return self._withheld(estimate.reason, bad, estimate.left_out, estimate.misfit, lasts)
+            why = estimate.reason, bad, estimate.left_out, estimate.misfit, lasts
+            return replace(self._withheld(*why), noise=noise)
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
         pressure, conductance = self._drawn(estimate.parts)
@@ -392,6 +394,7 @@ class Pipeline:
             misfit=estimate.misfit,
             faults=estimate.left_out,
             holds=lasts,
+            noise=noise,
         )
 
     def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:

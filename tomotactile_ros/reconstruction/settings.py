@@ -16,6 +16,7 @@ PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
 PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 # of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
+NOISY = 2.0  # times what was said: so much more scatter is worth telling
 LARGEST_REGULARIZATION = 1e30
 
 
@@ -33,7 +34,7 @@ class Settings:
     resolution : image cells along the longer side of the sheet.
     regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
         to 1e30; None: the profile's own image, of `paper` 1000. Contacts and pressure do not depend on it.
-    noise : of a reading, V rms.
+    noise : of a reading, V rms, or less: what readings show to be more is taken as that.
     contact_law : conductance per area against pressure, from calibration; None: there is none, as
         of bare conductors and sensors that are not calibrated, and results have no forces.
     contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact
@@ -138,6 +139,8 @@ class Result:
     holds : s after the frame's first row, the time for which its contacts hold: that of the last row
         where rows were estimated at their own times, the middle where all were taken for rows of one
         state of the sheet.
+    noise : of a reading, V rms, as the readings show it, what the settings say at the least; NaN
+        where nothing was fitted.
     conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
         pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
@@ -153,6 +156,7 @@ class Result:
     misfit: float = math.nan
     faults: dict[int, str] = field(default_factory=dict)
     holds: float = 0.0
+    noise: float = math.nan
     conductance: np.ndarray | None = None
 
     @property
@@ -176,3 +180,10 @@ class Result:
         unknown = np.full_like(self.pressure, nan)
         conductance = law.coefficient * self.pressure
         return replace(self, contacts=contacts, pressure=unknown, conductance=conductance)
+
+
+def doubt_of_noise(noise: float, expected: float) -> str:
+    """A line where readings scatter, `noise` V rms, far more than was `expected`; else nothing."""
+    if not noise > NOISY * expected:
+        return ""
+    return f"readings scatter by {1e3 * noise:.2g} mV rms, not {1e3 * expected:.2g} mV (noise)"
