@@ -95,8 +95,11 @@ def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
     assert warnings
     source.send(**changes)
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, reason)
+    ros_checks.has_logged(probe, reconstruction, "ERROR", "is refused: ")
+    ros_checks.has_logged(probe, reconstruction, "INFO", "images are made again")
     source.close()
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, "nobody publishes")
+    ros_checks.has_logged(probe, reconstruction, "ERROR", "nobody publishes")
     ends_cleanly(reconstruction)
 
 
@@ -168,18 +171,21 @@ def test_most_frames_refused_is_an_error_although_there_are_images(probe, start)
     ros_checks.check_diagnostics(
         probe, STATUS, DiagnosticStatus.ERROR, "% of the frames are refused: its layout"
     )
-    assert "% of the frames are refused" in reconstruction.output
+    ros_checks.has_logged(probe, reconstruction, "ERROR", "% of the frames are refused")
 
 
 def test_two_publishers_and_old_frames_are_told(probe, start):
-    start("reconstruction", {"layout": "equal-4x4"})
+    reconstruction = start("reconstruction", {"layout": "equal-4x4"})
     first, second = Source(probe), Source(probe)
     first.send()  # of 2023
     probe.wait_for(Image, "/pressure")
     ros_checks.check_diagnostics(
         probe, STATUS, DiagnosticStatus.ERROR, "2 publish /voltage_frame: frames are mixed"
     )
+    ros_checks.has_logged(probe, reconstruction, "ERROR", "2 publish /voltage_frame")
     second.close()
+    ros_checks.has_logged(probe, reconstruction, "INFO", "over: 2 publish /voltage_frame")
+    ros_checks.has_logged(probe, reconstruction, "ERROR", " s old: clocks differ")
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, " s old: clocks differ")
     message = probe.wait_for(ContactArray, "/contacts")
     assert message.state == ContactArray.STALE and "(max_age 2 s)" in message.reason

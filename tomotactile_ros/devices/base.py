@@ -206,8 +206,6 @@ class ThreadedDevice:
         state, message = self._state
         if state == "streaming" and self.health.stale_within(self.LATE_FOR):
             state, message = "late", f"{self.health.stale_note(self.max_age)}; {message}"
-        if self.health.callback_error:
-            message += f"; a frame was refused: {self.health.callback_error}"
         counters = {"rate_wanted": self._rate, **self.health.counters(), **self._counters()}
         troubles = self._troubles() if state in ("streaming", "late") else []
         message = "; ".join([message, *(trouble.text for trouble in troubles)])

@@ -56,11 +56,15 @@ class DeadChannels:
 
 @dataclass(frozen=True)
 class Trouble:
-    """Something wrong with frames that arrive all the same; `name` stays while it lasts."""
+    """Something wrong with frames that arrive all the same.
+
+    `name` stays while it lasts; `which` changes where it is worth another line in a log.
+    """
 
     name: str
     serious: bool
     text: str
+    which: str = ""
 
 
 class Recent:
@@ -106,8 +110,9 @@ class Health:
             self._frames = 0
             self._callback_errors = 0
             self._age = 0.0
-            # frames delivered, lost, above the drive voltage, without a reading, all the same
-            self._recent = Recent(5)
+            # frames delivered, lost, above the drive voltage, without a reading, all the same,
+            # refused by their receiver
+            self._recent = Recent(6)
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
@@ -129,7 +134,7 @@ class Health:
         above = highest > self.ABOVE * drive_voltage
         flat = span < self.FLAT * drive_voltage and highest > self.PRESSED * drive_voltage
         with self._lock:
-            self._recent.add(1, 0, above, np.isnan(span), flat)
+            self._recent.add(1, 0, above, np.isnan(span), flat, 0)
             if above or flat:
                 self._highest = highest
 
@@ -137,12 +142,12 @@ class Health:
         """Note frames that did not arrive, or not whole."""
         if number:
             with self._lock:
-                self._recent.add(0, number, 0, 0, 0)
+                self._recent.add(0, number, 0, 0, 0, 0)
 
     def troubles(self, wanted: float = 0.0) -> list[Trouble]:
         """What is wrong with the frames of the last 10 s; `wanted` frames/s, 0 for any."""
         with self._lock:
-            delivered, lost, above, empty, flat = self._recent.sums()
+            delivered, lost, above, empty, flat, refused = self._recent.sums()
         found = []
         seen, span = self._rate()
         if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
@@ -166,6 +171,9 @@ class Health:
                 "or no electrode is grounded"
             )
             found.append(Trouble("all the same", True, text))
+        if refused:
+            text = f"{refused:.0f} frames could not be handed over: {self.callback_error}"
+            found.append(Trouble("receiver", refused > self.OFTEN * delivered, text))
         return found
 
     def frame_too_old(self, age: float) -> None:
@@ -194,6 +202,7 @@ class Health:
         """Note that the receiver of a frame raised an exception; the last one is kept."""
         with self._lock:
             self._callback_errors += 1
+            self._recent.add(0, 0, 0, 0, 0, 1)
             self.callback_error = " ".join(message.split())
 
     def counters(self) -> dict[str, float]:

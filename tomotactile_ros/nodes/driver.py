@@ -18,6 +18,7 @@ from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conditions import Conditions, log_at
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
@@ -115,7 +116,8 @@ class Driver:
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
-        self._said: tuple = ()
+        self._said = ""  # the state that the log has told last
+        self._conditions = Conditions(self._log)
         self._simulated: dict[str, SimulatedTime] = {}
         self._temperature_stamp = 0.0
         self._publisher = self._create_publisher(VoltageFrame, "voltage_frame", 2)
@@ -182,10 +184,12 @@ class Driver:
         troubles = (*status.troubles, *own)
         for trouble in troubles:
             level = max(level, diagnostics.level_of(trouble))
-        said = (status.state, tuple((trouble.name, trouble.serious) for trouble in troubles))
-        if status.state != "closed" and said != self._said:
-            self._said = said
-            self._say(level, f"{status.state}: {message}")
+        if status.state not in ("closed", self._said):
+            self._said = status.state
+            log_at(self._log, level, f"{status.state}: {message}")
+            self._conditions.have_been_said(troubles)
+        elif status.state != "closed":
+            self._conditions.say(troubles)
         figures = diagnostics.in_milliseconds(status.counters)
         return Report(
             level,
@@ -198,18 +202,12 @@ class Driver:
         if dead:
             electrodes = ", ".join(map(str, dead))
             text = f"electrodes that look dead: {electrodes}"
-            found.append(Trouble(f"dead {electrodes}", False, text))
+            found.append(Trouble("dead", False, text, which=electrodes))
         others = self._node.count_publishers(self._publisher.topic_name) - 1
         if others > 0:
             text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
             found.append(Trouble("publishers", True, text))
         return found
-
-    def _say(self, level: bytes, text: str) -> None:
-        if level == diagnostics.OK:
-            self._log.info(text)
-        else:
-            self._log.warning(text)
 
     def _make_device(self, values: dict[str, Any]) -> Device:
         fake = values["device"] == "fake"

@@ -14,8 +14,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
+from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
@@ -45,6 +47,7 @@ class SkinPart:
 
     def __init__(self, node: Node):
         self._node, self._log = node, node.get_logger()
+        self._conditions = Conditions(self._log)
         self.parameters = Parameters(node, SPECS, self._change)
         self._skin = Skin((), 1.0)
         self._locate = None
@@ -90,6 +93,7 @@ class SkinPart:
         problems = self._skin.problems(time.monotonic())
         figures = {"sensors": len(self._skin.members), "silent": len(problems)}
         problems |= self._mixed()
+        self._conditions.say(Trouble(n, True, f"{n}: {p}") for n, p in problems.items())
         if problems:
             return Report(diagnostics.ERROR, _reason(problems), figures)
         return Report(diagnostics.OK, "all sensors are felt", figures)
