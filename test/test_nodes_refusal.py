@@ -122,12 +122,15 @@ def answers(images, reports, stamp):
 
 
 def test_without_a_publisher_it_says_so(probe, start):
-    start("reconstruction", {"layout": "equal-4x4"})
-    ros_checks.check_diagnostics(
-        probe, STATUS, DiagnosticStatus.ERROR, "nobody publishes /voltage_frame"
-    )
+    reconstruction = start("reconstruction", {"layout": "equal-4x4"})
+    reason = "nobody publishes /voltage_frame"
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, reason)
     answer = probe.call(Trigger, "/reconstruction/tare")
-    assert not answer.success and "nobody publishes /voltage_frame" in answer.message
+    assert not answer.success and reason in answer.message
+    Source(probe).send()
+    probe.until(lambda: f"over: no frames: {reason}" in reconstruction.output, "end of it")
+    lines = [line for line in reconstruction.output.splitlines() if reason in line]
+    assert "[ERROR]" in lines[0] and "[INFO]" in lines[-1]
 
 
 def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monkeypatch):
@@ -168,7 +171,8 @@ def test_most_frames_refused_is_an_error_although_there_are_images(probe, start)
     ros_checks.check_diagnostics(
         probe, STATUS, DiagnosticStatus.ERROR, "% of the frames are refused: its layout"
     )
-    assert "% of the frames are refused" in reconstruction.output
+    told = [line for line in reconstruction.output.splitlines() if "frames are refused:" in line]
+    assert told and "[ERROR]" in told[-1]
 
 
 def test_two_publishers_and_old_frames_are_told(probe, start):

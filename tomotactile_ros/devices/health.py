@@ -106,8 +106,9 @@ class Health:
             self._frames = 0
             self._callback_errors = 0
             self._age = 0.0
-            # frames delivered, lost, above the drive voltage, without a reading, all the same
-            self._recent = Recent(5)
+            # frames delivered, lost, above the drive voltage, without a reading, all the same,
+            # not taken by who should have them
+            self._recent = Recent(6)
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
@@ -129,7 +130,7 @@ class Health:
         above = highest > self.ABOVE * drive_voltage
         flat = span < self.FLAT * drive_voltage and highest > self.PRESSED * drive_voltage
         with self._lock:
-            self._recent.add(1, 0, above, np.isnan(span), flat)
+            self._recent.add(1, 0, above, np.isnan(span), flat, 0)
             if above or flat:
                 self._highest = highest
 
@@ -137,12 +138,12 @@ class Health:
         """Note frames that did not arrive, or not whole."""
         if number:
             with self._lock:
-                self._recent.add(0, number, 0, 0, 0)
+                self._recent.add(0, number, 0, 0, 0, 0)
 
     def troubles(self, wanted: float = 0.0) -> list[Trouble]:
         """What is wrong with the frames of the last 10 s; `wanted` frames/s, 0 for any."""
         with self._lock:
-            delivered, lost, above, empty, flat = self._recent.sums()
+            delivered, lost, above, empty, flat, failed = self._recent.sums()
         found = []
         seen, span = self._rate()
         if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
@@ -166,6 +167,11 @@ class Health:
                 "or no electrode is grounded"
             )
             found.append(Trouble("all the same", True, text))
+        if failed:
+            text = (
+                f"frames or rows are not handed on, {failed:.0f} within 10 s: {self.callback_error}"
+            )
+            found.append(Trouble("receiver", failed > self.OFTEN * delivered, text))
         return found
 
     def frame_too_old(self, age: float) -> None:
@@ -194,6 +200,7 @@ class Health:
         """Note that the receiver of a frame raised an exception; the last one is kept."""
         with self._lock:
             self._callback_errors += 1
+            self._recent.add(0, 0, 0, 0, 0, 1)
             self.callback_error = " ".join(message.split())
 
     def counters(self) -> dict[str, float]:

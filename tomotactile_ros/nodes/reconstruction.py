@@ -34,6 +34,7 @@ from tomotactile_ros.nodes.row_contacts import Rows
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
+from tomotactile_ros.nodes.telling import Teller
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.settings import doubt_of_noise
@@ -65,7 +66,8 @@ class Reconstruction:
         self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None
         self._active = False
-        self._said: set[tuple[str, bool]] = set()
+        self._teller = Teller(self._log)
+        self._complaint = ""  # why there were no frames when it was last asked
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
         self._noise = np.nan  # V rms of a reading, as the last frame showed it
@@ -177,8 +179,12 @@ class Reconstruction:
         if complaint and self._lock.locked():  # a thread of its own makes the images
             complaint = "an image takes seconds: profile or resolution are too much here"
         if complaint:
-            self._log.warning(complaint, throttle_duration_sec=_EVERY)
+            self._complaint = complaint
+            self._log.error(complaint, throttle_duration_sec=_EVERY)
             return Report(diagnostics.ERROR, complaint, figures)
+        if self._complaint:
+            self._log.info(f"over: {self._complaint}")
+            self._complaint = ""
         troubles = [
             *self._watch.troubles(self.parameters["max_age"]),
             *self._rows.troubles(),
@@ -196,11 +202,7 @@ class Reconstruction:
         if self._bare:
             text = f"frames name their layout without its hash, it should be {self._layout.id}"
             troubles.append(Trouble("bare layout", False, text))
-        begun = {(trouble.name, trouble.serious) for trouble in troubles}
-        for trouble in troubles:
-            if (trouble.name, trouble.serious) not in self._said:
-                self._log.warning(trouble.text)
-        self._said = begun
+        self._teller.tell(troubles)
         level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
         message = "; ".join(trouble.text for trouble in troubles) or "images are made"
         return Report(level, message, figures)
