@@ -12,7 +12,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, TimerAction
+from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction, TimerAction
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch.logging import get_logger
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
@@ -253,6 +255,9 @@ def make_node(name: str, given: dict[str, str]) -> Node:
         namespace=given["namespace"],
         parameters=[*files, {key: typed(key, given[key]) for key in keys}],
         output="screen",
+        # launch keeps the command for that: a new action would not be in the group of this one
+        respawn=True,
+        respawn_delay=AGAIN,
         sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=STOPPED),
         on_exit=lambda event, context: after(name, given, event, context),
     )
@@ -266,15 +271,16 @@ def typed(key: str, text: str) -> bool | float | ParameterValue:
 
 
 def after(name: str, given: dict[str, str], event, context: LaunchContext) -> list:
-    """What follows the end of a node."""
-    if context.is_shutdown:
+    """What follows the end of a node, beside its next start: none where it refused its parameters."""
+    if context.is_shutdown or event.returncode != REFUSED:
         return []
-    if event.returncode != REFUSED:
-        return [TimerAction(period=AGAIN, actions=[make_node(name, given)])]
     complaint = f"{name} refused its parameters, see its last line"
     if given["on_refusal"] == "stop":
         raise RuntimeError(complaint)
-    return [LogInfo(msg=f"{complaint}; it is not started again (on_refusal:=ignore)")]
+    return [
+        EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action))),
+        LogInfo(msg=f"{complaint}; it is not started again (on_refusal:=ignore)"),
+    ]
 
 
 def make_rviz(given: dict[str, str]) -> Node:

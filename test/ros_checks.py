@@ -261,6 +261,16 @@ def check_diagnostics(probe: Probe, status: str, level: bytes, text: str) -> Non
     probe.wait_for(DiagnosticArray, "/diagnostics", suits)
 
 
+def has_logged(probe: Probe, process: Process, level: str, text: str) -> None:
+    """A program's log has a line of this level (INFO, WARN, ERROR) with a text, soon at least."""
+
+    def there() -> bool:
+        lines = process.output.splitlines()
+        return any(f"[{level}]" in line and text in line for line in lines)
+
+    probe.until(there, f"line of level {level} with {text!r} in the log")
+
+
 def figures_of(probe: Probe, status: str) -> dict[str, str]:
     """The figures of a status of this name."""
     from diagnostic_msgs.msg import DiagnosticArray

@@ -82,6 +82,12 @@ def test_a_place_that_takes_no_file_is_refused_and_left_alone(place, reason):
     assert Path("/dev/null").is_char_device()
 
 
+@pytest.mark.parametrize("nothing", ["", ".", "/"])
+def test_a_name_without_a_file_is_one_line(nothing):
+    with pytest.raises(InputError, match="is no file to write; it has to end in .npz"):
+        files.check_out(nothing, ".npz")
+
+
 @pytest.mark.parametrize("read", [read_mapping, load_arrays, lambda path: next(read_frames(path))])
 @pytest.mark.parametrize("suffix", [".npz", ".db3"])
 def test_what_would_never_end_is_not_read(tmp_path, read, suffix):

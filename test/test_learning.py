@@ -290,6 +290,27 @@ def test_what_is_known_fades_but_never_below_nothing():
     assert np.linalg.eigvalsh(later.covariance / np.outer(later.deviation, later.deviation))[0] > 0
 
 
+def test_what_is_told_of_some_numbers_moves_the_others_as_bayes_would():
+    """Gains from reciprocity replaced a block of a covariance: with what an earlier session had
+    learned, that was none any more, and `learn --sensor` ended in a traceback."""
+    state = SensorState.unknown(operator(), WIDE)
+    random = np.random.default_rng(1)
+    number = len(state.mean)
+    mixed = np.eye(number) + 0.3 * random.standard_normal((number, number))
+    scale = state.deviation
+    covariance = mixed @ mixed.T * scale[:, None] * scale
+    before = state.learned(state.mean + state.deviation, covariance)
+    where = random.permutation(number)[:5]
+    noise = 0.01 * covariance[np.ix_(where, where)]
+    gain = np.linalg.solve(covariance[np.ix_(where, where)] + noise, covariance[where]).T
+    seen = before.mean[where] + random.standard_normal(5) * before.deviation[where]
+    mean = before.mean + gain @ (seen - before.mean[where])
+    after = covariance - gain @ covariance[where]
+    told = before.told(where, mean[where], after[np.ix_(where, where)])
+    assert np.abs((told.mean - mean) / scale).max() < 1e-6
+    assert np.abs((told.covariance - after) / scale[:, None] / scale).max() < 1e-6
+
+
 def test_sensor_file_keeps_all_of_it(tmp_path):
     state, path = learned().state, tmp_path / "sensor.yaml"
     save_sensor(path, layout(), operator(), state)
@@ -365,6 +386,8 @@ def test_learn_then_reconstruct(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "gains:" in out and "not determined:" in out
     assert (tmp_path / "sensor.png").read_bytes().startswith(b"\x89PNG")
+    more = ["--layout", "layout.yaml", "--sensor", "sensor.yaml", "--touches", "3"]
+    assert main(["learn", "frames.npz", *more, "--out", "more.yaml"]) == 0
     arguments = ["--layout", "layout.yaml", "--profile", "balanced", "--out", "result.npz"]
     assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "sensor.yaml"]) == 0
     assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "layout.yaml"]) == 2

@@ -168,6 +168,20 @@ def test_a_tear_is_named_at_its_place():
     assert np.hypot(x + 15, max(abs(y) - 10, 0)) < 20  # half a spacing
 
 
+def test_wires_that_are_swapped_are_named_and_nothing_is_learned_from_them():
+    sensor = damaged()
+    scene = replace(sensor.scene, defects=replace(sensor.scene.defects, swapped=((5, 10),)))
+    learner = judged(Simulator(layout(), scene, row_period=0.0), 4)
+    (found,) = learner.health.findings
+    assert found.name == "swapped 5 10" and "5 and 10" in found.text
+    assert found.sure > 10 and found.since < 1
+    assert learner.state.frames == states()[-1].frames
+    for number, time in enumerate(np.arange(4.6, 7, 0.1)):  # and are put right again
+        if time % 1 > 0.55 and learner.offer(sensor.frame(time, number), GROUNDED, DRIVE, time):
+            learner.work()
+    assert learner.health.findings == []
+
+
 def test_a_sheet_that_dries_is_told_by_all_resistances_together():
     """They are known in parts of the sheet's resistance; one wire alone is not taken for it."""
     state = states()[-1]

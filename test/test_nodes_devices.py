@@ -37,7 +37,7 @@ def test_a_curved_sheet_on_a_line_or_recorded(
 
 
 def test_a_line_that_is_pulled_out_is_said_and_found_again(probe, start, domain, scene, tmp_path):
-    start("driver", ros_checks.arguments_of("serial", tmp_path, "equal-8x8", scene))
+    driver = start("driver", ros_checks.arguments_of("serial", tmp_path, "equal-8x8", scene))
     start("reconstruction")
     for _ in range(2):
         emulator = ros_checks.plug_in(tmp_path, "equal-8x8", scene, domain)
@@ -49,3 +49,4 @@ def test_a_line_that_is_pulled_out_is_said_and_found_again(probe, start, domain,
             probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "nothing arrives"
         )
         ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.ERROR, "port")
+        ros_checks.has_logged(probe, driver, "ERROR", "disconnected: port")

@@ -146,6 +146,20 @@ def test_every_parameter_is_described(probe, tactile):
         described = probe.call(DescribeParameters, f"/{node}/describe_parameters", request)
         assert len(own) >= 10
         assert all(d.description for d in described.descriptors)
+        given = probe.call(
+            GetParameters, f"/{node}/get_parameters", GetParameters.Request(names=own)
+        )
+        of_type = {
+            ParameterType.PARAMETER_INTEGER: "integer_range",
+            ParameterType.PARAMETER_DOUBLE: "floating_point_range",
+            ParameterType.PARAMETER_INTEGER_ARRAY: "additional_constraints",
+        }
+        limits = [
+            (d.name, of_type[value.type])
+            for d, value in zip(described.descriptors, given.values, strict=True)
+            if value.type in of_type and not getattr(d, of_type[value.type])
+        ]
+        assert limits == []
         read_only = {d.name for d in described.descriptors if d.read_only}
         assert read_only - {"tare_file", "sensor", "learn"} == {
             "layout", "frame_id", "hardware_id", "allow_path_changes"

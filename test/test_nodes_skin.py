@@ -98,6 +98,7 @@ def test_contacts_of_two_sensors_become_one_list_in_the_robots_frame(probe, star
     ros_checks.check_diagnostics(
         probe, "skin: sensors", DiagnosticStatus.ERROR, "right: no contacts for"
     )
+    ros_checks.has_logged(probe, skin, "ERROR", "right: no contacts for")
     ends_cleanly(skin)
 
 

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tomotactile_ros.estimation.ground import no_ground_is_seen
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.frame_checks import rows_of
 from tomotactile_ros.reconstruction.profiles import choose
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
@@ -383,3 +385,51 @@ def test_readings_that_contradict_each_other_give_finite_images(profile):
             voltages = random.uniform(0.0, DRIVE, (9, 9))
             voltages[random.random((9, 9)) < 0.3] = np.nan
             assert all_finite(pipeline.process(voltages, np.arange(9), DRIVE))
+
+
+def unseen_ground():
+    """(name, readings of a 4 x 4 sensor, V) of frames in which no electrode is grounded."""
+    random = np.random.default_rng(3)
+    noise = 1e-3 * random.standard_normal((16, 16))
+    for level in (0.02, 0.1, 0.3, 0.5, 0.8, 0.95, 1.0):
+        yield f"all {level}", np.full((16, 16), level * DRIVE)
+        yield f"all {level}, with noise", level * DRIVE + noise
+    yield "a level for each channel", random.uniform(0.0, DRIVE, 16) + noise
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_readings_that_show_no_grounded_electrode_are_withheld(profile):
+    """A converter at its limit was a contact of 62 N, one that stood still one of up to 250 N."""
+    pipeline = Pipeline(load_layout("equal-4x4"), Settings(profile))
+    for name, voltages in unseen_ground():
+        result = pipeline.process(voltages, GROUNDED[:16], DRIVE)
+        assert result.state == "withheld" and not result.contacts, name
+        assert "do not depend on which electrode is grounded" in result.reason
+
+
+def test_rows_that_show_no_grounded_electrode_are_withheld():
+    """Rows of a converter that stood still were contacts of 0.2 to 130 N, from the first row on."""
+    pipeline = Pipeline(load_layout("equal-4x4"), Settings("fast"))
+    random = np.random.default_rng(7)
+    for name, voltages in unseen_ground():
+        rows, said = pipeline.rows(), []
+        frames = [*(1e-3 * random.standard_normal((2, 16, 16))), voltages, voltages]
+        for i, row in enumerate(np.concatenate(frames)):
+            result = pipeline.process_row(row, i % 16, DRIVE, 1e-3 * i, rows)
+            said.append((result.state, len(result.contacts)))
+        assert said[31] == ("valid", 0)
+        at_once = "each channel" not in name
+        assert set(said[32 if at_once else 47 :]) == {("withheld", 0)}, name
+
+
+@pytest.mark.parametrize(
+    "side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e3), (8, 1e4), (8, 1e5), (8, 1e6)]
+)
+def test_a_contact_on_the_whole_sheet_shows_what_is_grounded(side, pressure):
+    """The widest contact changes least from row to row, and is not taken for broken electronics."""
+    pressed = Contact("rectangle", center=(0.0, 0.0), size=(0.2, 0.2), pressure=pressure)
+    sheet = equal_grid(side, side, (0.2, 0.2), 0.0025, 1e4)
+    scene = Scene("palm", DRIVE, [pressed], ContactLaw(1e-6, 1.0), Noise(1e-3))
+    rows = rows_of(sheet, Simulator(sheet, scene, h=0.01).frame(0.0), GROUNDED[: side**2])
+    assert np.nanmean(rows) > 0.03 * DRIVE
+    assert not no_ground_is_seen(rows, DRIVE, 1e-3)

@@ -13,6 +13,8 @@ sys.path[:0] = [str(folder) for folder in Path(__file__).resolve().parents[:2]]
 import launch_testing.actions
 import launch_testing.asserts
 import ros_checks
+from launch.actions import GroupAction
+from launch_ros.actions import PushRosNamespace
 from launch_support import include, reserve_domain
 from ros_support import Probe, processes_of
 
@@ -25,11 +27,10 @@ import launch
 def generate_test_description(kind):
     domain = reserve_domain()
     scene = ros_checks.write_scene(Path(tempfile.mkdtemp()))
-    arguments = {"scene": scene, "namespace": "skin", "frame_id": "skin_frame", **kind}
-    actions = [
-        *include("tactile.launch.py", domain, arguments),
-        launch_testing.actions.ReadyToTest(),
-    ]
+    arguments = {"scene": scene, "frame_id": "skin_frame", **kind}
+    # as files of robots do: what is started again has to be in the group, too
+    group = [PushRosNamespace("skin"), *include("tactile.launch.py", domain, arguments)]
+    actions = [GroupAction(group), launch_testing.actions.ReadyToTest()]
     programs = ["tactile"] if "composed" in kind else ["driver", "reconstruction"]
     return launch.LaunchDescription(actions), {"domain": domain, "programs": programs}
 

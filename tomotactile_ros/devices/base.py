@@ -99,8 +99,6 @@ class Status:
         Electrodes that look dead (rule: `tomotactile_ros.devices.health.DeadChannels`).
     troubles : tuple of Trouble
         What is wrong with frames that arrive all the same; the message tells it, too.
-    reason : str
-        The message without the troubles: of the state alone.
     """
 
     state: str
@@ -108,7 +106,6 @@ class Status:
     counters: dict[str, float] = field(default_factory=dict)
     dead: tuple[int, ...] = ()
     troubles: tuple[Trouble, ...] = ()
-    reason: str = ""
 
 
 class Device(Protocol):
@@ -211,9 +208,8 @@ class ThreadedDevice:
             state, message = "late", f"{self.health.stale_note(self.max_age)}; {message}"
         counters = {"rate_wanted": self._rate, **self.health.counters(), **self._counters()}
         troubles = self._troubles() if state in ("streaming", "late") else []
-        whole = "; ".join([message, *(trouble.text for trouble in troubles)])
-        dead = self.health.dead_channels.dead
-        return Status(state, whole, counters, dead, tuple(troubles), message)
+        message = "; ".join([message, *(trouble.text for trouble in troubles)])
+        return Status(state, message, counters, self.health.dead_channels.dead, tuple(troubles))
 
     def set_rate(self, rate: float) -> None:
         """Ask for `rate` frames per second."""

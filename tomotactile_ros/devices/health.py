@@ -56,11 +56,15 @@ class DeadChannels:
 
 @dataclass(frozen=True)
 class Trouble:
-    """Something wrong with frames that arrive all the same; `name` stays while it lasts."""
+    """Something wrong with frames that arrive all the same.
+
+    `name` stays while it lasts; `which` changes where it is worth another line in a log.
+    """
 
     name: str
     serious: bool
     text: str
+    which: str = ""
 
 
 class Recent:
@@ -107,7 +111,7 @@ class Health:
             self._callback_errors = 0
             self._age = 0.0
             # frames delivered, lost, above the drive voltage, without a reading, all the same,
-            # not taken by who should have them
+            # refused by their receiver
             self._recent = Recent(6)
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
@@ -143,7 +147,7 @@ class Health:
     def troubles(self, wanted: float = 0.0) -> list[Trouble]:
         """What is wrong with the frames of the last 10 s; `wanted` frames/s, 0 for any."""
         with self._lock:
-            delivered, lost, above, empty, flat, failed = self._recent.sums()
+            delivered, lost, above, empty, flat, refused = self._recent.sums()
         found = []
         seen, span = self._rate()
         if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
@@ -167,11 +171,9 @@ class Health:
                 "or no electrode is grounded"
             )
             found.append(Trouble("all the same", True, text))
-        if failed:
-            text = (
-                f"frames or rows are not handed on, {failed:.0f} within 10 s: {self.callback_error}"
-            )
-            found.append(Trouble("receiver", failed > self.OFTEN * delivered, text))
+        if refused:
+            text = f"{refused:.0f} frames could not be handed over: {self.callback_error}"
+            found.append(Trouble("receiver", refused > self.OFTEN * delivered, text))
         return found
 
     def frame_too_old(self, age: float) -> None:

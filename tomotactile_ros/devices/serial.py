@@ -169,7 +169,7 @@ class SerialDevice(ThreadedDevice):
         """As of every device; also a refused wish, a fault of the device, a wrong rate."""
         found = super()._troubles() + self._doubts.troubles()
         if self._note:
-            found.append(Trouble("device", self._faulty, self._note))
+            found.append(Trouble("device", self._faulty, self._note, which=self._note))
         if self._scan_note:
             found.append(Trouble("scan", False, self._scan_note))
         if isinstance(self._world, Capture) and self._world.trouble:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.ground import NO_GROUND, no_ground_is_seen
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -185,6 +186,10 @@ class Estimator:
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
+    def offsets(self, used: tuple[int, ...]) -> np.ndarray | float:
+        """(n,) V that channels read where nothing drives them, as far as that was learned."""
+        return 0.0 if self.sensor is None else self.sensor["offset"][list(used)]
+
     def estimate(
         self, voltages, grounded, drive_voltage: float, state: State, row_period: float = 0.0
     ) -> Estimate:
@@ -235,6 +240,10 @@ class Estimator:
             return Estimate(
                 [], [], "withheld", "fewer than two electrodes can be read", left_out
             ), None
+        driven = np.where(valid, voltages, np.nan)[:, list(used)] - self.offsets(used)
+        if no_ground_is_seen(driven, drive_voltage, noise):
+            state.forget()
+            return Estimate([], [], "withheld", NO_GROUND, left_out), None
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
         prior = self._prior(search.operator, drive_voltage, noise)

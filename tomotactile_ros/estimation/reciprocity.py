@@ -86,6 +86,8 @@ def fit_gains(
         terms, cost = at(now, scale)
         for _ in range(steps):
             total = np.diag(deviation**-2.0) + sum(t.normal for t in terms)
+            if not np.isfinite(total).all():
+                raise np.linalg.LinAlgError("no gains explain the readings")
             factor = cho_factor(total)
             change = cho_solve(factor, (mean - now) / deviation**2 + sum(t.right for t in terms))
             follow = np.array([t.follow(change) for t in terms])

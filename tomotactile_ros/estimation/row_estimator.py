@@ -29,6 +29,7 @@ from tomotactile_ros.estimation.estimator import (
 )
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
+from tomotactile_ros.estimation.ground import NO_GROUND, GroundWatch
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
 from tomotactile_ros.estimation.search import CLOSE, FILLED
@@ -54,6 +55,7 @@ class RowsState:
     confirmed : s, time of the last frame that was valid; looked : of the last one that was told
     doubted : frames since that nothing explained; passed : whether the last one was left out, as
         something began or ended in it
+    ground : whether the last rows show that an electrode is grounded
     noise : of readings, V rms, as frames have shown it; 0 before
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
@@ -77,6 +79,7 @@ class RowsState:
     doubt: str = ""
     means: dict = field(default_factory=dict)
     left_out: dict = field(default_factory=dict)
+    ground: GroundWatch = field(default_factory=GroundWatch)
     past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
@@ -172,6 +175,12 @@ class RowEstimator:
         seen = state.told()
         if seen is not None:
             self._take(seen, state)
+        driven = voltages[list(state.used)] - self.estimator.offsets(state.used)
+        noise = max(self.estimator.noise, state.noise)
+        state.ground.take(driven, drive_voltage, noise)
+        if state.ground.unseen:  # it tells nothing, and a search for what it says would be long
+            state.read, state.grounded, state.times = [], [], []
+            return
         follower = self._follower(state.used, drive_voltage)
         at = int(follower.operator.position[grounded])
         valid = np.isfinite(voltages)[follower.operator.used]
@@ -271,6 +280,8 @@ class RowEstimator:
     def report(self, state: RowsState) -> Followed:
         """Contacts at the time of the last row."""
         rows = state.rows
+        if state.ground.unseen:
+            return Followed([], "withheld", NO_GROUND)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
         if self._frames and rows.touched_at_once and rows.read < YOUNG:

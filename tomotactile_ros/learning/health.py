@@ -1,4 +1,5 @@
-"""Damage, from what was learned: wires and electrodes, gains that walk, tears of the sheet.
+"""Damage, from what was learned: wires and electrodes, gains that walk, tears of the sheet, wires that
+are swapped.
 
 A finding is a number of the learned state that is off by far more than its deviation and by more
 than use makes of it. Resistances are compared with those of the other electrodes, gains and the
@@ -58,7 +59,26 @@ class Health:
         self._reference: SensorState | None = None
         self._seen: dict[str, list] = {}  # name: text, since, deviations, times, times without
         self._misfits: deque[float] = deque(maxlen=_LAST)
-        self.findings: list[Finding] = []
+        self._learned: list[Finding] = []
+        self._exchanged: Finding | None = None
+
+    @property
+    def findings(self) -> list[Finding]:
+        """All that is broken, as far as is known."""
+        return [*self._learned, *([self._exchanged] if self._exchanged else ())]
+
+    def exchanged(
+        self, pair: tuple[int, int] | None, since: float = 0.0, sure: float = 0.0
+    ) -> None:
+        """Touches in turn show since `since`, s, that the wires of a `pair` of electrodes are
+        exchanged, by `sure` standard deviations; None: touches are explained as they are."""
+        if pair is None:
+            self._exchanged = None
+            return
+        name, before = f"swapped {pair[0]} {pair[1]}", self._exchanged
+        begun = before.since if before is not None and before.name == name else since
+        text = f"the wires of electrodes {pair[0]} and {pair[1]} are swapped"
+        self._exchanged = Finding(name, text, begun, sure)
 
     def update(
         self, state: SensorState, since: float | None = None, misfits: tuple[float, ...] = ()
@@ -81,7 +101,7 @@ class Health:
             self._seen[name][4] += 1
             if self._seen[name][4] >= _TIMES or self._seen[name][3] < _TIMES:
                 del self._seen[name]
-        self.findings = [
+        self._learned = [
             Finding(name, text, begun, sure)
             for name, (text, begun, sure, times, _) in sorted(self._seen.items())
             if times >= _TIMES

@@ -9,6 +9,7 @@ extended Kalman filter in information form; Bell and Cathey 1993) and added with
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -30,6 +31,8 @@ _FAR = (
     4.0  # a whole deviation for each number of a sensor, which one frame tells little of, is much
 )
 _AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of chi-squared, each
+_SUSPECTS = 5  # electrodes that leave most over: two of them may be exchanged
+_SWAPPED = 0.25  # of chi-squared is left at most if they are
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
 
 
@@ -85,6 +88,34 @@ class Learner:
             return one
         found = self.search.contacts(rows, prior)
         return found if one is None or found.chi_squared < one.chi_squared / 2 else one
+
+    def exchanged(self, fit: Fit) -> tuple[tuple[int, int], Fit] | None:
+        """Two electrodes whose wires are exchanged, if that explains far more than `fit`, and the
+        fit then.
+
+        Reciprocity holds for exchanged wires, too; what contradicts is the sheet. Gains and offsets
+        are the channels', and stay with them.
+        """
+        rows, prior = fit.rows.corrected(fit.prior), self.prior()
+        prior = replace(prior, gain=np.ones(rows.readings.shape[1]), offset=0 * prior.offset)
+        left = rows.weights * fit.misfit**2
+        by_electrode = left.sum(axis=0)
+        np.add.at(by_electrode, rows.grounded, left.sum(axis=1))
+        suspects = np.argsort(by_electrode)[-_SUSPECTS:]
+        tried = []
+        for pair in combinations(sorted(suspects.tolist()), 2):
+            one = self._single(_with_exchanged(rows, pair), prior)
+            if one is not None:
+                tried.append((one.cost, pair, one))
+        if not tried:
+            return None
+        _, pair, found = min(tried, key=lambda each: each[0])
+        if found.chi_squared > DOUBTFUL * rows.count:  # more than one contact, maybe
+            found = self.search.contacts(_with_exchanged(rows, pair), prior)
+        if found.chi_squared > min(DOUBTFUL * rows.count, _SWAPPED * fit.chi_squared):
+            return None
+        first, second = self.operator.used[list(pair)].tolist()
+        return (first, second), found
 
     def settle(self, unknowns: Unknowns, rows: Rows) -> Fit:
         """Contacts fitted anew from `unknowns` with the sensor held where it is known to be."""
@@ -212,6 +243,18 @@ def surprise(fit: Fit) -> float:
     apart = fit.prior.apart(fit.unknowns)
     way = float(apart @ fit.prior.pull(apart)) / len(apart)
     return max(fit.chi_squared / max(fit.rows.count, 1), _FAR * way)
+
+
+def _with_exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:
+    """The same with two electrodes in the place of each other."""
+    order = np.arange(rows.readings.shape[1])
+    order[list(pair)] = order[list(pair)[::-1]]
+    return replace(
+        rows,
+        readings=rows.readings[:, order],
+        weights=rows.weights[:, order],
+        grounded=order[rows.grounded],
+    )
 
 
 def _inverse(matrix):

@@ -233,6 +233,7 @@ class LiveLearner:
             return
         self.unexplained += len(self._odd)
         self._odd = []
+        self.health.exchanged(None)
         if learner.learn(fit, frame.time):
             misfit = fit.chi_squared / fit.rows.count
             self._adopt(learner.state.at(frame.time), misfits=(misfit,))
@@ -242,6 +243,9 @@ class LiveLearner:
         odd, before = [list(each) for each in zip(*self._odd)]
         self._odd = []
         rows = [self._rows(learner, frame) for frame in odd]
+        if self._is_exchanged(learner, rows, odd[0].time):
+            self.unexplained += len(odd)
+            return
         known = learner.state
         learner.set(known.widened())
         for each, frame in zip(rows, odd):
@@ -254,6 +258,23 @@ class LiveLearner:
             return
         misfits = tuple(now.chi_squared / now.rows.count for now in after)
         self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
+
+    def _is_exchanged(self, learner, rows, since: float) -> bool:
+        """Whether most of some frames are explained if the same two wires are swapped; the health is
+        told."""
+        found = {}
+        for each in rows:
+            fit = learner.look(each)
+            swapped = learner.exchanged(fit)
+            if swapped is not None:
+                pair, then = swapped
+                gained = (fit.chi_squared - then.chi_squared) / then.doubt
+                found.setdefault(pair, []).append(float(np.sqrt(max(gained, 0.0))))
+        for pair, sure in found.items():
+            if len(sure) > len(rows) / 2:
+                self.health.exchanged(pair, since, min(sure))
+                return True
+        return False
 
     def _rows(self, learner, frame):
         voltages, rows = frame.voltages[frame.rows], frame.rows

@@ -194,19 +194,22 @@ def _steady(learner, frames, ends, grounded, chosen, drive, noise):
 
 def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Gains | None:
     """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
-    read."""
+    read or no gains explain them."""
     used, state = learner.operator.used, learner.state
     matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
     if both.sum() < 4 * both[:, np.eye(len(used), dtype=bool)].size:
         return None
-    return fit_gains(
-        matrices,
-        drive,
-        noise,
-        (state["gain"][used], state.std("gain")[used]),
-        (state["offset"][used], state.std("offset")[used]),
-    )
+    try:
+        return fit_gains(
+            matrices,
+            drive,
+            noise,
+            (state["gain"][used], state.std("gain")[used]),
+            (state["offset"][used], state.std("offset")[used]),
+        )
+    except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
+        return None
 
 
 def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
@@ -216,10 +219,8 @@ def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
     if found is None:
         return
     where = np.concatenate([state.slice("gain").start + used, state.slice("offset").start + used])
-    mean, covariance = state.mean.copy(), state.covariance.copy()
-    mean[where] = np.concatenate([found.gain, found.offset])
-    covariance[np.ix_(where, where)] = found.covariance
-    learner.set(state.learned(mean, covariance))
+    told = np.concatenate([found.gain, found.offset])
+    learner.set(state.told(where, told, found.covariance))
 
 
 def _one_by_one(learner, rows, watch, course):

@@ -198,3 +198,18 @@ class SensorState:
     def learned(self, mean: np.ndarray, covariance: np.ndarray) -> SensorState:
         """The same with another distribution."""
         return replace(self, mean=mean, covariance=(covariance + covariance.T) / 2)
+
+    def told(self, where: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> SensorState:
+        """The same where the parameters at `where` (n,) have another `mean` (n,) and `covariance`
+        (n, n): what is known of the others for given values of these stays, and they follow."""
+        others = np.setdiff1d(np.arange(len(self.mean)), where)
+        own = self.covariance[np.ix_(where, where)]
+        follow = np.linalg.solve(own, self.covariance[np.ix_(where, others)]).T
+        means, all_of_it = self.mean.copy(), self.covariance.copy()
+        means[others] += follow @ (mean - self.mean[where])
+        means[where] = mean
+        all_of_it[np.ix_(others, others)] += follow @ (covariance - own) @ follow.T
+        all_of_it[np.ix_(others, where)] = follow @ covariance
+        all_of_it[np.ix_(where, others)] = covariance @ follow.T
+        all_of_it[np.ix_(where, where)] = covariance
+        return self.learned(means, all_of_it)

@@ -14,7 +14,6 @@ LEVELS = {
     "identifying": diagnostics.WARN,
     "closed": diagnostics.WARN,
 }
-FLOWING = ("streaming", "late")  # states in which a device says what is wrong with its frames
 _NATURE = {"fake": "SIMULATED data", "replay": "RECORDED data"}
 _STARTING = ("closed", "identifying", "disconnected", "silent")
 RESTART_PATIENCE = 3.0  # s until a restart says whether there is a device

@@ -13,26 +13,18 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.devices import (
-    KINDS,
-    ORDERS,
-    Device,
-    DeviceSettings,
-    Frame,
-    Status,
-    make_device,
-)
+from tomotactile_ros.devices import KINDS, ORDERS, Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conditions import Conditions, log_at
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
-from tomotactile_ros.nodes.data_source import FLOWING, level_of, nature, outcome
+from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
-from tomotactile_ros.nodes.telling import Teller, log_at
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet import MODELS
@@ -124,8 +116,8 @@ class Driver:
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
-        self._said = ""  # the last state
-        self._teller = Teller(self._log)
+        self._said = ""  # the state that the log has told last
+        self._conditions = Conditions(self._log)
         self._simulated: dict[str, SimulatedTime] = {}
         self._temperature_stamp = 0.0
         self._publisher = self._create_publisher(VoltageFrame, "voltage_frame", 2)
@@ -192,7 +184,12 @@ class Driver:
         troubles = (*status.troubles, *own)
         for trouble in troubles:
             level = max(level, diagnostics.level_of(trouble))
-        self._tell(status, kind, troubles)
+        if status.state not in ("closed", self._said):
+            self._said = status.state
+            log_at(self._log, level, f"{status.state}: {message}")
+            self._conditions.have_been_said(troubles)
+        elif status.state != "closed":
+            self._conditions.say(troubles)
         figures = diagnostics.in_milliseconds(status.counters)
         return Report(
             level,
@@ -205,23 +202,12 @@ class Driver:
         if dead:
             electrodes = ", ".join(map(str, dead))
             text = f"electrodes that look dead: {electrodes}"
-            found.append(Trouble(f"dead {electrodes}", False, text))
+            found.append(Trouble("dead", False, text, which=electrodes))
         others = self._node.count_publishers(self._publisher.topic_name) - 1
         if others > 0:
             text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
             found.append(Trouble("publishers", True, text))
         return found
-
-    def _tell(self, status: Status, kind: str, troubles: tuple[Trouble, ...]) -> None:
-        """Log a new state, and what of the troubles is new; each at its own level."""
-        if status.state == "closed":
-            return
-        if status.state != self._said:
-            self._said = status.state
-            words = "; ".join([*([kind] if kind else []), status.reason])
-            log_at(self._log, level_of(status), f"{status.state}: {words}")
-        # where no frames come, nobody knows whether what was wrong with them is over
-        self._teller.tell(troubles, none_over=status.state not in FLOWING)
 
     def _make_device(self, values: dict[str, Any]) -> Device:
         fake = values["device"] == "fake"

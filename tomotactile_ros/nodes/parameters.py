@@ -75,7 +75,9 @@ class Spec:
             descriptor.additional_constraints = "one of " + ", ".join(self.choices)
         if self.path:
             descriptor.additional_constraints = "fixed at the start without allow_path_changes"
-        if self.low is not None and isinstance(self.default, float):
+        if self.low is not None and isinstance(self.default, tuple):
+            descriptor.additional_constraints = f"each from {self.low:g} to {self.high:g}"
+        elif self.low is not None and isinstance(self.default, float):
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(self.low), to_value=float(self.high))
             ]

@@ -18,6 +18,7 @@ from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.layout_ids import is_bare, matches
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
@@ -34,7 +35,6 @@ from tomotactile_ros.nodes.row_contacts import Rows
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
-from tomotactile_ros.nodes.telling import Teller
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.settings import doubt_of_noise
@@ -66,8 +66,8 @@ class Reconstruction:
         self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None
         self._active = False
-        self._teller = Teller(self._log)
-        self._complaint = ""  # why there were no frames when it was last asked
+        self._complaint, self._complained = "", 0.0  # why no images, as the log has it, and when
+        self._conditions = Conditions(self._log)
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
         self._noise = np.nan  # V rms of a reading, as the last frame showed it
@@ -179,12 +179,11 @@ class Reconstruction:
         if complaint and self._lock.locked():  # a thread of its own makes the images
             complaint = "an image takes seconds: profile or resolution are too much here"
         if complaint:
-            self._complaint = complaint
-            self._log.error(complaint, throttle_duration_sec=_EVERY)
+            self._complain(complaint)
             return Report(diagnostics.ERROR, complaint, figures)
         if self._complaint:
-            self._log.info(f"over: {self._complaint}")
             self._complaint = ""
+            self._log.info("images are made again")
         troubles = [
             *self._watch.troubles(self.parameters["max_age"]),
             *self._rows.troubles(),
@@ -194,7 +193,7 @@ class Reconstruction:
         if self._excluded:
             electrodes = ", ".join(map(str, self._excluded))
             text = f"electrodes left out: {electrodes}"
-            troubles.append(Trouble(f"excluded {electrodes}", False, text))
+            troubles.append(Trouble("excluded", False, text, which=electrodes))
         if self._withheld:
             troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
         if text := doubt_of_noise(self._noise, pipeline.settings.noise):
@@ -202,10 +201,17 @@ class Reconstruction:
         if self._bare:
             text = f"frames name their layout without its hash, it should be {self._layout.id}"
             troubles.append(Trouble("bare layout", False, text))
-        self._teller.tell(troubles)
+        self._conditions.say(troubles)
         level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
         message = "; ".join(trouble.text for trouble in troubles) or "images are made"
         return Report(level, message, figures)
+
+    def _complain(self, complaint: str) -> None:
+        """Log why there are no images: when that is so, and every some seconds."""
+        now = time.monotonic()
+        if complaint != self._complaint or now - self._complained > _EVERY:
+            self._complaint, self._complained = complaint, now
+            self._log.error(complaint)
 
     def _look(self) -> None:
         if self._active:

@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
+from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
@@ -24,7 +25,6 @@ from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
-from tomotactile_ros.nodes.telling import Teller
 from tomotactile_ros.skin import Skin
 from tomotactile_ros.spatial import Pose, wrench_of
 from tomotactile_ros.support.errors import InputError, printable
@@ -47,8 +47,8 @@ class SkinPart:
 
     def __init__(self, node: Node):
         self._node, self._log = node, node.get_logger()
+        self._conditions = Conditions(self._log)
         self.parameters = Parameters(node, SPECS, self._change)
-        self._teller = Teller(self._log)
         self._skin = Skin((), 1.0)
         self._locate = None
         self._topics: dict[str, str] = {}
@@ -93,7 +93,7 @@ class SkinPart:
         problems = self._skin.problems(time.monotonic())
         figures = {"sensors": len(self._skin.members), "silent": len(problems)}
         problems |= self._mixed()
-        self._teller.tell(Trouble(n, True, f"{n}: {problem}") for n, problem in problems.items())
+        self._conditions.say(Trouble(n, True, f"{n}: {p}") for n, p in problems.items())
         if problems:
             return Report(diagnostics.ERROR, _reason(problems), figures)
         return Report(diagnostics.OK, "all sensors are felt", figures)

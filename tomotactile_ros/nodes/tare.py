@@ -89,7 +89,6 @@ class Taring:
                 raise InputError(f"{self._file}: is of before the machine was started")
         except InputError as error:
             self._lost = f"restarted without its tare: {error}; tare again, or untare"
-            self._log.warning(self._lost)
             return
         pipeline.use_baseline(found.baseline)
         self._tare, self._note = found, "restored"
@@ -105,7 +104,7 @@ class Taring:
     def troubles(self) -> list[Trouble]:
         """What is wrong with the tare."""
         text = self._lost or (self._note if self._note != "restored" else "")
-        return [Trouble("tare", False, text)] if text else []
+        return [Trouble("tare", False, text, which=text)] if text else []
 
     def figures(self) -> dict[str, str]:
         """What zero is."""
@@ -173,7 +172,6 @@ class Taring:
             self._tare.save(self._file)
         except InputError as error:
             self._note = f"the tare would not survive a crash: {error}"
-            self._log.warning(self._note)
 
     def _remove(self) -> None:
         try:

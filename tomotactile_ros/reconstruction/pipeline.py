@@ -11,6 +11,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
+from tomotactile_ros.estimation.ground import NO_GROUND, no_ground_is_seen
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
 from tomotactile_ros.estimation.search import BOUNDED, FULL
@@ -218,7 +219,8 @@ class Pipeline:
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
         self._estimate_of_frame = None
         once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
-        mistake = self._mistake(*once, drive_voltage)
+        mistake = self._no_ground(voltages, grounded, drive_voltage)
+        mistake = mistake or self._mistake(*once, drive_voltage)
         if mistake:
             lasts = row_period * max(len(grounded) - 1, 0)
             result = self._withheld(mistake, self._excluded, {}, math.nan, lasts)
@@ -240,6 +242,15 @@ class Pipeline:
         """Without forces and pressures where no contact law gives them."""
         settings = self.settings
         return result if settings.contact_law is not None else result.without_law(settings.law)
+
+    def _no_ground(self, voltages, grounded, drive_voltage) -> str:
+        """What is wrong where readings do not depend on what is grounded."""
+        chosen = np.asarray(grounded, int)
+        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
+        rows[:, self._excluded] = np.nan
+        if self.sensor is not None:
+            rows -= self.sensor["offset"]
+        return NO_GROUND if no_ground_is_seen(rows, drive_voltage, self.settings.noise) else ""
 
     def _mistake(self, voltages, grounded, drive_voltage) -> str:
         """What was probably done wrong where a frame is not what the layout says, looked for until

@@ -96,6 +96,10 @@ def check_out(path: str | os.PathLike, *endings: str) -> None:
     """Refuse a file whose name ends in another format than it gets, and a place that takes none."""
     if Path(path).suffix.lower() not in endings:
         right = " or ".join(endings)
+        if not Path(path).name:
+            raise InputError(
+                f"{show(os.fspath(path))}: is no file to write; it has to end in {right}"
+            )
         stem = Path(path).name.removesuffix(Path(path).suffix) or "out"
         raise InputError(
             f"{path}: this file is written as {right}; "
