@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import pytest
+
 from tomotactile_ros.estimation.tracks import Tracks
 
 
@@ -10,17 +12,31 @@ class At:
     x: float
     y: float
     velocity: tuple[float, float] = (0.0, 0.0)
+    position_covariance: tuple[float, ...] = (1e-8, 0.0, 0.0, 1e-8)  # 0.1 mm
 
 
 def numbers(tracks, contacts, time):
-    return [number for number, _ in tracks.follow(contacts, time)]
+    return [each.number for each in tracks.follow(contacts, time)]
 
 
 def test_a_resting_contact_keeps_its_number_and_ages():
     tracks = Tracks(0.025)
-    assert tracks.follow([At(0.01, 0.02)], 5.0) == [(1, 0.0)]
-    ((number, age),) = tracks.follow([At(0.0102, 0.0199)], 5.25)
-    assert number == 1 and abs(age - 0.25) < 1e-12
+    assert tracks.follow([At(0.01, 0.02)], 5.0) == [(1, 0.0, (0.0, 0.0))]
+    ((number, age, velocity),) = tracks.follow([At(0.0102, 0.0199)], 5.25)
+    assert number == 1 and abs(age - 0.25) < 1e-12 and velocity == (0.0, 0.0)
+
+
+def test_a_way_between_frames_that_deviations_do_not_allow_is_a_velocity():
+    for covariance, speed in (((1e-8, 0.0, 0.0, 1e-8), 0.1), ((1e-6, 0.0, 0.0, 1e-6), 0.0)):
+        tracks = Tracks(0.025)
+        for k in range(3):
+            at = At(0.0016 * k, 0.0, position_covariance=covariance)
+            ((_, _, velocity),) = tracks.follow([at], 0.016 * k)
+        assert velocity == (pytest.approx(speed), 0.0)
+    tracks = Tracks(0.025)  # rows that tell are believed
+    tracks.follow([At(0.0, 0.0)], 0.0)
+    ((_, _, velocity),) = tracks.follow([At(0.0016, 0.0, (0.12, 0.01))], 0.016)
+    assert velocity == (0.12, 0.01)
 
 
 def test_order_does_not_matter_and_a_newcomer_gets_a_new_number():

@@ -2,28 +2,43 @@
 
 Contacts go to the nearest of those expected from place and velocity, all together as cheaply as
 possible (Kuhn 1955, "The Hungarian method for the assignment problem"), and none farther than a
-finger gets while a frame is read.
+finger gets while a frame is read. One that is elsewhere than in the frame before, by more than both
+deviations allow, moves, also where the rows of a frame alone do not tell it from rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.stats import chi2
 
 REACH = 0.6  # spacings between where a contact is and where it was expected
 _FASTEST = 1.0  # m/s: how much farther it may be the longer it was not seen
+_RESTS = 1e-3  # probability of a way as long between two frames of a contact that rests
+# spacings: standard deviation of a place, along each axis, where none is stated
+_UNSTATED = 0.01
 _LOST = 0.3  # s without a valid frame after which a contact is a new one
 
 
 class Placed(Protocol):
-    """What is told apart: a place, m, and its velocity, m/s."""
+    """What is told apart: a place, m, with its covariance (4,), m², NaN where that is not known, and
+    its velocity, m/s, 0 where it seems to rest."""
 
     x: float
     y: float
+    position_covariance: tuple[float, float, float, float]
+    velocity: tuple[float, float]
+
+
+class Followed(NamedTuple):
+    """Number and age, s, of a contact, and its velocity (2,), m/s."""
+
+    number: int
+    age: float
     velocity: tuple[float, float]
 
 
@@ -33,6 +48,7 @@ class _Track:
     begun: float
     seen: float
     place: np.ndarray
+    covariance: np.ndarray
     velocity: np.ndarray
 
 
@@ -49,8 +65,8 @@ class Tracks:
         self._tracks: list[_Track] = []
         self.last = 0  # the highest number that was given
 
-    def follow(self, contacts: Sequence[Placed], time: float) -> list[tuple[int, float]]:
-        """Number and age, s, of each of `contacts` of a valid frame that holds for `time`, s.
+    def follow(self, contacts: Sequence[Placed], time: float) -> list[Followed]:
+        """What is known of each of `contacts` of a valid frame that holds for `time`, s.
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
@@ -59,14 +75,26 @@ class Tracks:
         tracks, found = [], []
         for contact, track in zip(contacts, chosen):
             place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
+            covariance = self._covariance(contact)
             if track is None:
                 self.last += 1
-                track = _Track(self.last, time, time, place, velocity)
-            track.place, track.velocity, track.seen = place, velocity, time
+                track = _Track(self.last, time, time, place, covariance, velocity)
+            elif not velocity.any() and time > track.seen:
+                way, spread = place - track.place, covariance + track.covariance
+                if way @ np.linalg.solve(spread, way) > chi2.isf(_RESTS, len(way)):
+                    velocity = way / (time - track.seen)
+            track.place, track.covariance = place, covariance
+            track.velocity, track.seen = velocity, time
             tracks.append(track)
-            found.append((track.number, time - track.begun))
+            x, y = velocity.tolist()
+            found.append(Followed(track.number, time - track.begun, (x, y)))
         self._tracks = tracks
         return found
+
+    def _covariance(self, contact: Placed) -> np.ndarray:
+        """(2, 2) of its place, m²."""
+        stated = np.reshape(contact.position_covariance, (2, 2))
+        return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
     def _matched(self, contacts, time) -> list[_Track | None]:
         chosen: list[_Track | None] = [None] * len(contacts)

@@ -233,8 +233,8 @@ class Pipeline:
         if stamp is not None and not result.reason:
             followed = self._tracks.follow(result.contacts, stamp + result.holds)
             result.contacts = [
-                replace(contact, id=number, age=age)
-                for contact, (number, age) in zip(result.contacts, followed)
+                replace(contact, id=each.number, age=each.age, velocity=each.velocity)
+                for contact, each in zip(result.contacts, followed)
             ]
         return self._as_known(result)
 
