@@ -9,7 +9,7 @@ from ros_support import ros_arguments
 
 from tomotactile_ros.devices import Status
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.nodes.conditions import QUIET, Conditions
+from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.running import PlainNode
 
@@ -47,29 +47,12 @@ def test_a_trouble_is_logged_when_it_begins_changes_its_level_and_ends():
     assert log.new() == [("WARN", "dead: 5")]
     conditions.say([MOST_LOST, Trouble("dead", False, "dead: 5, 6", which="5, 6")])
     assert log.new() == [("ERROR", "50 % are lost"), ("WARN", "dead: 5, 6")]
-    again(conditions, [MOST_LOST])
+    conditions.say([MOST_LOST])
     assert log.new() == [("INFO", "over: dead: 5, 6")]
-    again(conditions, [LOST])
-    assert log.new() == [("WARN", "5 % are lost")]
-    again(conditions, [])
-    assert log.new() == [("INFO", "over: 5 % are lost")]
     conditions.say([LOST])
     assert log.new() == [("WARN", "5 % are lost")]
-
-
-def test_what_comes_and_goes_is_logged_once():
-    log = Log()
-    conditions = Conditions(log)
-    for _ in range(2 * QUIET):
-        for troubles in ([LOST], [MOST_LOST], [LOST], []):
-            conditions.say(troubles)
-    assert log.new() == [("WARN", "5 % are lost"), ("ERROR", "50 % are lost")]
-
-
-def again(conditions, troubles):
-    """As many reports as it takes until what is over or better is said."""
-    for _ in range(QUIET):
-        conditions.say(troubles)
+    conditions.say([])
+    assert log.new() == [("INFO", "over: 5 % are lost")]
 
 
 class Told:
@@ -142,6 +125,5 @@ def test_troubles_of_a_stream_are_logged_apart_and_not_over_when_the_line_is_dea
     ((level, text),) = part._log.new()
     assert level == "ERROR" and "50 % are lost" in text
     part._device.now = Status("streaming", "fine")
-    for _ in range(QUIET):
-        part.report()
+    part.report()
     assert part._log.new() == [("INFO", "over: 50 % are lost")]
