@@ -247,7 +247,9 @@ class Reconstruction:
             self._outputs.publish(result.pressure, result.contacts, header)
             if not followed:
                 self._outputs.publish_contacts(result.contacts, holds)
-        self._excluded, self._noise = result.excluded, result.noise
+        self._excluded = result.excluded
+        if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
+            self._noise = result.noise
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start
