@@ -1,6 +1,6 @@
 """Rows of a sheet whose contacts change from row to row: one ground condition of each state.
 
-The equations are those of `frames`, for the electrode l that is grounded in the row:
+The equations are those of `voltages`, for the electrode l that is grounded in the row:
 
     (Z_l(C, C) + R_l + diag(r_C)) I_C = V0 1,        v_n = (Z_l(n, C) + R_l) I_C
 
