@@ -175,7 +175,9 @@ class RowEstimator:
         seen = state.told()
         if seen is not None:
             self._take(seen, state)
-        driven = voltages[list(state.used)] - self.estimator.offsets(state.used)
+        driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
+        used = list(state.used)
+        driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         state.ground.take(driven, drive_voltage, noise)
         if state.ground.unseen:  # it tells nothing, and a search for what it says would be long
@@ -284,6 +286,8 @@ class RowEstimator:
             return Followed([], "withheld", NO_GROUND)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
+        if not rows.read:
+            return Followed([], "withheld", "rows begin anew, with other electrodes than before")
         if self._frames and rows.touched_at_once and rows.read < YOUNG:
             return Followed(
                 [], "withheld", "it was touched when rows began: more of them tell by what"
