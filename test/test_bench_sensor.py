@@ -179,7 +179,7 @@ def test_the_cases_of_every_part_are_there():
         pytest.skip(f"no reference data: {error}")
     assert {"onset", "release", "0.2 m/s", "1 m/s"} <= {each.case for each in made["time"]}
     assert {each.case for each in made["channels"]} == set(parts.WIRINGS)
-    assert len(made["layouts"]) == 5 and len(made["crowd"]) == 4
+    assert len(made["layouts"]) == 7 and len(made["crowd"]) == 4
     for part in made.values():
         for each in part:
             count = each.layout.electrodes

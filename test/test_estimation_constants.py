@@ -32,6 +32,7 @@ INTERNAL = {
         "picture._CELLS",
     ),
     *("readings._GRID", "readings._WIDTH", "file.MAX_BYTES", "file._DIGITS", "file._NEARLY"),
+    *("channels.KINDS", "channels._IN_COLUMNS", "channels._IN_ROWS", "displacement._RING"),
     *("file._MOST_MODES", "file._MOST_PLACES"),
     *("row_state.STATE", "row_state.STRENGTH", "touch.PARAMETERS", "touch.MOVING", "forward.RATED"),
     *(f"touch.{name}" for name in ("X", "Y", "CONDUCTANCE", "RADIUS", "STRETCH", "SHEAR")),

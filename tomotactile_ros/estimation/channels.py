@@ -1,18 +1,21 @@
-"""Gains, offsets and resistances to ground as unknowns of the fit, eliminated before anything is
-solved.
+"""Gains, offsets, resistances to ground and places of electrodes as unknowns of the fit, eliminated
+before anything is solved.
 
-They outnumber all else (three a channel), but each touches one column or one row of the readings
-only: the blocks of their normal matrix are diagonal, but for gains against resistances.
+They outnumber all else (five a channel), but each touches one column or one row of the readings
+only: the blocks of their normal matrix are diagonal, but for what acts on columns against what acts
+on rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 ALIKE = 0.5  # of the variance of resistances to ground is common to all: switches of one kind
+KINDS = 5  # gain, offset, resistance to ground, and how far the electrode lies aside in x and y
+_IN_COLUMNS, _IN_ROWS = (0, 1, 3, 4), (2, 3, 4, 5)  # what acts where
 
 
 @dataclass(frozen=True)
@@ -22,11 +25,14 @@ class ChannelPrior:
     gain : relative; published electronics contradict reciprocity by 0.8 to 7 %
     offset : V; the input offset of common converters and amplifiers
     resistance : ohm; an analogue switch has some tens to hundreds
+    aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.2 mm at
+        8 x 8 on 200 mm, half of what cut and glued ones do
     """
 
     gain: float = 0.03
     offset: float = 0.003
     resistance: float = 200.0
+    aside: float = 3e-3
 
     def precision_of_resistances(self, count: int) -> np.ndarray:
         """(n, n) inverse covariance of `count` resistances, of whose variance `ALIKE` is common."""
@@ -34,26 +40,78 @@ class ChannelPrior:
         common = np.full((count, count), ALIKE / (1 - ALIKE + ALIKE * count))
         return (np.eye(count) - common) / own
 
+    def deviations(self, count: int, drive: float, pitch: float) -> tuple[np.ndarray, ...]:
+        """(n,) of each kind; offsets in parts of the `drive` voltage, ways aside in m with electrodes
+        `pitch`, m, apart."""
+        aside = self.aside * pitch
+        each = self.gain, self.offset / drive, self.resistance, aside, aside
+        return tuple(np.full(count, deviation) for deviation in each)
 
-def couplings(columns, slopes, rows, resistance_deviation) -> np.ndarray:
-    """(P, 3 n) block of the normal equations between parameters and gains, offsets, resistances,
-    these in units of their deviations.
 
-    columns (P, L, n) derivatives of the readings by the parameters, times the weights; the rest as
-    for `ChannelFit`
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of the readings (L, n) by the channels.
+
+    in_columns (4, L, n) by gain, offset and both ways aside of the electrode that is read; in_rows
+        (3, L, n) by resistance and both ways aside of the one that is grounded, and by what else
+        may act on rows, which counts as a kind more
+    rows (L,) grounded electrode of each row
     """
-    gain, resistance = slopes
-    count = columns.shape[2]
-    to_rows = np.zeros((len(rows), count))
-    to_rows[np.arange(len(rows)), rows] = 1.0
-    return np.concatenate(
-        [
-            np.einsum("pln,ln->pn", columns, gain),
-            columns.sum(axis=1),
-            np.einsum("pln,ln->pl", columns, resistance) @ to_rows * resistance_deviation,
-        ],
-        axis=1,
-    )
+
+    in_columns: np.ndarray
+    in_rows: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def count(self) -> int:
+        return self.in_columns.shape[2]
+
+    @property
+    def kinds(self) -> int:
+        return KINDS + len(self.in_rows) - 3
+
+    def beside(self, in_rows: np.ndarray) -> Slopes:
+        """These and those by something more, (L, n), that acts on rows."""
+        return replace(self, in_rows=np.concatenate([self.in_rows, in_rows[None]]))
+
+    def scaled(self, units: tuple[np.ndarray, ...]) -> Slopes:
+        """The same by channels in `units` (n,) of each kind."""
+        columns = np.array([units[kind] for kind in _IN_COLUMNS])[:, None]
+        rows = np.array([units[kind][self.rows] for kind in _IN_ROWS[:3]])[..., None]
+        return Slopes(self.in_columns * columns, self.in_rows * rows, self.rows)
+
+    def couplings(self, weighted: np.ndarray) -> np.ndarray:
+        """(P, 5 n) block of the normal equations between parameters and channels; `weighted`
+        (P, L, n) derivatives of the readings by the parameters, times the weights."""
+        out = np.zeros((len(weighted), self.kinds, self.count))
+        for kind, slope in zip(_IN_COLUMNS, self.in_columns):
+            out[:, kind] += np.einsum("pln,ln->pn", weighted, slope)
+        for kind, slope in zip(_IN_ROWS, self.in_rows):
+            out[:, kind] += self._by_electrode(np.einsum("pln,ln->pl", weighted, slope))
+        return out.reshape(len(weighted), self.kinds * self.count)
+
+    def normal(self, weights: np.ndarray) -> np.ndarray:
+        """(5 n, 5 n) normal matrix of the channels for `weights` (L, n)."""
+        count, own = self.count, np.arange(self.count)
+        out = np.zeros((self.kinds, count, self.kinds, count))
+        for kind, slope in zip(_IN_COLUMNS, weights * self.in_columns):
+            for other, beside in zip(_IN_COLUMNS, self.in_columns):
+                out[kind, own, other, own] += (slope * beside).sum(axis=0)
+            for other, beside in zip(_IN_ROWS, self.in_rows):
+                both = self._by_electrode((slope * beside).T)
+                out[kind, :, other] += both
+                out[other, :, kind] += both.T
+        for kind, slope in zip(_IN_ROWS, weights * self.in_rows):
+            for other, beside in zip(_IN_ROWS, self.in_rows):
+                each = (slope * beside).sum(axis=1)
+                out[kind, own, other, own] += self._by_electrode(each[None])[0]
+        return out.reshape(self.kinds * count, -1)
+
+    def _by_electrode(self, by_row: np.ndarray) -> np.ndarray:
+        """(P, n) sums over the rows of each electrode of `by_row` (P, L)."""
+        out = np.zeros((self.count, len(by_row)))
+        np.add.at(out, self.rows, by_row.T)
+        return out.T
 
 
 class ChannelFit:
@@ -61,11 +119,9 @@ class ChannelFit:
 
     Parameters
     ----------
-    mixed (P, 3 n) what `couplings` says of all other parameters; weights (L, n)
-    slopes : gain (L, n), resistance (L, n) derivatives of a reading by the gain of its column and
-        by the resistance of its row; offsets have 1
-    rows (L,) grounded electrode of each row
-    deviations : of the priors of gains, offsets, resistances, (n,) each
+    columns (P, L, n) derivatives of the readings by all other parameters, times the weights
+    weights (L, n); slopes : by the channels
+    deviations : of the priors of each kind, (n,) each
     precision : `Prior.precision`; None: the channels are independent
 
     Attributes
@@ -73,38 +129,16 @@ class ChannelFit:
     normal (P, P) what the channels take off the normal matrix of all else
     """
 
-    def __init__(self, mixed, weights, slopes, rows, deviations, precision=None):
-        gain, resistance = slopes
-        count = weights.shape[1]
-        self._count, self._weights = count, weights
-        self._by_gain = weights * gain
-        # resistances in units of their deviations: of the electrode that is grounded in the row
-        in_rows = resistance * deviations[2][rows, None]
-        self._by_row = by_row = weights * in_rows
-        normal = np.zeros((3 * count, 3 * count))
-        first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
-        own = np.arange(count)
-        normal[own, own] = (self._by_gain * gain).sum(axis=0)
-        normal[own, count + own] = normal[count + own, own] = self._by_gain.sum(axis=0)
-        normal[count + own, count + own] = weights.sum(axis=0)
-        np.add.at(
-            normal,
-            (2 * count + rows, 2 * count + rows),
-            (by_row * in_rows).sum(1),
-        )
-        self._to_rows = np.zeros((count, len(rows)))
-        self._to_rows[rows, np.arange(len(rows))] = 1.0
-        normal[third, first] = self._to_rows @ (by_row * gain)
-        normal[third, second] = self._to_rows @ by_row
-        normal[first, third] = normal[third, first].T
-        normal[second, third] = normal[third, second].T
-        self._mixed = mixed
-        self._scale = np.concatenate([np.ones(2 * count), deviations[2]])
+    def __init__(self, columns, weights, slopes: Slopes, deviations, precision=None):
+        self._slopes = slopes = slopes.scaled(deviations)
+        self._scale = np.concatenate(deviations)
+        self._weights = weights
+        self._mixed = np.concatenate([slopes.couplings(each) for each in columns])
+        normal = slopes.normal(weights)
         if precision is None:
-            everything = np.arange(3 * count)
-            normal[everything, everything] += (self._scale / np.concatenate(deviations)) ** 2
+            normal[np.diag_indices(len(normal))] += 1.0
         else:
-            modes = len(precision) - 3 * count
+            modes = len(precision) - len(normal)
             others = precision[:modes, modes:] * self._scale  # sheet against channels
             self._mixed[len(self._mixed) - modes :] += others
             normal += precision[modes:, modes:] * self._scale * self._scale[:, None]
@@ -113,24 +147,16 @@ class ChannelFit:
         self.normal = self._mixed @ self._back
 
     def pulled(self, misfit: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Of a `misfit` (L, n) and what the priors pull the channels by, (3 n,): the channels' steps if
+        """Of a `misfit` (L, n) and what the priors pull the channels by, (5 n,): the channels' steps if
         nothing else moves, in units of their own; what that takes off the right side of all else,
         (P,); what it takes off the cost."""
-        right = np.concatenate(
-            [
-                (self._by_gain * misfit).sum(axis=0),
-                (self._weights * misfit).sum(axis=0),
-                self._to_rows @ (self._by_row * misfit).sum(axis=1),
-            ]
-        )
+        right = self._slopes.couplings((self._weights * misfit)[None])[0]
         right += self._scale * pull
         alone = cho_solve(self._factor, right)
         return alone, self._mixed @ alone, float(right @ alone)
 
-    def step(
-        self, alone: np.ndarray, others: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Steps of gain, offset and resistance that belong to the step `others` (P,) of all else;
-        `alone` (3 n,) as `pulled` has it."""
+    def step(self, alone: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """(5, n) steps of the channels that belong to the step `others` (P,) of all else; `alone`
+        (5 n,) as `pulled` has it."""
         step = (alone - self._back @ others) * self._scale
-        return tuple(step.reshape(3, self._count))
+        return step.reshape(KINDS, -1)

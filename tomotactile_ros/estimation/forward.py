@@ -17,9 +17,11 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from tomotactile_ros.estimation.displacement import displaced
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOVING, PARAMETERS, RADIUS, Touches, X, Y
 
@@ -35,7 +37,7 @@ class Unknowns:
     rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are
         estimated
     sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R,
-        ohm
+        ohm; aside (2, n) how far electrodes lie aside of where the layout has them, m
     """
 
     contacts: np.ndarray
@@ -45,6 +47,7 @@ class Unknowns:
     gain: np.ndarray
     offset: np.ndarray
     resistance: np.ndarray
+    aside: np.ndarray
     rates: np.ndarray | None = None
     moving: np.ndarray | None = None
 
@@ -80,7 +83,7 @@ class Unknowns:
 
     def same_point(self, other: Unknowns) -> bool:
         """Whether all that the readings depend on is the same, and nothing moves."""
-        names = "contacts", "across", "sheet", "gain", "offset", "resistance"
+        names = "contacts", "across", "sheet", "gain", "offset", "resistance", "aside"
         if self.moving.any() or other.moving.any():
             return False
         return all(np.array_equal(getattr(self, each), getattr(other, each)) for each in names)
@@ -103,6 +106,7 @@ class Unknowns:
             np.ones(count),
             np.zeros(count),
             np.zeros(count),
+            np.zeros((2, count)),
         )
 
 
@@ -134,7 +138,12 @@ class Prediction:
         columns = self.impedance[rows]
         self.own = columns[np.arange(len(rows)), rows] + unknowns.resistance[rows]
         self.ratio = columns / self.own[:, None]
-        self.readings = unknowns.gain * (1 - self.ratio) + unknowns.offset
+        moved = self.ratio
+        if unknowns.aside.any():
+            columns, ways = self.aside
+            moved = moved - np.einsum("dn,dln->ln", unknowns.aside, columns)
+            moved -= np.einsum("dl,dln->ln", unknowns.aside[:, rows], ways)
+        self.readings = unknowns.gain * (1 - moved) + unknowns.offset
 
     @property
     def size(self) -> int:
@@ -156,6 +165,19 @@ class Prediction:
         self._fed = np.linalg.solve(between, (self.share * root).T).T * root
         # H (1 + G D)^-1: what a change of the patches' conductances acts through
         self._inner = self.share - self._fed @ touches.impedance
+
+    @cached_property
+    def aside(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2, L, n) each: derivatives of readings without gains by how far aside the electrode that
+        is read lies, and the one that is grounded, 1/m."""
+        return displaced(self.fields, self.impedance, self.ratio, self.own, self.rows)
+
+    @property
+    def fields(self) -> np.ndarray:
+        """(2, n, n) at the first electrode while the second is at 1 V, 1/m (`displacement`)."""
+        if self.touches is None:
+            return self.operator.displacement.fields()
+        return self.operator.displacement.fields(self.touches.places, self.share, self._fed)
 
     def freed(self, unknowns: Unknowns) -> Prediction:
         """The same for `unknowns` that differ in what is free only."""

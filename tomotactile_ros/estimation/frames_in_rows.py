@@ -32,6 +32,9 @@ from tomotactile_ros.estimation.tracks import REACH
 
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
+# deviations, root mean square over the electrodes, by which a frame has their places otherwise: the sensor is
+# then what the frame says
+_ELSEWHERE = 1.0
 _SLIDING = 0.02  # m/s, known for sure: the way within a frame is a part of a contact's width
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
@@ -143,9 +146,12 @@ def corrected(
         if in_wide or (missed and number not in sliding):
             belief = belief.without(j)
     known = state.model.known.moved(belief.shift, None)
-    if is_wide.any() or confused:  # rows took it for something else, and the sensor for the rest
+    aside = found.aside - known.aside
+    elsewhere = np.sqrt(np.mean((aside / known.deviations[3:]) ** 2)) > _ELSEWHERE
+    if is_wide.any() or confused or elsewhere:
+        # rows took it for something else, and the sensor for the rest
         wide = chosen(found, is_wide) if is_wide.any() else None
-        known = replace(known, sheet=found.sheet, gain=found.gain, wide=wide)
+        known = replace(known, sheet=found.sheet, gain=found.gain, aside=found.aside, wide=wide)
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
 
@@ -226,11 +232,12 @@ def unlearned(belief: Belief, known: Known) -> Belief:
 def linearised(follower: Follower, state: RowState, known: Known, belief: Belief) -> None:
     """Goes on with the contacts of `belief`, linear about what is `known` of the sensor by now."""
     operator, wide = follower.operator, known.wide
-    background = None
+    background = fields = None
     if wide is not None:
         touched = Prediction(operator, wide, np.arange(operator.count))
         background = np.linalg.inv(touched.impedance) - operator.admittance_of(wide.sheet)
-    state.model = RowModel(operator, known, background)
+        fields = touched.fields
+    state.model = RowModel(operator, known, background, fields)
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Fit, Prior, Rows, contact_priors
 
@@ -49,74 +49,35 @@ def information(
     not."""
     fit = Fit(operator, unknowns, rows, prior)
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
-    contacts, sheet, by_gain, by_resistance, by_electrode = _derivatives(
-        prediction, unknowns, rows.grounded
-    )
+    contacts, sheet = prediction.contact_columns(), prediction.sheet_columns()
+    slopes = fit.slopes.beside(_by_electrode(fit))
     free, modes, count = len(contacts), operator.modes, operator.count
     columns = np.concatenate([contacts, sheet])
-    flat = columns.reshape(len(columns), -1)
-    weighted = flat * weights.ravel()
-    size = free + modes + 3 * count
-    normal = np.zeros((size, size))
-    right = np.zeros(size)
-    dense = slice(0, free + modes)
-    normal[dense, dense] = weighted @ flat.T
-    right[dense] = weighted @ misfit.ravel()
-    to_rows = np.zeros((count, len(rows.grounded)))
-    to_rows[rows.grounded, np.arange(len(rows.grounded))] = 1.0
     first = free + modes
-    gain, offset, resistance = (slice(first + i * count, first + (i + 1) * count) for i in range(3))
-    weighted = weighted.reshape(columns.shape)
-    normal[dense, gain] = np.einsum("pln,ln->pn", weighted, by_gain)
-    normal[dense, offset] = weighted.sum(axis=1)
-    normal[dense, resistance] = np.einsum("pln,ln->pl", weighted, by_resistance) @ to_rows.T
-    by_row = weights * by_resistance
-    normal[gain, gain] = np.diag((weights * by_gain**2).sum(axis=0))
-    normal[gain, offset] = np.diag((weights * by_gain).sum(axis=0))
-    normal[offset, offset] = np.diag(weights.sum(axis=0))
-    normal[gain, resistance] = (to_rows @ (by_row * by_gain)).T
-    normal[offset, resistance] = (to_rows @ by_row).T
-    normal[resistance, resistance] = np.diag(to_rows @ (by_row * by_resistance).sum(axis=1))
-    upper = np.triu(normal)
-    normal = upper + np.triu(normal, 1).T
-    right[gain] = (weights * by_gain * misfit).sum(axis=0)
-    right[offset] = (weights * misfit).sum(axis=0)
-    right[resistance] = to_rows @ (by_row * misfit).sum(axis=1)
-    by_row = weights * by_electrode
-    mixed = np.concatenate(
-        [
-            np.einsum("pln,ln->pl", weighted, by_electrode) @ to_rows.T,
-            (to_rows @ (by_row * by_gain)).T,
-            (to_rows @ by_row).T,
-            np.diag(to_rows @ (by_row * by_resistance).sum(axis=1)),
-        ]
-    )
-    own = to_rows @ (by_row * by_electrode).sum(axis=1) + operator.inexact**-2.0
-    right -= mixed @ (to_rows @ (by_row * misfit).sum(axis=1) / own)
-    normal -= (mixed / own) @ mixed.T
+    weighted = columns * weights
+    flat = weighted.reshape(first, -1)
+    between, sensor = slopes.couplings(weighted), slopes.normal(weights)
+    sensor[-count:, -count:] += np.diag(operator.inexact**-2.0)
+    normal = np.block([[flat @ columns.reshape(first, -1).T, between], [between.T, sensor]])
+    right = np.concatenate([flat @ misfit.ravel(), slopes.couplings((weights * misfit)[None])[0]])
+    mixed, own = normal[:-count, -count:], normal[-count:, -count:].diagonal()
+    right = right[:-count] - mixed @ (right[-count:] / own)
+    normal = normal[:-count, :-count] - (mixed / own) @ mixed.T
     _in_units(normal, right, slice(first + count, first + 2 * count), drive)
     return _without_contacts(fit, normal, right, free)
 
 
-def _derivatives(prediction: Prediction, unknowns: Unknowns, grounded: np.ndarray):
-    """Of the readings (.., L, n): by contacts (F, ..), sheet (J, ..), gain of their column,
-    resistance of their row, and impedance of their row's electrode.
+def _by_electrode(fit: Fit) -> np.ndarray:
+    """(L, n) derivatives of the readings by the impedance of their row's electrode, 1/ohm.
 
     Where the grounded electrode itself is read, it tells its resistance from its impedance.
     """
-    ratio = prediction.ratio
-    by_resistance = unknowns.gain * ratio / prediction.own[:, None]
-    by_electrode = by_resistance.copy()
-    by_electrode[np.arange(len(grounded)), grounded] = (
-        -unknowns.gain[grounded] * unknowns.resistance[grounded] / prediction.own**2
+    prediction, u, grounded = fit.prediction, fit.unknowns, fit.rows.grounded
+    out = u.gain * prediction.ratio / prediction.own[:, None]
+    out[np.arange(len(grounded)), grounded] = (
+        -u.gain[grounded] * u.resistance[grounded] / prediction.own**2
     )
-    return (
-        prediction.contact_columns(),
-        prediction.sheet_columns(),
-        1 - ratio,
-        by_resistance,
-        by_electrode,
-    )
+    return out
 
 
 def _in_units(normal, right, offset, drive):

@@ -7,6 +7,8 @@ the way between.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
@@ -100,6 +102,15 @@ class Moving:
     def way_columns(self) -> np.ndarray:
         """(k, L, n) derivatives of the readings by the logarithm of D of each contact."""
         return self._by_part(Prediction.way_columns, len(self.unknowns.contacts))
+
+    @cached_property
+    def aside(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2, L, n) each, as of a `Prediction`."""
+        out = np.empty((2, 2, *self.readings.shape))
+        for rows, part in self._parts:
+            if len(rows):
+                out[:, :, rows] = part.aside
+        return out[0], out[1]
 
     def _by_part(self, columns, count: int) -> np.ndarray:
         out = np.empty((count, *self.readings.shape))

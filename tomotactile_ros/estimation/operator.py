@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.tables import (
     RIM,
@@ -59,6 +60,7 @@ class SheetOperator:
     used : (n,) electrodes whose wires are used; all others float
     admittance : (n, n) Y0 of the even sheet, S
     resistance : ohm/sq
+    displacement : fields at the electrodes, for places that are not quite theirs
     modes : number J of coefficients that describe an uneven sheet
     deviation : (J,) their standard deviation before anything is known
     """
@@ -78,6 +80,9 @@ class SheetOperator:
         self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
         self.mutual = MutualTable(
             self.sheet, self.lattice, self.potentials, self._inverse, self.used
+        )
+        self.displacement = Displacement(
+            layout, self.used, self.resistance, self.potentials, self._inverse
         )
         self._uneven()
         self._rest: Rest | None = None

@@ -48,8 +48,9 @@ _ALL = np.ones(1, bool)  # readings are valid
 class Known:
     """What is known of the sensor, about which rows are linear in the rest.
 
-    sheet (J,), gain, offset, resistance (n,) : means, units as in `Unknowns`
-    sheet_deviation (J,), deviations : standard deviations, of gain, offset and resistance (n,) each
+    sheet (J,), gain, offset, resistance (n,), aside (2, n) : means, units as in `Unknowns`
+    sheet_deviation (J,), deviations : standard deviations, of gain, offset, resistance and ways aside
+        (n,) each
     variance : of the noise of a reading, parts of V0 squared
     wide : contacts too wide for a patch, as the last frame showed them, or None
     """
@@ -58,8 +59,9 @@ class Known:
     gain: np.ndarray
     offset: np.ndarray
     resistance: np.ndarray
+    aside: np.ndarray
     sheet_deviation: np.ndarray
-    deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
+    deviations: tuple[np.ndarray, ...]
     variance: float
     wide: Unknowns | None = None
 
@@ -77,6 +79,7 @@ class Known:
             prior.gain,
             prior.offset,
             prior.resistance,
+            prior.aside,
             prior.sheet_deviation,
             prior.deviations,
             variance,
@@ -127,11 +130,20 @@ class Row:
 class RowModel:
     """Predicts rows of a sensor that is `known`.
 
+    background (n, n) what wide contacts add to the admittance, S; fields (2, n, n) at the electrodes
+        with them (`displacement`); None: there are none
     impedance (n, n) Zb, ohm; shares : of small contacts in the electrodes
     """
 
-    def __init__(self, operator: SheetOperator, known: Known, background: np.ndarray | None = None):
+    def __init__(
+        self,
+        operator: SheetOperator,
+        known: Known,
+        background: np.ndarray | None = None,
+        fields: np.ndarray | None = None,
+    ):
         self.operator, self.known = operator, known
+        self._fields = operator.displacement.fields() if fields is None else fields
         admittance = operator.admittance_of(known.sheet)
         added = np.trace(admittance) / operator.count**2 if background is None else background
         impedance = np.linalg.inv(admittance + added)
@@ -183,15 +195,15 @@ class RowModel:
         kept = self._kept.get(ground)
         if kept is None or kept[1] != read or not self._alike(kept[0], here):
             between = np.diag(way) if mutual is None else np.diag(way) + mutual
-            changes = self._changes(contacts, row, share, slopes, between)
-            self._kept[ground] = kept = here, read, changes * (known.gain * valid)
+            changes, aside = self._changes(contacts, ground, row, share, slopes, between)
+            self._kept[ground] = kept = here, read, changes * (known.gain * valid), aside
         row.changes, modes = kept[2], len(known.sheet)
-        row.readings = (known.gain + shift[modes:]) * driven + known.offset
+        row.readings = (known.gain + shift[modes:]) * (driven + kept[3]) + known.offset
         row.readings += shift[:modes] @ row.changes[STATE * count :]
         return row
 
-    def _changes(self, contacts, row: Row, share, slopes, between) -> np.ndarray:
-        """(5 k + J, n) derivatives, for gains of 1.
+    def _changes(self, contacts, ground, row: Row, share, slopes, between):
+        """(5 k + J, n) derivatives, for gains of 1, and (n,) what electrodes that lie aside change.
 
         share (k, n), slopes (k, 2, n) : of contacts; between (k, k) : C^-1
         """
@@ -216,7 +228,10 @@ class RowModel:
             currents += (current.astype(np.float32) @ moved.reshape(count, -1)).reshape(-1, n)
             currents += (moved @ single).T @ fed.astype(np.float32)
         np.matmul(currents, impedance.astype(np.float32), out=changes[STATE * count :])
-        return changes
+        if not self.known.aside.any():
+            return changes, 0.0
+        seen = self._fields, self.known.aside, ground, row.ratio, row.own, impedance
+        return changes, self.operator.displacement.row(*seen, contacts[:, :2], share.T, fed.T)
 
     def _alike(self, ones: list, others: list) -> bool:
         """Whether contacts x, y, ln c, ln a are nearly the same."""

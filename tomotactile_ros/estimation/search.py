@@ -860,6 +860,7 @@ def as_known(unknowns: Unknowns, prior: Prior | Unknowns) -> Unknowns:
         gain=prior.gain,
         offset=prior.offset,
         resistance=prior.resistance,
+        aside=prior.aside,
     )
 
 

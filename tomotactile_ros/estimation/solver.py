@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ChannelFit, ChannelPrior, couplings
+from tomotactile_ros.estimation.channels import KINDS, ChannelFit, ChannelPrior, Slopes
 from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.motion import predicted
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -92,10 +92,10 @@ class Prior:
     stretch : standard deviation of p and q of a contact that is no disc
     rates : (3,) of how fast x and y change, m/s, and ln c, 1/s
     sheet, sheet_deviation : (J,) means and standard deviations of the sheet's coefficients
-    gain, offset, resistance : (n,) means, 1, parts of V0, ohm; deviations : (n,) standard deviation
-        of each of them
-    precision : (J + 3 n, J + 3 n) inverse covariance of sheet, gains, offsets and resistances, of
-        which the deviations are the marginal ones; None: all are independent
+    gain, offset, resistance : (n,) means, 1, parts of V0, ohm; aside (2, n) m
+    deviations : (n,) standard deviation of each of them, aside in x and y last
+    precision : (J + 5 n, J + 5 n) inverse covariance of sheet, gains, offsets, resistances and ways
+        aside, of which the deviations are the marginal ones; None: all are independent
     learned : whether all this is of this very sensor: contacts are then fitted first, the sensor is
         only trimmed
     """
@@ -108,7 +108,8 @@ class Prior:
     gain: np.ndarray
     offset: np.ndarray
     resistance: np.ndarray
-    deviations: tuple[np.ndarray, np.ndarray, np.ndarray]
+    aside: np.ndarray
+    deviations: tuple[np.ndarray, ...]
     rates: tuple[float, float, float] = RATES
     learned: bool = False
     precision: np.ndarray | None = None
@@ -127,7 +128,7 @@ class Prior:
         )
 
     def told(self, found: Unknowns, information: np.ndarray) -> Prior:
-        """The sensor as it was `found`, with what rows say of it: `information` (J + 3 n, J + 3 n)
+        """The sensor as it was `found`, with what rows say of it: `information` (J + 5 n, J + 5 n)
         in the units of `precision`."""
         before = self.precision
         if before is None:
@@ -141,19 +142,27 @@ class Prior:
             gain=found.gain,
             offset=found.offset,
             resistance=found.resistance,
+            aside=found.aside,
             sheet_deviation=deviation[:modes],
-            deviations=tuple(deviation[modes:].reshape(3, -1)),
+            deviations=tuple(deviation[modes:].reshape(KINDS, -1)),
             precision=precision,
         )
 
     def apart(self, unknowns: Unknowns) -> np.ndarray:
-        """(J + 3 n,) what sheet, gains, offsets and resistances are more than expected."""
-        expected = self.sheet, self.gain, self.offset, self.resistance
-        found = unknowns.sheet, unknowns.gain, unknowns.offset, unknowns.resistance
+        """(J + 5 n,) what sheet, gains, offsets, resistances and ways aside are more than
+        expected."""
+        expected = self.sheet, self.gain, self.offset, self.resistance, *self.aside
+        found = (
+            unknowns.sheet,
+            unknowns.gain,
+            unknowns.offset,
+            unknowns.resistance,
+            *unknowns.aside,
+        )
         return np.concatenate([now - mean for now, mean in zip(found, expected)])
 
     def pull(self, apart: np.ndarray) -> np.ndarray:
-        """(J + 3 n,) inverse covariance times `apart`."""
+        """(J + 5 n,) inverse covariance times `apart`."""
         if self.precision is not None:
             return self.precision @ apart
         return apart / np.concatenate([self.sheet_deviation, *self.deviations]) ** 2
@@ -164,13 +173,9 @@ class Prior:
     ) -> Prior:
         """Nothing has been learned of this sensor; its switches are of one kind."""
         count, modes = operator.count, operator.modes
-        deviations = (
-            np.full(count, channels.gain),
-            np.full(count, channels.offset / drive),
-            np.full(count, channels.resistance),
-        )
+        deviations = channels.deviations(count, drive, operator.pitch)
         precision = np.diag(np.concatenate([operator.deviation, *deviations]) ** -2.0)
-        resistances = slice(modes + 2 * count, None)
+        resistances = slice(modes + 2 * count, modes + 3 * count)
         precision[resistances, resistances] = channels.precision_of_resistances(count)
         return cls(
             radius,
@@ -181,6 +186,7 @@ class Prior:
             np.ones(count),
             np.zeros(count),
             np.zeros(count),
+            np.zeros((2, count)),
             deviations,
             precision=precision,
         )
@@ -273,11 +279,14 @@ class Fit:
         return 1.0 + max(excess, 0.0) / self.operator.count
 
     @property
-    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(L, n) derivatives of each reading by the gain of its column, and by the resistance of its
-        row, 1/ohm."""
-        ratio = self.prediction.ratio
-        return 1 - ratio, self.unknowns.gain * ratio / self.prediction.own[:, None]
+    def slopes(self) -> Slopes:
+        """Derivatives of the readings by the channels."""
+        u, prediction = self.unknowns, self.prediction
+        columns, rows = prediction.aside
+        driven = (prediction.readings - u.offset) / u.gain
+        in_columns = np.array([driven, np.ones_like(driven), *(u.gain * columns)])
+        in_rows = u.gain * np.array([prediction.ratio / prediction.own[:, None], *rows])
+        return Slopes(in_columns, in_rows, self.rows.grounded)
 
 
 class SheetColumns:
@@ -421,18 +430,10 @@ class Equations:
         mixed = self.contacts @ self.sheet.flat.T
         block = self.sheet.normal + _sheet_block(prior, fit.operator.modes)
         normal = np.block([[contacts.normal, mixed], [mixed.T, block]])
-        slopes = fit.slopes
         shape = -1, *fit.misfit.shape
         both = self.contacts.reshape(shape), self.sheet.weighted.reshape(shape)
         self.channels = ChannelFit(
-            np.concatenate(
-                [couplings(each, slopes, rows.grounded, prior.deviations[2]) for each in both]
-            ),
-            rows.weights,
-            slopes,
-            rows.grounded,
-            prior.deviations,
-            prior.precision,
+            both, rows.weights, fit.slopes, prior.deviations, prior.precision
         )
         self.normal = normal - self.channels.normal
         # what rounding takes off a difference of matrices
@@ -491,13 +492,14 @@ class Linear(Contacts):
 
     def _moved(self, step):
         u = self.fit.unknowns
-        gain, offset, resistance = self.equations.channels.step(self._alone, step)
+        gain, offset, resistance, *aside = self.equations.channels.step(self._alone, step)
         return replace(
             super()._moved(step),
             sheet=u.sheet + step[self.free :],
             gain=u.gain + gain,
             offset=u.offset + offset,
             resistance=u.resistance + resistance,
+            aside=u.aside + aside,
         )
 
 

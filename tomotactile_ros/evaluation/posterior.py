@@ -162,7 +162,7 @@ class Expectation:
         self.layout, self.conditions = layout, conditions or Conditions()
         self.operator = operator or SheetOperator(layout)
         how = self.conditions
-        channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3)  # as good as known
+        channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8)  # as good as known
         self.prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
         self._across = patches_for(how.radius, self.operator.pitch)
 

@@ -16,7 +16,9 @@ import zlib
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
+from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.state import PARTS, SensorState
@@ -27,8 +29,8 @@ from tomotactile_ros.support.yamlio import Reader, write_mapping
 FORMAT = "tomotactile-sensor/1"
 MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
 _MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up to 256 cells
-_UNITS = {"gain": 1.0, "offset": "V", "resistance": "ohm"}
 _DIGITS = 9
+_ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was known of them
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
 
 
@@ -90,6 +92,8 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     _check_layout(reader, path, layout)
     operator = SheetOperator(layout, model)
     count = layout.electrodes
+    parts = [part for part in PARTS[1:] if part not in _ASIDE or part in reader]
+    keys = [f"{part}{end}" for part in parts for end in ("", "_deviation")]
     channels = {key: np.array(reader.numbers(key, count)) for key in keys}
     for key in keys:
         if (key.endswith("_deviation") and not (channels[key] > 0).all()) or (
@@ -110,9 +114,9 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     anisotropic = sheet.numbers("anisotropy_deviation", 2)
     places = sheet.points("places")
     values = _unpack(sheet, "modes", len(places) * modes).reshape(len(places), modes)
-    mean = np.concatenate([coefficients, anisotropy, *(channels[part] for part in PARTS[1:])])
+    mean = np.concatenate([coefficients, anisotropy, *(channels[part] for part in parts)])
     deviation = np.concatenate(
-        [spread, anisotropic, *(channels[f"{part}_deviation"] for part in PARTS[1:])]
+        [spread, anisotropic, *(channels[f"{part}_deviation"] for part in parts)]
     )
     size = len(mean)
     if not (deviation > 0).all():
@@ -120,6 +124,10 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     correlation = _correlation(_unpack(reader, "correlation", size * (size - 1) // 2), size)
     covariance = correlation * deviation[:, None] * deviation
     expected = _expected(reader, operator, count)
+    if size < modes + 2 + (len(PARTS) - 1) * count:
+        unknown = expected[-len(_ASIDE) * count :]
+        mean = np.concatenate([mean, np.zeros_like(unknown)])
+        covariance = block_diag(covariance, np.diag(unknown**2))
     return _in_modes(operator, places, values, mean, covariance, expected, _counts(reader))
 
 
@@ -145,7 +153,8 @@ def _counts(reader):
 def _expected(reader, operator, count):
     section = reader.section("expected")
     section.only(*PARTS)
-    found = [section.number(part) for part in PARTS]
+    aside = ChannelPrior().aside * operator.pitch
+    found = [section.number(part, *([aside] if part in _ASIDE else [])) for part in PARTS]
     for part, value in zip(PARTS, found):
         if not value > 0:
             section.refuse(part, value, "is not a positive number")

@@ -67,6 +67,7 @@ def lines(learned: Learned) -> Iterator[str]:
     yield from _gains(state, good)
     yield from _offsets(state, good)
     yield from _resistances(state, good)
+    yield from _places(state, good)
     yield from _sheet(state, learned.operator)
     yield from _undetermined(learned, good)
 
@@ -96,6 +97,17 @@ def _resistances(state, good):
     yield (
         f"resistance to ground: {resistance.mean():.0f} ohm in the mean, {resistance.min():.0f} to "
         f"{resistance.max():.0f}, each known to {known:.0f} ohm"
+    )
+
+
+def _places(state, good):
+    ways = 1e3 * np.array([state[part][good] for part in ("aside_x", "aside_y")])
+    spread = np.array([state.std(part)[good] for part in ("aside_x", "aside_y")])
+    known = 1e3 * float(np.sqrt((spread**2).mean()))
+    far = np.hypot(*ways)
+    yield (
+        f"electrodes: {np.sqrt((ways**2).mean()):.2f} mm rms beside the layout's places in x and in y, each known to "
+        f"{known:.2f} mm; most: electrode {good[far.argmax()]} {far.max():.2f} mm"
     )
 
 

@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.solver import Fit, Prior, Rows, solve
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
-from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.learning.state import PARTS, SensorState
 
 EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is left
 DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
@@ -122,7 +122,7 @@ class Learner:
         own, expected, state = self.prior(), self.state.expected, self.state
         held = tuple(
             _HELD * expected[state.slice(part)][self.operator.used] / unit
-            for part, unit in (("gain", 1.0), ("offset", self.drive), ("resistance", 1.0))
+            for part, unit in zip(PARTS[1:], (1.0, self.drive, 1.0, 1.0, 1.0), strict=True)
         )
         sheet = _HELD * expected[state.slice("sheet")]
         return solve(
@@ -193,7 +193,13 @@ class Learner:
         """(D,) of the unknowns; what they do not have stays where it is."""
         theta = self._mean.copy()
         theta[self._where] = np.concatenate(
-            [unknowns.sheet, unknowns.gain, unknowns.offset * self.drive, unknowns.resistance]
+            [
+                unknowns.sheet,
+                unknowns.gain,
+                unknowns.offset * self.drive,
+                unknowns.resistance,
+                *unknowns.aside,
+            ]
         )
         return theta
 

@@ -1,8 +1,8 @@
 """What is known of one sensor: a normal distribution of all that makes it differ from its layout.
 
-    theta = (sheet (J,), gain (E,), offset (E,) V, resistance (E,) ohm)
+    theta = (sheet (J,), gain (E,), offset (E,) V, resistance (E,) ohm, aside x and y (E,) m)
 
-with one mean and one covariance (D, D), D = J + 3 E: what is confused with each other stays so. In
+with one mean and one covariance (D, D), D = J + 5 E: what is confused with each other stays so. In
 time it is a random walk (`walked`), never wider than what is expected of a sensor of which nothing
 is known.
 """
@@ -15,15 +15,16 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ALIKE, ChannelPrior
+from tomotactile_ros.estimation.channels import ALIKE, KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import Prior
 
-PARTS = "sheet", "gain", "offset", "resistance"
+PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
 GAIN_WALK = 2e-4  # relative, per root hour: resistors of 100 ppm / K in a room
 OFFSET_WALK = 2e-4  # V per root hour
 RESISTANCE_WALK = 2.0  # ohm per root hour
+ASIDE_WALK = 2e-5  # m per root hour: fabric that is worn
 _HOUR = 3600.0
 
 
@@ -50,25 +51,20 @@ class SensorState:
         """Nothing has been learned; `operator` with all electrodes in use."""
         channels = channels or ChannelPrior()
         count = operator.layout.electrodes
-        expected = np.concatenate(
-            [
-                operator.deviation,
-                np.full(count, channels.gain),
-                np.full(count, channels.offset),
-                np.full(count, channels.resistance),
-            ]
-        )
+        widths = channels.deviations(count, 1.0, operator.pitch)
+        expected = np.concatenate([operator.deviation, *widths])
         mean = np.zeros(len(expected))
         mean[operator.modes : operator.modes + count] = 1.0
         covariance = np.diag(expected**2)
-        alike = covariance[-count:, -count:]
+        resistances = slice(operator.modes + 2 * count, operator.modes + 3 * count)
+        alike = covariance[resistances, resistances]
         alike *= 1 - ALIKE
         alike += ALIKE * channels.resistance**2
         return cls(operator.modes, mean, covariance, expected)
 
     @property
     def electrodes(self) -> int:
-        return (len(self.mean) - self.modes) // 3
+        return (len(self.mean) - self.modes) // KINDS
 
     @property
     def deviation(self) -> np.ndarray:
@@ -76,7 +72,7 @@ class SensorState:
         return np.sqrt(self.covariance.diagonal())
 
     def slice(self, part: str) -> slice:
-        """Where `sheet`, `gain`, `offset` or `resistance` are."""
+        """Where one of `PARTS` is."""
         count = self.electrodes
         if part == "sheet":
             return slice(0, self.modes)
@@ -109,7 +105,7 @@ class SensorState:
         """Numbers in theta of the sheet and of the channels of the electrodes `used` (n,)."""
         count, used = self.electrodes, np.asarray(used, int)
         return np.concatenate(
-            [np.arange(self.modes), *(self.modes + i * count + used for i in range(3))]
+            [np.arange(self.modes), *(self.modes + i * count + used for i in range(KINDS))]
         )
 
     def prior(self, operator: SheetOperator, drive: float, like: Prior) -> Prior:
@@ -123,10 +119,13 @@ class SensorState:
             gain=self["gain"][used],
             offset=self["offset"][used] / drive,
             resistance=self["resistance"][used],
+            aside=np.array([self["aside_x"][used], self["aside_y"][used]]),
             deviations=(
                 self.std("gain")[used],
                 self.std("offset")[used] / drive,
                 np.hypot(self.std("resistance")[used], operator.inexact),
+                self.std("aside_x")[used],
+                self.std("aside_y")[used],
             ),
             precision=self._precision(operator, drive),
         )
@@ -139,7 +138,7 @@ class SensorState:
         if key not in self._precisions:
             where = self.indices(used)
             covariance = self.covariance[np.ix_(where, where)]
-            own = np.arange(len(where) - len(used), len(where))
+            own = self.modes + np.arange(2 * len(used), 3 * len(used))
             covariance[own, own] += operator.inexact**2
             scale = np.sqrt(covariance.diagonal())
             correlation = covariance / scale[:, None] / scale
@@ -167,6 +166,7 @@ class SensorState:
                 np.full(count, GAIN_WALK),
                 np.full(count, OFFSET_WALK),
                 np.full(count, RESISTANCE_WALK),
+                np.full(2 * count, ASIDE_WALK),
             ]
         )
         return self._wider(rates**2 * hours)

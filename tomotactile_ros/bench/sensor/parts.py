@@ -3,13 +3,16 @@
 time      touches that begin, end or move while rows are scanned (`changes`)
 channels  gains, offsets, resistances to ground, open wires, stuck channels, swapped wires
 sheets    random fields, gradients, anisotropy; and several things at once
-layouts   without a full grid
+layouts   without a full grid, and electrodes that are not where the layout says
 crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
 
 from tomotactile_ros.bench import reference_slides
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
@@ -17,6 +20,7 @@ from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, presses
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
@@ -58,6 +62,9 @@ LAYOUTS = {
 }
 
 
+ASIDE = 3e-4, 1e-3  # m: glued with a template, and by eye
+
+
 def time(step: int = 1) -> Iterator[Trial]:
     """Every `step`-th press, as in the other parts."""
     alone = states(_TEXTBOOK, most=_COUNT).every(step)
@@ -89,6 +96,19 @@ def layouts(step: int = 1) -> Iterator[Trial]:
     connector = Wiring(Channels(open=CONNECTOR), dead=CONNECTOR)
     pressed = states(_TEXTBOOK, most=_COUNT).every(step)
     yield presses("dead connector of 8 neighbours", pressed, connector)
+    for aside in ASIDE:
+        name = f"electrodes {1e3 * aside:g} mm beside the layout"
+        yield replace(presses(name, pressed), layout=misplaced(pressed.layout, aside))
+
+
+def misplaced(layout: Layout, aside: float) -> Layout:
+    """The layout with electrodes `aside` m, rms in x and in y, from where it has them, but on the
+    sheet."""
+    half = np.array(layout.outline.size) / 2
+    moved = layout.positions + aside * np.random.default_rng(_SEED).standard_normal(
+        (len(layout.positions), 2)
+    )
+    return replace(layout, positions=np.clip(moved, -half, half))
 
 
 def crowd(step: int = 1) -> Iterator[Trial]:

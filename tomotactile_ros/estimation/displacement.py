@@ -1,0 +1,152 @@
+"""What readings change by where an electrode lies aside of its place in the layout.
+
+Electrode n is a disc of radius a at which the potential, next to it, is u = A ln(r / a) + B . x (1 -
+a^2 / r^2): A goes with the current that it takes, B is the field that it stands in. A disc that moves
+by d takes other currents (Hadamard's formula for moved boundaries; to first order in d, and in a over
+the distance to all else):
+
+    dY_mk = -(Y_nm B_nk + Y_nk B_nm) . d
+
+with B_nm the field at n while electrode m is at 1 V. By the formula for rows (`forward`), with
+E_ln = sum_m B_nm rho_lm the field at n in row l and Y rho_l = e_l / N_l, a floating electrode reads
+the potential of its new place,
+
+    d rho_ln = E_ln . d_n  (n is read),     d rho_l = Z_g B_l / N_l . d_l + (e_l - rho_l) E_ll . d_l
+
+where l is grounded, Z_g = Z - z_l z_l^T / N_l. Each place acts on one column and on one row, like a
+gain and a resistance.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from tomotactile_ros.estimation.tables import mirrored
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
+
+_RING = 8  # points around an electrode
+_AT = 2.0  # radii of the electrode, of that ring: the charges of its rim are far enough
+_COMPLEX = np.array([1, 1j])  # x, y as x + i y
+
+
+class Displacement:
+    """Fields at the electrodes of a sheet.
+
+    Parameters
+    ----------
+    layout, used (n,) : electrodes in use; resistance : ohm/sq
+    potentials : of places (Q, 2), (Q, n), ohm (`PotentialTable`); inverse (n + 1, n + 1) of the
+        bordered Green function
+    """
+
+    def __init__(self, layout: Layout, used: np.ndarray, resistance: float, potentials, inverse):
+        self._centres, self._radius = layout.positions[used], layout.radius
+        self._at = self._centres @ _COMPLEX
+        pitch, rectangular = float(np.median(layout.pitches)), layout.outline.is_uniform_rectangle
+        mirrors = _rectangle if rectangular else _nearest
+        self._mirrors = mirrors(layout.outline, self._centres, pitch)
+        self._scale = resistance / (2 * np.pi)
+        turn = 2 * np.pi / _RING * np.arange(_RING)
+        ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        ring = (self._centres[:, None] + _AT * self._radius * ways).reshape(-1, 2)
+        seen = potentials(_inside(layout.outline, ring))[0].T
+        shares = (inverse[:-1, :-1] @ seen + inverse[:-1, -1:]).reshape(len(used), len(used), _RING)
+        size = _RING / 2 * self._radius * (_AT - 1 / _AT)
+        self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
+        self._between = self._kernel(self._centres)
+
+    def fields(self, places=None, share=None, fed=None) -> np.ndarray:
+        """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0;
+        of patches at `places` (P, 2) with `share` H (n, P) and H C `fed` (n, P)."""
+        if places is None or not len(places):
+            return self._alone
+        of_patches = self._kernel(places) - self._between @ share
+        return self._alone - of_patches @ fed.T
+
+    def row(self, at_rest, aside, ground, ratio, own, impedance, places, share, fed) -> np.ndarray:
+        """(n,) what a row without gains changes by as electrodes lie `aside` (2, n), m; the rest as
+        for `fields` and `displaced`, of one row with electrode `ground` grounded.
+
+        at_rest (2, n, n) : `fields` of what else touches
+        """
+        of_patches = self._kernel(places) - self._between @ share
+        felt = at_rest @ ratio - of_patches @ (fed.T @ ratio)
+        taken = at_rest[:, ground] - of_patches[:, ground] @ fed.T
+        here = aside[:, ground] @ taken
+        around = impedance @ here - ratio * (impedance[ground] @ here)
+        out = -(aside * felt).sum(axis=0)
+        at_ground = -out[ground]
+        out[ground] = -at_ground
+        return out + ratio * at_ground - around / own
+
+    def _kernel(self, places):
+        """(2, n, Q) field at the electrodes of 1 A fed in at `places` (Q, 2), V/m, without what
+        changes slowly with the place."""
+        at = places @ _COMPLEX
+        out = self._from(at, slice(None))
+        for straight, turned, shift, near in self._mirrors:
+            out[near] += self._from(straight * at + turned * at.conj() + shift, near)
+        return self._scale * np.array([out.real, out.imag])
+
+    def _from(self, at, which):
+        """(n, Q) x + i y of the way to places `at` (Q,), x + i y, over its square, m."""
+        way = at - self._at[which][:, None]
+        near = np.abs(way.real) + np.abs(way.imag) < self._radius  # the electrode itself
+        way[near] = np.inf
+        return 1 / way.conj()
+
+
+def _inside(outline: Outline, places: np.ndarray) -> np.ndarray:
+    """`places` (Q, 2), those beyond the rim mirrored in it."""
+    if outline.is_uniform_rectangle:
+        return mirrored(places, np.array(outline.size, float) / 2)
+    depth, inwards = outline.depth(places)
+    return places - 2 * np.minimum(depth, 0.0)[:, None] * inwards
+
+
+def _rectangle(outline: Outline, centres: np.ndarray, within: float):
+    """Mirrors in rims and corners of a rectangle: for each what it does with x + i y, as factors of
+    that and of its conjugate and what is added, and the electrodes at `centres` (n, 2) nearer to it
+    than `within`, m. Farther ones see what is beyond a rim as something that changes slowly."""
+    size, found = np.array(outline.size, float), []
+    for i, j in product((-1, 0, 1), repeat=2):
+        beside = [
+            s * centres[:, axis] > size[axis] / 2 - within for axis, s in enumerate((i, j)) if s
+        ]
+        near = np.flatnonzero(np.all(beside, axis=0)) if beside else []
+        if len(near):
+            straight, turned = (0, -1) if not j else (0, 1) if not i else (-1, 0)
+            found.append((straight, turned, i * size[0] + 1j * j * size[1], near))
+    return found
+
+
+def _nearest(outline: Outline, centres: np.ndarray, within: float):
+    """The same in the tangent of the nearest rim of any outline, another mirror for each electrode."""
+    depth, inwards = outline.depth(centres)
+    near = np.flatnonzero(depth < within)
+    normal = inwards[near] @ _COMPLEX
+    foot = centres[near] @ _COMPLEX - depth[near] * normal
+    turned = -(normal**2)
+    return [(0, turned[:, None], (foot - turned * foot.conj())[:, None], near)]
+
+
+def displaced(fields, impedance, ratio, own, rows) -> tuple[np.ndarray, np.ndarray]:
+    """(2, L, n) each: derivatives of 1 - rho by how far aside the electrode of the column lies, and
+    the grounded one, 1/m.
+
+    fields (2, n, n); impedance (n, n), ohm; ratio (L, n) rho; own (L,) N, ohm; rows (L,)
+    """
+    each = np.arange(len(rows))
+    columns = -np.matmul(ratio, fields.transpose(0, 2, 1))
+    at_ground = -columns[:, each, rows]
+    columns[:, each, rows] = 0.0
+    taken = fields[:, rows]
+    moved = np.matmul(taken, impedance)
+    through = np.einsum("dln,ln->dl", taken, impedance[rows])
+    moved -= through[..., None] * ratio
+    ways = ratio * at_ground[..., None] - moved / own[:, None]
+    ways[:, each, rows] -= at_ground
+    return columns, ways
