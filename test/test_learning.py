@@ -279,6 +279,21 @@ def test_dead_channels_are_named_and_left_as_expected():
     assert "electrode 3: no readings" in "\n".join(findings.lines(found))
 
 
+def test_wires_swapped_before_the_first_touch_are_said_and_not_learned():
+    """All touches of the recording show it; the same ones without the swap name nothing."""
+    assert learned().exchanged is None
+    whole = simulator()
+    scene = replace(whole.scene, defects=replace(whole.scene.defects, swapped=((5, 6),)))
+    sensor = Simulator(layout(), scene, row_period=0.0)
+    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 3.0, 0.5))])
+    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
+    assert found.exchanged.pair == (5, 6) and found.exchanged.sure > 10
+    assert (found.state.touches, found.unexplained) == (0, 3)
+    for part in ("sheet", "resistance"):
+        assert found.state.known(part).max() < 1e-9
+    assert "electrodes 5 and 6 are swapped" in "\n".join(findings.lines(found))
+
+
 # -- time, files, commands ----------------------------------------------------------------------
 
 

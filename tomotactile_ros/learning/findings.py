@@ -52,6 +52,12 @@ def lines(learned: Learned) -> Iterator[str]:
     )
     if learned.alike:
         yield f"  {_count(learned.alike, 'frame')} like others, which say no more"
+    if learned.exchanged:
+        first, second = learned.exchanged.pair
+        yield (
+            f"  the wires of electrodes {first} and {second} are swapped: touches fit only with them "
+            "exchanged; put them right and record again"
+        )
     if learned.unexplained:
         yield f"  {_count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
     if learned.moved:
@@ -127,7 +133,10 @@ def _undetermined(learned, good):
         "tell; one press of known force does (calibrate)"
     )
     if not state.touches:
-        yield "  all but offsets: no frame holds a touch that contacts explain"
+        known = state.known("gain")[good].min() > _FOUND
+        yield (
+            f"  all but {'gains and ' if known else ''}offsets: no frame holds a touch that contacts explain"
+        )
         return
     reasons = {
         "gain": "too few touches",
