@@ -223,12 +223,17 @@ class SheetOperator:
         return self.admittance_of(self._mean)
 
     @cached_property
+    def own_impedance(self) -> np.ndarray:
+        """(n,) impedance of each electrode against all others, ohm."""
+        tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
+        own = np.linalg.inv(self.admittance + tied).diagonal()
+        return own - 1 / (tied * self.count**2)
+
+    @property
     def inexact(self) -> np.ndarray:
         """(n,) standard deviation of what the model errs in the impedance of each electrode, ohm: in
         every frame another one, like a resistance to ground of its own."""
-        tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
-        own = np.linalg.inv(self.admittance + tied).diagonal()
-        return _INEXACT * (own - 1 / (tied * self.count**2))
+        return _INEXACT * self.own_impedance
 
     @cached_property
     def untouched(self) -> np.ndarray:
