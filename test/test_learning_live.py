@@ -182,6 +182,18 @@ def test_wires_that_are_swapped_are_named_and_nothing_is_learned_from_them():
     assert learner.health.findings == []
 
 
+def test_wires_swapped_before_the_first_touch_are_named_too():
+    sensor = damaged()
+    scene = replace(sensor.scene, defects=replace(sensor.scene.defects, swapped=((5, 10),)))
+    learner, sensor = live(), Simulator(layout(), scene, row_period=0.0)
+    for number, time in enumerate(np.arange(0.6, 3, 0.1)):
+        if time % 1 > 0.55 and learner.offer(sensor.frame(time, number), GROUNDED, DRIVE, time):
+            learner.work()
+    (found,) = learner.health.findings
+    assert found.name == "swapped 5 10" and found.sure > 10
+    assert learner.state.touches == 0
+
+
 def test_a_sheet_that_dries_is_told_by_all_resistances_together():
     """They are known in parts of the sheet's resistance; one wire alone is not taken for it."""
     state = states()[-1]

@@ -203,7 +203,9 @@ def compared(state: SensorState, learned: Learned, case: Case, layout: Layout) -
             "bound": findings.relative_gain_deviation(state),
         },
         "offset": _compared(state["offset"] - offset, state.std("offset")),
-        "resistance": _compared(state["resistance"] - ohms, state.std("resistance")),
+        "resistance": _compared(
+            state["resistance"] - ohms, findings.resistance_deviation(state, learned.operator)
+        ),
         "sheet": _compared(values - values.mean() - true, deviation),
         "ratio": {"found": findings.anisotropy(state)[0], "true": ratio_true},
     }

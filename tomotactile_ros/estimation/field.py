@@ -28,6 +28,7 @@ class SheetField:
     """Cells of a sheet and the modes of its field.
 
     centres : (C, 2) of cells, m; modes : (C, J - 2) value of each mode with variance 1
+    left : (C,) standard deviation, in the cells, of what the modes do not show of a field of variance 1
     deviation : (J,) prior standard deviation of the coefficients
     owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell
         begins
@@ -61,6 +62,8 @@ class SheetField:
         kept = order[:count]
         scale = np.sqrt(np.maximum(variance[kept], 0.0))
         self.modes = vectors[:, kept] / root[:, None] * scale
+        left = covariance.diagonal() - (self.modes**2).sum(axis=1)
+        self.left = np.sqrt(np.maximum(left, 0.0))
         self.deviation = np.full(len(kept) + 2, UNEVEN)
         self.deviation[-2:] = ANISOTROPIC
         self._nodes = np.linalg.solve(self._weights(self.centres), self.modes)
@@ -79,5 +82,8 @@ class SheetField:
 
     def cell_values(self, places: np.ndarray) -> np.ndarray:
         """(Q, J - 2) the field of the cell that each of `places` (Q, 2) lies in."""
-        squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
-        return self.modes[squared.argmin(axis=1)]
+        return self.modes[self.cell_of(places)]
+
+    def cell_of(self, places: np.ndarray) -> np.ndarray:
+        """(Q,) number of the cell that each of `places` (Q, 2) lies in."""
+        return ((places[:, None] - self.centres) ** 2).sum(axis=-1).argmin(axis=1)

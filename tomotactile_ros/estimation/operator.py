@@ -46,6 +46,8 @@ _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
 # from frame to frame between this model and finite elements
 _INEXACT = 2e-3
+# of an electrode in the closed form: with four, resistances to ground were 5 ohm too high, 10 at a rim
+_CHARGES = 8
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
@@ -72,7 +74,7 @@ class SheetOperator:
         self.position = np.full(layout.electrodes, -1)
         self.position[self.used] = np.arange(self.count)
         self.resistance = float(layout.sheet_resistance)
-        self.sheet = make_sheet(layout, model)
+        self.sheet = make_sheet(layout, model, charges=_CHARGES)
         self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         self.pitch = float(np.median(layout.pitches))
@@ -226,12 +228,17 @@ class SheetOperator:
         return self.admittance_of(self._mean)
 
     @cached_property
+    def own_impedance(self) -> np.ndarray:
+        """(n,) impedance of each electrode against all others, ohm."""
+        tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
+        own = np.linalg.inv(self.admittance + tied).diagonal()
+        return own - 1 / (tied * self.count**2)
+
+    @property
     def inexact(self) -> np.ndarray:
         """(n,) standard deviation of what the model errs in the impedance of each electrode, ohm: in
         every frame another one, like a resistance to ground of its own."""
-        tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
-        own = np.linalg.inv(self.admittance + tied).diagonal()
-        return _INEXACT * (own - 1 / (tied * self.count**2))
+        return _INEXACT * self.own_impedance
 
     @cached_property
     def untouched(self) -> np.ndarray:

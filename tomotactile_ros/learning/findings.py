@@ -7,11 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.learning.recorded import Learned
 from tomotactile_ros.learning.state import SensorState
 
-_FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
+FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
 _NAMED = 3  # electrodes that are named
+# of an electrode's own impedance: finite elements and closed form differ by as much, and as much does
+# a radius that is 2 % off make
+_LASTING = 5e-3
+_DIRECT = 0.5  # of the least deviation that touches alone can leave of a resistance
 _OUT = 3.0  # deviations of a channel from the others, beside which it is named
 
 
@@ -35,28 +40,67 @@ def relative_gain_deviation(state: SensorState) -> float:
     return float(np.sqrt(np.trace(apart @ block @ apart) / len(block)))
 
 
-def field(state: SensorState, operator) -> tuple[np.ndarray, np.ndarray]:
-    """(C,) logarithm of the sheet's conductance in its cells, 0 in the mean, and its deviation."""
+def unevenness(state: SensorState) -> float:
+    """Standard deviation of the logarithm of the sheet's conductance as its modes show it; what was
+    expected where nothing is known."""
+    modes = slice(0, state.modes - 2)
+    return float(np.sqrt((state.mean[modes] ** 2 + state.deviation[modes] ** 2).mean()))
+
+
+def field(state: SensorState, operator: SheetOperator) -> tuple[np.ndarray, np.ndarray]:
+    """(C,) logarithm of the sheet's conductance in its cells, 0 in the mean, and its deviation.
+
+    That of the modes, and what they do not show of a sheet that is as uneven as this one.
+    """
     modes = operator.field.modes
     count = modes.shape[1]
     covariance = state.covariance[:count, :count]
-    return modes @ state["sheet"][:-2], np.sqrt(np.einsum("cj,jk,ck->c", modes, covariance, modes))
+    shown = np.sqrt(np.einsum("cj,jk,ck->c", modes, covariance, modes))
+    return modes @ state["sheet"][:-2], np.hypot(shown, unevenness(state) * operator.field.left)
+
+
+def resistance_deviation(state: SensorState, operator: SheetOperator) -> np.ndarray:
+    """(E,) ohm, deviation of the resistances to ground from what lies between electrode and ground.
+
+    The covariance is that of the resistances that explain readings best with the model's electrodes.
+    What these err is the same in all touches, and no touch tells it; nor what the sheet beside an
+    electrode is off beyond its modes. Not so where the grounded electrode itself was read: then
+    resistances are known better than touches alone can tell.
+    """
+    deviation, used = state.std("resistance").copy(), operator.used
+    told = deviation[used] < _DIRECT * operator.inexact / np.sqrt(max(state.frames, 1))
+    at = operator.field.cell_of(operator.layout.positions[used])
+    model = np.hypot(_LASTING, unevenness(state) * operator.field.left[at]) * operator.own_impedance
+    learned = state.known("resistance")[used] > 0
+    deviation[used] = np.hypot(deviation[used], np.where(learned & ~told, model, 0.0))
+    return np.minimum(deviation, state.expected[state.slice("resistance")])
+
+
+def deviation(state: SensorState, operator: SheetOperator, part: str) -> np.ndarray:
+    """(E,) standard deviations of `gain`, `offset` or `resistance`, for people."""
+    return resistance_deviation(state, operator) if part == "resistance" else state.std(part)
 
 
 def lines(learned: Learned) -> Iterator[str]:
     """The whole report."""
     state = learned.state
     yield (
-        f"learned from {_count(state.touches, 'different touch', 'es')} in {_count(state.frames, 'frame')} "
-        f"and {_count(learned.untouched, 'untouched frame')}"
+        f"learned from {count(state.touches, 'different touch', 'es')} in {count(state.frames, 'frame')} "
+        f"and {count(learned.untouched, 'untouched frame')}"
     )
     if learned.alike:
-        yield f"  {_count(learned.alike, 'frame')} like others, which say no more"
+        yield f"  {count(learned.alike, 'frame')} like others, which say no more"
+    if learned.exchanged:
+        first, second = learned.exchanged.pair
+        yield (
+            f"  the wires of electrodes {first} and {second} are swapped: touches fit only with them "
+            "exchanged; put them right and record again"
+        )
     if learned.unexplained:
-        yield f"  {_count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
+        yield f"  {count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
     if learned.moved:
         yield (
-            f"  {_count(learned.moved, 'frame')} in which something moved while rows were read: not "
+            f"  {count(learned.moved, 'frame')} in which something moved while rows were read: not "
             "learned from; hold each touch still for a frame"
         )
     for electrode, fault in sorted(learned.faults.items()):
@@ -66,7 +110,7 @@ def lines(learned: Learned) -> Iterator[str]:
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
     yield from _gains(state, good)
     yield from _offsets(state, good)
-    yield from _resistances(state, good)
+    yield from _resistances(state, learned.operator, good)
     yield from _places(state, good)
     yield from _sheet(state, learned.operator)
     yield from _undetermined(learned, good)
@@ -91,11 +135,11 @@ def _offsets(state, good):
     )
 
 
-def _resistances(state, good):
-    resistance, deviation = state["resistance"][good], state.std("resistance")[good]
-    known = float(np.sqrt((deviation**2).mean()))
+def _resistances(state, operator, good):
+    resistance = state["resistance"][good]
+    known = float(np.sqrt((resistance_deviation(state, operator)[good] ** 2).mean()))
     yield (
-        f"resistance to ground: {resistance.mean():.0f} ohm in the mean, {resistance.min():.0f} to "
+        f"resistance to ground: {resistance.mean() + 0.0:.0f} ohm in the mean, {resistance.min():.0f} to "
         f"{resistance.max():.0f}, each known to {known:.0f} ohm"
     )
 
@@ -139,7 +183,10 @@ def _undetermined(learned, good):
         "tell; one press of known force does (calibrate)"
     )
     if not state.touches:
-        yield "  all but offsets: no frame holds a touch that contacts explain"
+        known = state.known("gain")[good].min() > FOUND
+        yield (
+            f"  all but {'gains and ' if known else ''}offsets: no frame holds a touch that contacts explain"
+        )
         return
     reasons = {
         "gain": "too few touches",
@@ -147,17 +194,18 @@ def _undetermined(learned, good):
         "resistance": "too few touches near them",
     }
     for part, reason in reasons.items():
-        open_ones = good[state.known(part)[good] < _FOUND]
+        open_ones = good[state.known(part)[good] < FOUND]
+        known = deviation(state, learned.operator, part)
         if len(open_ones):
             yield (
                 f"  {part} of {_electrodes(open_ones, state.electrodes)}: {reason}; stays at what is expected, "
-                + (f"+- {_value(part, state.std(part)[open_ones].max())}")
+                + f"+- {_value(part, known[open_ones].max())}"
             )
-    _, deviation = field(state, learned.operator)
+    _, uncertain = field(state, learned.operator)
     expected = (
         np.sqrt((learned.operator.field.modes**2).sum(axis=1)) * learned.operator.deviation[0]
     )
-    unknown = float((deviation > _FOUND * expected).mean())
+    unknown = float((uncertain > FOUND * expected).mean())
     if unknown > 0.01:
         yield f"  the sheet's evenness over {unknown:.0%} of its area: no touches near enough"
     if learned.clipped > 1e-3:
@@ -191,7 +239,7 @@ def _value(part, value):
     return {
         "gain": f"{100 * value:.2g} %",
         "offset": f"{1e3 * value:.2g} mV",
-        "resistance": f"{value:.2g} ohm",
+        "resistance": f"{value:.0f} ohm",
     }[part]
 
 
@@ -207,5 +255,6 @@ def _place(place):
     return f"({place[0]:+.0f}, {place[1]:+.0f}) mm"
 
 
-def _count(number, word, many="s"):
+def count(number: int, word: str, many: str = "s") -> str:
+    """As people say it: 1 touch, 2 touches."""
     return f"{number} {word}{'' if number == 1 else many}"

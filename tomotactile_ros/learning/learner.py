@@ -8,8 +8,10 @@ extended Kalman filter in information form; Bell and Cathey 1993) and added with
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -34,6 +36,13 @@ _AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of 
 _SUSPECTS = 5  # electrodes that leave most over: two of them may be exchanged
 _SWAPPED = 0.25  # of chi-squared is left at most if they are
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
+
+
+class Exchanged(NamedTuple):
+    """Electrodes whose wires are exchanged, and by how many standard deviations that is sure."""
+
+    pair: tuple[int, int]
+    sure: float
 
 
 class Learner:
@@ -116,6 +125,20 @@ class Learner:
             return None
         first, second = self.operator.used[list(pair)].tolist()
         return (first, second), found
+
+    def exchanged_in(self, fits: Sequence[Fit]) -> Exchanged | None:
+        """Two electrodes whose exchange explains most of `fits`, which nothing else does."""
+        found: dict[tuple[int, int], list[float]] = {}
+        for fit in fits:
+            swapped = self.exchanged(fit)
+            if swapped is not None:
+                pair, then = swapped
+                gained = (fit.chi_squared - then.chi_squared) / then.doubt
+                found.setdefault(pair, []).append(float(np.sqrt(max(gained, 0.0))))
+        for pair, sure in found.items():
+            if len(sure) > len(fits) / 2:
+                return Exchanged(pair, min(sure))
+        return None
 
     def settle(self, unknowns: Unknowns, rows: Rows) -> Fit:
         """Contacts fitted anew from `unknowns` with the sensor held where it is known to be."""

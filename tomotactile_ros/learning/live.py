@@ -200,6 +200,12 @@ class LiveLearner:
             self._together, self._first = 0, []  # begin anew, with other touches
             return
         self.unexplained = learned.unexplained
+        if learned.exchanged is None:
+            self.health.exchanged(None)
+        else:
+            self.health.exchanged(
+                learned.exchanged.pair, self._first[0].time, learned.exchanged.sure
+            )
         if learned.unexplained > _UNEXPLAINED * len(self._first):
             if self._together == len(TOGETHER):  # begin anew, with other touches
                 self._together, self._first = 0, []
@@ -262,19 +268,10 @@ class LiveLearner:
     def _is_exchanged(self, learner, rows, since: float) -> bool:
         """Whether most of some frames are explained if the same two wires are swapped; the health is
         told."""
-        found = {}
-        for each in rows:
-            fit = learner.look(each)
-            swapped = learner.exchanged(fit)
-            if swapped is not None:
-                pair, then = swapped
-                gained = (fit.chi_squared - then.chi_squared) / then.doubt
-                found.setdefault(pair, []).append(float(np.sqrt(max(gained, 0.0))))
-        for pair, sure in found.items():
-            if len(sure) > len(rows) / 2:
-                self.health.exchanged(pair, since, min(sure))
-                return True
-        return False
+        found = learner.exchanged_in([learner.look(each) for each in rows])
+        if found is not None:
+            self.health.exchanged(found.pair, since, found.sure)
+        return found is not None
 
     def _rows(self, learner, frame):
         voltages, rows = frame.voltages[frame.rows], frame.rows

@@ -14,6 +14,7 @@ from tomotactile_ros.learning.recorded import Learned
 from tomotactile_ros.support.files import save_figure
 
 _CELLS = 80  # of a map, along the longer side
+_LEARNED, _EXPECTED = "C0", "0.6"  # colours of channels
 
 
 def save_picture(path: str | os.PathLike, layout: Layout, learned: Learned) -> None:
@@ -25,13 +26,14 @@ def save_picture(path: str | os.PathLike, layout: Layout, learned: Learned) -> N
     FigureCanvasAgg(figure)
     state = learned.state
     figure.suptitle(
-        f"{layout.name}: learned from {state.touches} touches, {learned.untouched} untouched frames",
+        f"{layout.name}: learned from {findings.count(state.touches, 'touch', 'es')}, "
+        f"{findings.count(learned.untouched, 'untouched frame')}",
         fontsize=12,
     )
     left, right = figure.subfigures(1, 2, width_ratios=[1, 1.35])
     above, below = left.subplots(2, 1)
     _maps(left, above, below, layout, learned)
-    _channels(right, state, learned.faults)
+    _channels(right, learned)
     save_figure(figure, path)
 
 
@@ -41,10 +43,18 @@ def _maps(figure, above, below, layout, learned):
     state = learned.state
     sheet = slice(0, state.modes)
     values = 100 * np.expm1(at @ state["sheet"])
-    spread = 100 * np.sqrt(np.einsum("kj,ji,ki->k", at, state.covariance[sheet, sheet], at))
+    field = learned.operator.field
+    left = findings.unevenness(state) * field.left[field.cell_of(grid.pixels)]
+    shown = np.sqrt(np.einsum("kj,ji,ki->k", at, state.covariance[sheet, sheet], at))
+    spread = 100 * np.hypot(shown, left)
     most = max(5.0, np.abs(values).max())
-    ratio, direction, _ = findings.anisotropy(state)
-    title = f"conductance of the sheet; {ratio:.2f} : 1 along {direction:.0f}°"
+    ratio, direction, uncertain = findings.anisotropy(state)
+    way = (
+        f"{ratio:.2f} : 1 along {direction:.0f}°"
+        if ratio - 1 > 2 * uncertain
+        else "the same in all directions"
+    )
+    title = f"conductance of the sheet, {way}"
     _map(
         figure, above, layout, grid.fill(values), "RdBu_r", (-most, most), title, "off the mean / %"
     )
@@ -79,31 +89,37 @@ def _map(figure, axes, layout, values, colours, limits, title, label):
     axes.set(xlabel="x / mm", ylabel="y / mm", aspect="equal")
 
 
-def _channels(figure, state, faults):
+def _channels(figure, learned):
     parts = (
         ("gain", 100.0, "gain off 1 / %", -1.0),
         ("offset", 1e3, "offset / mV", 0.0),
-        ("resistance", 1.0, "to ground / Ω", 0.0),
+        ("resistance", 1.0, "resistance to ground / Ω", 0.0),
     )
+    state = learned.state
     numbers = np.arange(state.electrodes)
-    good = ~np.isin(numbers, list(faults))
+    good = ~np.isin(numbers, list(learned.faults))
     for axes, (part, unit, label, shift) in zip(figure.subplots(3, 1, sharex=True), parts):
-        values, spread = unit * (state[part] + shift), unit * state.std(part)
-        found = good & (state.known(part) >= 0.5)
+        values = unit * (state[part] + shift)
+        spread = unit * findings.deviation(state, learned.operator, part)
+        found = good & (state.known(part) >= findings.FOUND)
         axes.axhline(0, color="0.7", linewidth=0.8)
-        for which, colour, name in (
-            (found, "C0", "learned"),
-            (good & ~found, "0.6", "as expected"),
-        ):
-            if which.any():
-                axes.errorbar(
-                    numbers[which], values[which], spread[which], fmt="o", color=colour, markersize=3,
-                    capsize=2, linewidth=1, label=name,
-                )  # fmt: skip
+        for which, colour in ((found, _LEARNED), (good & ~found, _EXPECTED)):
+            axes.errorbar(
+                numbers[which], values[which], spread[which], fmt="o", color=colour, markersize=3,
+                capsize=2, linewidth=1,
+            )  # fmt: skip
         axes.set_ylabel(label)
         axes.margins(x=0.01)
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("electrode")
-    figure.axes[0].legend(
-        loc="upper left", bbox_to_anchor=(0, 1.16), ncols=2, frameon=False, fontsize=9
+    for colour, name in ((_LEARNED, "learned"), (_EXPECTED, "hardly told from what was expected")):
+        figure.axes[0].plot([], [], "o", color=colour, markersize=4, label=name)
+    figure.legend(
+        loc="outside upper left",
+        ncols=2,
+        frameon=False,
+        fontsize=9,
+        title="error bars: one standard deviation",
+        title_fontsize=9,
+        alignment="left",
     )
-    figure.axes[0].set_title("error bars: one standard deviation", fontsize=10, loc="right")

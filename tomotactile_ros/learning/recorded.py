@@ -20,7 +20,7 @@ from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_c
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Learner
+from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Exchanged, Learner
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
 from tomotactile_ros.learning.state import SensorState
@@ -35,6 +35,7 @@ _ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on at once
+_LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
 # chi-squared per equation of reciprocity, beyond which something moves while rows are read: 1 at rest, 3
 # where channels keep 0.5 % of the row before, 4.5 and more with two fingers at 20 and 30 mm/s
 _MOVING = 4.0
@@ -49,6 +50,8 @@ class Learned:
     untouched, alike, unexplained : frames without a touch, like another one, and those that no
         contacts explain
     moved : frames in which something moved while rows were read
+    exchanged : two electrodes whose wires are exchanged, None where nothing says so; with them nothing
+        but gains and offsets is learned
     ended : electrodes whose offset lies below what the converter shows
     faults : {electrode: what is wrong with its channel}
     asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None
@@ -63,6 +66,7 @@ class Learned:
     alike: int = 0
     unexplained: int = 0
     moved: int = 0
+    exchanged: Exchanged | None = None
     ended: tuple[int, ...] = ()
     faults: dict[int, str] = field(default_factory=dict)
     asymmetry: float | None = None
@@ -127,15 +131,20 @@ def learn(
         return replace(done, moved=moved, asymmetry=asymmetry)
     _gains(learner, frames, ends, grounded, chosen, drive, noise)
     rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
+    known = learner.state
     fits, courses = _one_by_one(learner, rows, watch, course)
+    exchanged = _exchanged(learner, known, fits)
+    if exchanged is not None:
+        fits, courses = [], []
     if any(_is_good(fit) for fit in fits):
         fits = _together(learner, start, fits, watch)
     good = sum(_is_good(fit) for fit in fits)
     return replace(
         done,
         state=learner.state,
-        unexplained=len(fits) - good,
+        unexplained=len(rows) - good,
         moved=moved,
+        exchanged=exchanged,
         asymmetry=asymmetry,
         clipped=float(ends[chosen].mean()),
         courses=courses,
@@ -234,6 +243,24 @@ def _one_by_one(learner, rows, watch, course):
         if course:
             courses.append(learner.state)
     return fits, courses
+
+
+def _exchanged(learner, known, fits) -> Exchanged | None:
+    """Two electrodes whose exchange explains most of the frames that nothing else does, where these are
+    most of `fits`; the learner is back at `known` then."""
+    odd = [fit for fit in fits if not _is_good(fit)]
+    if 2 * len(odd) <= len(fits):
+        return None
+    after = learner.state
+    learner.set(known)
+    learner.about()
+    found = learner.exchanged_in(odd[:_LOOKED_AT])
+    if found is None:
+        learner.set(after)
+        learner.about()
+    else:
+        learner.ledger = Ledger(learner.operator.pitch)
+    return found
 
 
 def _together(learner, start, fits, watch):

@@ -35,5 +35,5 @@ def sensor_to_message(
     )
     for name in PARTS[1:]:
         setattr(message, name, state[name].tolist())
-        setattr(message, f"{name}_deviation", state.std(name).tolist())
+        setattr(message, f"{name}_deviation", findings.deviation(state, operator, name).tolist())
     return message
