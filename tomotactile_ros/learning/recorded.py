@@ -27,7 +27,7 @@ from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.support.errors import InputError
 
 WIDE = ChannelPrior(
-    gain=0.05, offset=0.005, resistance=250.0, aside=0.02
+    gain=0.05, offset=0.005, resistance=250.0, aside=0.01
 )  # of a sensor of which nothing is known
 MOST = 60  # touches
 _NEW = 1.5  # times what noise makes of the difference of two frames: another touch

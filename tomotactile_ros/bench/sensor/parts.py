@@ -108,7 +108,8 @@ def misplaced(layout: Layout, aside: float) -> Layout:
     moved = layout.positions + aside * np.random.default_rng(_SEED).standard_normal(
         (len(layout.positions), 2)
     )
-    return replace(layout, positions=np.clip(moved, -half, half))
+    name = f"{layout.name}, {1e3 * aside:g} mm aside"
+    return replace(layout, name=name, positions=np.clip(moved, -half, half))
 
 
 def crowd(step: int = 1) -> Iterator[Trial]:
