@@ -39,7 +39,8 @@ def test_a_program_that_leaves_nothing():
 
 def test_strays_and_broken_files_are_seen(monkeypatch):
     monkeypatch.setattr(fault_kills, "GRACE", 0.1)
-    script = "sleep 60 & printf 'half: [' > out.yaml; echo Traceback >&2"
+    script = "sleep 60 & until grep -q sleep /proc/$!/comm; do :; done; "  # while it starts it has no name
+    script += "printf 'half: [' > out.yaml; echo Traceback >&2"
     assert left_by(script) == {"strays": 1, "broken files": 1, "tracebacks": 1}
 
 

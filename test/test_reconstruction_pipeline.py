@@ -422,6 +422,26 @@ def test_rows_that_show_no_grounded_electrode_are_withheld():
         assert set(said[32 if at_once else 47 :]) == {("withheld", 0)}, name
 
 
+def test_rows_go_on_when_a_channel_is_left_out():
+    """What is read changes its length then, which ended the node."""
+    layout, pipeline = (
+        load_layout("equal-4x4"),
+        Pipeline(load_layout("equal-4x4"), Settings("fast")),
+    )
+    pressed = Contact("disc", center=(0.02, 0.01), radius=0.006, pressure=2e4)
+    scene = Scene("finger", DRIVE, [pressed], ContactLaw(1e-4, 1.0), Noise(1e-3))
+    whole = rows_of(layout, Simulator(layout, scene).frame(0.0), GROUNDED[:16])
+    rows, broken = pipeline.rows(), whole.copy()
+    broken[:, 5] = np.nan
+    frames, used = [np.zeros((7, 16)), whole, *[broken] * 2, *[whole] * 3, *[broken] * 3], set()
+    for i, row in enumerate(np.concatenate(frames), start=9):
+        result = pipeline.process_row(row, i % 16, DRIVE, 1e-3 * i, rows)
+        used.add(len(rows.used))
+        assert i < 18 or result.state == "withheld" or len(result.contacts) == 1
+    assert 5 not in rows.used and 16 in used
+    assert result.state == "valid"
+
+
 @pytest.mark.parametrize(
     "side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e3), (8, 1e4), (8, 1e5), (8, 1e6)]
 )

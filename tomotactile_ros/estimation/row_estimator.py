@@ -175,7 +175,9 @@ class RowEstimator:
         seen = state.told()
         if seen is not None:
             self._take(seen, state)
-        driven = voltages[list(state.used)] - self.estimator.offsets(state.used)
+        driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
+        used = list(state.used)
+        driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         places = self.estimator.layout.positions
         driven[np.equal(state.used, grounded)] = np.nan
@@ -286,6 +288,8 @@ class RowEstimator:
             return Followed([], "withheld", state.ground.doubt)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
+        if not rows.read:
+            return Followed([], "withheld", "rows begin anew, with other electrodes than before")
         if self._frames and rows.touched_at_once and rows.read < YOUNG:
             return Followed(
                 [], "withheld", "it was touched when rows began: more of them tell by what"
