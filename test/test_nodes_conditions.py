@@ -1,5 +1,8 @@
 """What is wrong is in the log at the level that it has in the diagnostics, once, and so is its end."""
 
+import itertools
+import re
+
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
@@ -53,6 +56,55 @@ def test_a_trouble_is_logged_when_it_begins_changes_its_level_and_ends():
     assert log.new() == [("WARN", "5 % are lost")]
     conditions.say([])
     assert log.new() == [("INFO", "over: 5 % are lost")]
+
+
+class Clock:
+    """Tells the time that the test sets."""
+
+    now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_what_comes_and_goes_does_not_fill_the_log_and_is_not_hidden():
+    """A share of lost frames about its limit was two lines each other second, for hours."""
+    log, clock = Log(), Clock()
+    conditions = Conditions(log, clock)
+    lines = []
+    for second in range(3600):
+        clock.now += 1.0
+        conditions.say([] if second % 2 else [LOST])
+        lines += [(second, *line) for line in log.new()]
+    assert [line[0] for line in lines[:6]] == list(range(6))  # at first each as it comes
+    assert len(lines) < 3600 / 10 + 7
+    assert max(after[0] - before[0] for before, after in itertools.pairwise(lines)) <= 10
+    told = [re.search(r"changed (\d+) times", text) for _, _, text in lines]
+    changes = sum(int(each.group(1)) if each else 1 for each in told)
+    assert 3600 - 10 <= changes <= 3600  # none is left uncounted
+    conditions.say([LOST, DEAD])  # another trouble does not wait for it
+    assert ("WARN", "dead: 5") in log.new()
+    conditions.say([MOST_LOST, DEAD])  # nor what becomes an error
+    assert [level for level, _ in log.new()] == ["ERROR"]
+
+
+def test_the_log_ends_with_how_it_stands_after_something_has_flickered():
+    log, clock = Log(), Clock()
+    conditions = Conditions(log, clock)
+    for second in range(20):
+        clock.now += 0.1
+        conditions.say([] if second % 2 else [MOST_LOST])
+    conditions.say([MOST_LOST])
+    log.new()
+    clock.now += 11.0
+    conditions.say([MOST_LOST])
+    ((level, text),) = log.new()
+    assert level == "ERROR" and text.startswith("50 % are lost (changed ")
+    conditions.say([MOST_LOST])
+    assert not log.new()
+    clock.now += 61.0  # quiet for a while: at once again
+    conditions.say([])
+    assert log.new() == [("INFO", "over: 50 % are lost")]
 
 
 class Told:
@@ -127,3 +179,12 @@ def test_troubles_of_a_stream_are_logged_apart_and_not_over_when_the_line_is_dea
     part._device.now = Status("streaming", "fine")
     part.report()
     assert part._log.new() == [("INFO", "over: 50 % are lost")]
+
+
+def test_a_device_that_comes_and_goes_does_not_fill_the_log(part):
+    lines = []
+    for k in range(300):
+        part._device.now = Status("silent" if k % 2 else "streaming", "fine")
+        part.report()
+        lines += part._log.new()
+    assert 10 < len(lines) <= 2 * 6 + 2  # six of each state, within less than ten seconds

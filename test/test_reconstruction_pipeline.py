@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tomotactile_ros.estimation.ground import no_ground_is_seen
+from tomotactile_ros.estimation.ground import no_ground_is_seen, rows_are_alike
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -453,3 +453,78 @@ def test_a_contact_on_the_whole_sheet_shows_what_is_grounded(side, pressure):
     rows = rows_of(sheet, Simulator(sheet, scene, h=0.01).frame(0.0), GROUNDED[: side**2])
     assert np.nanmean(rows) > 0.03 * DRIVE
     assert not no_ground_is_seen(rows, DRIVE, 1e-3)
+
+
+def common_to_rows(count):
+    """(name, (count,) V) what each row's readings have in common: of hum, and of a slow drift."""
+    row = np.arange(count)
+    yield "sine of 1 V", np.sin(0.5 * row)
+    yield "ramp of 20 mV", 0.02 * row / count
+
+
+@pytest.mark.parametrize("profile", ["fast", "balanced"])
+@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8"])
+def test_what_all_readings_of_a_row_have_in_common_is_no_contact(name, profile):
+    """An untouched sheet with a ramp of 20 mV was a contact of 0.002 N, a sine of 1 V one of 0.15 N."""
+    layout = load_layout(name)
+    count = layout.electrodes
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((count, count))
+    for what, common in common_to_rows(count):
+        pipeline = Pipeline(layout, Settings(profile))
+        result = pipeline.process(common[:, None] + noise, GROUNDED[:count], DRIVE)
+        assert result.state == "withheld" and not result.contacts and result.reason, what
+
+
+@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8"])
+def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name):
+    """Hum of 0.2 V put a contact 40 to 70 mm beside its place, and it was valid."""
+    layout = load_layout(name)
+    count = layout.electrodes
+    pressed = Contact("disc", center=(0.02, 0.03), radius=0.008, pressure=2e4)
+    scene = Scene("pressed", DRIVE, [pressed], ContactLaw(1e-6, 1.0))
+    readings = Simulator(layout, scene, "closed_form").frame(0.0)
+    readings += 1e-3 * np.random.default_rng(2).standard_normal((count, count))
+    (found,) = processed(layout, readings).contacts
+    assert np.hypot(found.x - 0.02, found.y - 0.03) < 2e-3
+    for phase in (2.0, 4.0):
+        hum = 0.2 * np.sin(0.7 * np.arange(count) + phase)
+        result = processed(layout, readings + hum[:, None])
+        assert result.state == "withheld" and not result.contacts
+
+
+def processed(layout, readings):
+    return Pipeline(layout, Settings("balanced")).process(
+        readings, GROUNDED[: len(readings)], DRIVE
+    )
+
+
+def test_rows_with_something_in_common_are_no_contacts():
+    layout = load_layout("equal-4x4")
+    pipeline = Pipeline(layout, Settings("fast"))
+    random = np.random.default_rng(7)
+    rows, said = pipeline.rows(), []
+    humming = 0.02 * np.sin(0.7 * np.arange(48))[:, None] + 1e-3 * random.standard_normal((48, 16))
+    for i, row in enumerate([*(1e-3 * random.standard_normal((32, 16))), *humming]):
+        result = pipeline.process_row(row, i % 16, DRIVE, 1e-3 * i, rows)
+        said.append((result.state, len(result.contacts)))
+    assert said[31] == ("valid", 0)
+    assert set(said[47:]) == {("withheld", 0)}
+
+
+@pytest.mark.parametrize("name", ["equal-4x4", "optimized-4x4", "equal-8x8", "ring-16", "hex-37"])
+def test_contacts_show_what_is_grounded_also_when_they_begin_within_a_frame(name):
+    """The nearest electrodes to the grounded one are lowered under any contact, weak or strong."""
+    layout = load_layout(name)
+    count = layout.electrodes
+    random = np.random.default_rng(4)
+    noise = 1e-3 * random.standard_normal((count, count))
+    for pressure in (1e3, 1e5):
+        for place in layout.positions[:: count // 4]:
+            pressed = Contact("disc", center=tuple(0.9 * place), radius=0.006, pressure=pressure)
+            scene = Scene("pressed", DRIVE, [pressed], ContactLaw(1e-6, 1.0))
+            rows = rows_of(layout, Simulator(layout, scene, h=0.01).frame(0.0), GROUNDED[:count])
+            rows[GROUNDED[:count], GROUNDED[:count]] = np.nan
+            for begun in (0, count // 2, count - 3):
+                seen = np.where(np.arange(count)[:, None] < begun, 0.0 * rows, rows) + noise
+                places = layout.positions
+                assert not rows_are_alike(seen, places[GROUNDED[:count]], places, 1e-3)

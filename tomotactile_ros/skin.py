@@ -39,11 +39,15 @@ class Member:
 
     def problem(self, now: float, timeout: float) -> str:
         """Why nothing is known of it now, or nothing."""
+        if self.is_silent(now, timeout):
+            return f"no contacts for {now - self.arrival:.1f} s"
         if self.arrival is None:
             return self.complaint or "no contacts yet"
-        if now - self.arrival > timeout:
-            return f"no contacts for {now - self.arrival:.1f} s"
         return self.complaint
+
+    def is_silent(self, now: float, timeout: float) -> bool:
+        """Whether it sent contacts, and does not any more."""
+        return self.arrival is not None and now - self.arrival > timeout
 
 
 class Skin:
@@ -63,6 +67,12 @@ class Skin:
         """Why nothing is known of a sensor, of those for which it is so."""
         found = {name: m.problem(now, self.timeout) for name, m in self.members.items()}
         return {name: problem for name, problem in found.items() if problem}
+
+    def kind(self, name: str, now: float) -> str:
+        """What kind of problem a sensor has, if it has any: stays while only a figure in its text
+        changes."""
+        member = self.members[name]
+        return "silent" if member.is_silent(now, self.timeout) else member.complaint
 
     def contacts(self, now: float) -> list[tuple[int, object]]:
         """(number of the sensor, contact) of all sensors that are known, sensor by sensor."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import RATED, Unknowns
-from tomotactile_ros.estimation.ground import NO_GROUND, no_ground_is_seen
+from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtful, rows_are_alike
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -40,6 +40,9 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
 EXCLUDED = "excluded by the settings"  # why an electrode is left out
+# resistances to ground below 0, in parts of what is expected of them, and rows that tell of them:
+# unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
+_IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
@@ -241,9 +244,13 @@ class Estimator:
                 [], [], "withheld", "fewer than two electrodes can be read", left_out
             ), None
         driven = np.where(valid, voltages, np.nan)[:, list(used)] - self.offsets(used)
-        if no_ground_is_seen(driven, drive_voltage, noise):
+        places = self.layout.positions
+        doubt = ground_is_doubtful(
+            driven, places[grounded], places[list(used)], drive_voltage, noise
+        )
+        if doubt:
             state.forget()
-            return Estimate([], [], "withheld", NO_GROUND, left_out), None
+            return Estimate([], [], "withheld", doubt, left_out), None
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
         prior = self._prior(search.operator, drive_voltage, noise)
@@ -294,6 +301,9 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         state.fit = fit
         parts, group = self._contacts(fit, self._groups(search, fit, state))
+        if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
+            state.forget()
+            return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
@@ -456,6 +466,8 @@ class Estimator:
         return fit
 
     def _refusal(self, fit: Fit, torn: bool) -> str:
+        if _below_zero(fit) > _IMPOSSIBLE * self.channels.resistance:
+            return DISTURBED
         if torn and not _explains(fit):
             return "something changed within the last rows, and no contacts explain them"
         if fit.chi_squared > _REFUSED * fit.rows.count:
@@ -541,6 +553,21 @@ class Estimator:
 def _explains(fit: Fit) -> bool:
     """Whether contacts explain rows with a sensor that is likely."""
     return fit.chi_squared + fit.of_sensor < _CHANGING * fit.rows.count
+
+
+def _below_zero(fit: Fit) -> float:
+    """How far resistances to ground of a fit are below 0 ohm, and below what was known of them: root
+    mean square over the rows, ohm, without the two that are lowest.
+
+    An offset that all readings of a row have in common is the same to the fit as such a resistance,
+    or nearly. One or two electrodes under a contact may take what the model lacks there.
+    """
+    u, prior = fit.unknowns, fit.prior
+    rows = np.unique(fit.rows.grounded)
+    if len(rows) < _FEWEST_JUDGED:
+        return 0.0
+    below = np.minimum(u.resistance - np.minimum(prior.resistance, 0.0), 0.0)
+    return float(np.sqrt(np.mean(np.sort(below[rows] ** 2)[:-2])))
 
 
 def _middle(rows: Rows, size: int) -> float:

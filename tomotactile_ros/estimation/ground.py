@@ -1,6 +1,7 @@
-"""Whether readings show that an electrode is grounded at all.
+"""Whether readings show that an electrode is grounded at all, and nothing else that lifts whole rows.
 
-Where they do not, the electronics are broken; a contact with an absurd force would explain them.
+Where they do not, the electronics are broken or disturbed; a contact with an absurd force, or in a
+wrong place, would explain them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,14 @@ NO_GROUND = (
     "the readings do not depend on which electrode is grounded: the converter stands still, inputs are "
     "open, nothing is grounded, or what presses drives the whole sheet to the drive voltage"
 )
+ALIKE = (
+    "the readings of a row are nearly the same, and differ from row to row whatever is grounded: "
+    "something disturbs all of them (hum, the supply), or nothing is grounded"
+)
+DISTURBED = (
+    "rows differ as only negative resistances to ground could make them: something disturbs all "
+    "readings of a row (hum, the supply)"
+)
 _LEAST_READINGS = 8  # valid ones, below which symmetry may make all readings the same
 # mean of readings below which nothing is said of what they depend on: of the drive voltage, of noise
 _PRESSED, _CLEAR = 0.01, 20.0
@@ -20,6 +29,14 @@ _PRESSED, _CLEAR = 0.01, 20.0
 # half of what the widest contact leaves, times what is missing to the drive voltage
 _CHANGES, _HIDDEN = 0.005, 0.2
 _NOISES = 3.0
+# What the nearest electrodes read less than the others, in parts of how rows differ: 0.38 and more
+# under one or two contacts on the sheets of config/layouts, 0.2 on 3 x 3 electrodes. It is to be
+# known to a twentieth.
+_LOWERED, _KNOWN_TO = 0.1, 0.05
+_NEAREST = 4
+_ROUNDS = 8  # of taking means off, where some readings are missing
+_PLAIN = 10.0  # times the noise: rows that differ by more are judged before anything is fitted
+_FEWEST = 12  # electrodes: of fewer, too many are near each other
 
 
 def no_ground_is_seen(rows: np.ndarray, drive_voltage: float, noise: float) -> bool:
@@ -54,19 +71,96 @@ def no_ground_is_seen(rows: np.ndarray, drive_voltage: float, noise: float) -> b
     return bool(changes < max(_CHANGES * mean, min(_NOISES * noise, hidden)))
 
 
+def rows_are_alike(
+    rows: np.ndarray, grounded: np.ndarray, places: np.ndarray, noise: float
+) -> bool:
+    """Whether rows differ by something common to all their readings, whatever was grounded.
+
+    In readings v_ln the mean of all, that of row l and that of channel n are taken off. What is left
+    shows the grounded electrode, -i Z_ln for a current i: those beside it read less. Rows that a
+    contact makes differ show it; rows that a disturbance of all channels makes differ do not.
+
+    Parameters
+    ----------
+    rows : (L, n) V, NaN where there is no reading
+    grounded : (L, 2) where the grounded electrode of each row is, m
+    places : (n, 2) where the electrodes of the channels are, m
+    noise : V rms, of a reading; rows that differ by less are not judged
+    """
+    valid = ~np.isnan(rows)
+    number = np.count_nonzero(valid)
+    if len(places) < _FEWEST or number < rows.size / 2 or len(rows) < len(places):
+        return False
+    of_rows, left = _without_means(np.where(valid, rows, 0.0), valid)
+    seen = valid.any(axis=1)
+    differ = float(np.std(of_rows[seen]))
+    lifted = np.abs(of_rows[seen])
+    # a few rows alone, as of a touch that has just begun, may all lie near a contact
+    few = lifted.sum() ** 2 < 0.5 * len(lifted) * (lifted**2).sum()
+    if differ < noise or few:
+        return False
+    apart = np.linalg.norm(grounded[:, None] - places, axis=2)
+    apart[apart == 0] = np.inf
+    near = valid & (apart <= 1.001 * np.partition(apart, _NEAREST - 1)[:, [_NEAREST - 1]])
+    far = valid & ~near & np.isfinite(apart)
+    counts = max(np.count_nonzero(near), 1), max(np.count_nonzero(far), 1)
+    lowered = left[far].sum() / counts[1] - left[near].sum() / counts[0]
+    scatter = np.sqrt((left**2).sum() / number * (1 / counts[0] + 1 / counts[1]))
+    return bool(scatter < _KNOWN_TO * differ and lowered < _LOWERED * differ)
+
+
+def _without_means(rows: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L,) part of each row, and (L, n) rows without it and without that of each channel."""
+    of_rows, of_channels = np.zeros(len(rows)), np.zeros(rows.shape[1])
+    in_row = np.maximum(np.count_nonzero(valid, axis=1), 1)
+    in_channel = np.maximum(np.count_nonzero(valid, axis=0), 1)
+    for _ in range(_ROUNDS):
+        of_rows = np.where(valid, rows - of_channels, 0.0).sum(axis=1) / in_row
+        of_channels = np.where(valid, rows - of_rows[:, None], 0.0).sum(axis=0) / in_channel
+    return of_rows, np.where(valid, rows - of_rows[:, None] - of_channels, 0.0)
+
+
+def ground_is_doubtful(
+    rows: np.ndarray, grounded: np.ndarray, places: np.ndarray, drive_voltage: float, noise: float
+) -> str:
+    """Why a frame plainly does not show what was grounded; empty where it does, and where rows differ
+    by so little that it matters only to contacts that are found there. Arguments as above."""
+    if no_ground_is_seen(rows, drive_voltage, noise):
+        return NO_GROUND
+    return ALIKE if rows_are_alike(rows, grounded, places, _PLAIN * noise) else ""
+
+
 @dataclass
 class GroundWatch:
     """The same of rows that come one by one: at once where all readings of a row are the same, after
-    as many rows as there are electrodes where those of each channel are."""
+    as many rows as there are electrodes where those of each channel are, or those of each row.
 
-    unseen: bool = False
+    doubt : why nothing is to be told of these rows; empty where something is
+    alike : whether contacts are not, by `rows_are_alike`
+    """
+
+    doubt: str = ""
+    alike: bool = False
     _rows: list[np.ndarray] = field(default_factory=list)
-    _block: bool = False
+    _grounded: list[np.ndarray] = field(default_factory=list)
+    _block: str = ""
 
-    def take(self, row: np.ndarray, drive_voltage: float, noise: float) -> None:
-        """Take in a row (E,), V, NaN where there is no reading; arguments as above."""
+    def take(
+        self,
+        row: np.ndarray,
+        grounded: np.ndarray,
+        places: np.ndarray,
+        drive_voltage: float,
+        noise: float,
+    ) -> None:
+        """Take in a row (n,), V, NaN where there is no reading, its electrode grounded at (2,);
+        the rest as above."""
         self._rows.append(row)
+        self._grounded.append(grounded)
         if len(self._rows) >= len(row):
-            self._block = no_ground_is_seen(np.array(self._rows), drive_voltage, noise)
-            self._rows = []
-        self.unseen = self._block or no_ground_is_seen(row[None], drive_voltage, noise)
+            rows, at = np.array(self._rows), np.array(self._grounded)
+            self._block = ground_is_doubtful(rows, at, places, drive_voltage, noise)
+            self.alike = rows_are_alike(rows, at, places, noise)
+            self._rows, self._grounded = [], []
+        unseen = no_ground_is_seen(row[None], drive_voltage, noise)
+        self.doubt = self._block or (NO_GROUND if unseen else "")

@@ -29,7 +29,7 @@ from tomotactile_ros.estimation.estimator import (
 )
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
-from tomotactile_ros.estimation.ground import NO_GROUND, GroundWatch
+from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
 from tomotactile_ros.estimation.search import CLOSE, FILLED
@@ -179,8 +179,10 @@ class RowEstimator:
         used = list(state.used)
         driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
-        state.ground.take(driven, drive_voltage, noise)
-        if state.ground.unseen:  # it tells nothing, and a search for what it says would be long
+        places = self.estimator.layout.positions
+        driven[np.equal(state.used, grounded)] = np.nan
+        state.ground.take(driven, places[grounded], places[list(state.used)], drive_voltage, noise)
+        if state.ground.doubt:  # it tells nothing, and a search for what it says would be long
             state.read, state.grounded, state.times = [], [], []
             return
         follower = self._follower(state.used, drive_voltage)
@@ -282,8 +284,8 @@ class RowEstimator:
     def report(self, state: RowsState) -> Followed:
         """Contacts at the time of the last row."""
         rows = state.rows
-        if state.ground.unseen:
-            return Followed([], "withheld", NO_GROUND)
+        if state.ground.doubt:
+            return Followed([], "withheld", state.ground.doubt)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
         if not rows.read:
@@ -314,6 +316,8 @@ class RowEstimator:
             size = belief.sizes[i, 1] + grown**2
             reported = self._contact(touches, contacts[i], size, mean, covariance)
             found.append((number, rows.time - belief.begun[i], reported))
+        if found and state.ground.alike:
+            return Followed([], "withheld", ALIKE)
         found.sort(key=lambda each: -each[2].force)
         return Followed(found, touched=bool(found))
 

@@ -1,6 +1,7 @@
 """Node `driver`: hands every frame of a device on as a VoltageFrame, and keeps the device going."""
 
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import diagnostics
-from tomotactile_ros.nodes.conditions import Conditions, log_at
+from tomotactile_ros.nodes.conditions import Conditions, Pace, log_at
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
@@ -118,6 +119,7 @@ class Driver:
         self._active = False
         self._said = ""  # the state that the log has told last
         self._conditions = Conditions(self._log)
+        self._paces: dict[str, Pace] = defaultdict(Pace)  # of lines about each state
         self._simulated: dict[str, SimulatedTime] = {}
         self._temperature_stamp = 0.0
         self._publisher = self._create_publisher(VoltageFrame, "voltage_frame", 2)
@@ -184,7 +186,7 @@ class Driver:
         troubles = (*status.troubles, *own)
         for trouble in troubles:
             level = max(level, diagnostics.level_of(trouble))
-        if status.state not in ("closed", self._said):
+        if status.state not in ("closed", self._said) and self._paces[status.state].allows():
             self._said = status.state
             log_at(self._log, level, f"{status.state}: {message}")
             self._conditions.have_been_said(troubles)

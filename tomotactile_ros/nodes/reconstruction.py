@@ -18,7 +18,7 @@ from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.layout_ids import is_bare, matches
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.nodes import diagnostics
-from tomotactile_ros.nodes.conditions import Conditions
+from tomotactile_ros.nodes.conditions import Conditions, Pace
 from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
@@ -67,7 +67,7 @@ class Reconstruction:
         self._pipeline: Pipeline | None = None
         self._active = False
         self._complaint, self._complained = "", 0.0  # why no images, as the log has it, and when
-        self._conditions = Conditions(self._log)
+        self._pace, self._conditions = Pace(), Conditions(self._log)
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
         self._noise = np.nan  # V rms of a reading, as the last frame showed it
@@ -195,7 +195,8 @@ class Reconstruction:
             text = f"electrodes left out: {electrodes}"
             troubles.append(Trouble("excluded", False, text, which=electrodes))
         if self._withheld:
-            troubles.append(Trouble("withheld", False, f"contacts are withheld: {self._withheld}"))
+            text = f"contacts are withheld: {self._withheld}"
+            troubles.append(Trouble("withheld", False, text, which=self._withheld))
         if text := doubt_of_noise(self._noise, pipeline.settings.noise):
             troubles.append(Trouble("noise", False, text))
         if self._bare:
@@ -209,7 +210,8 @@ class Reconstruction:
     def _complain(self, complaint: str) -> None:
         """Log why there are no images: when that is so, and every some seconds."""
         now = time.monotonic()
-        if complaint != self._complaint or now - self._complained > _EVERY:
+        new = complaint != self._complaint and self._pace.allows()
+        if new or now - self._complained > _EVERY:
             self._complaint, self._complained = complaint, now
             self._log.error(complaint)
 

@@ -90,12 +90,17 @@ class SkinPart:
 
     def report(self) -> Report:
         """Which sensors are silent, for /diagnostics."""
-        problems = self._skin.problems(time.monotonic())
-        figures = {"sensors": len(self._skin.members), "silent": len(problems)}
-        problems |= self._mixed()
-        self._conditions.say(Trouble(n, True, f"{n}: {p}") for n, p in problems.items())
-        if problems:
-            return Report(diagnostics.ERROR, _reason(problems), figures)
+        now = time.monotonic()
+        unknown, mixed = self._skin.problems(now), self._mixed()
+        figures = {"sensors": len(self._skin.members), "silent": len(unknown)}
+        troubles = [
+            Trouble(f"unknown {name}", True, f"{name}: {text}", self._skin.kind(name, now))
+            for name, text in unknown.items()
+        ]
+        troubles += [Trouble(f"mixed {name}", True, f"{name}: {t}") for name, t in mixed.items()]
+        self._conditions.say(troubles)
+        if troubles:
+            return Report(diagnostics.ERROR, "; ".join(t.text for t in troubles), figures)
         return Report(diagnostics.OK, "all sensors are felt", figures)
 
     def _mixed(self) -> dict[str, str]:

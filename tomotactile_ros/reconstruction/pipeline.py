@@ -11,7 +11,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
-from tomotactile_ros.estimation.ground import NO_GROUND, no_ground_is_seen
+from tomotactile_ros.estimation.ground import ground_is_doubtful
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
 from tomotactile_ros.estimation.search import BOUNDED, FULL
@@ -250,7 +250,8 @@ class Pipeline:
         rows[:, self._excluded] = np.nan
         if self.sensor is not None:
             rows -= self.sensor["offset"]
-        return NO_GROUND if no_ground_is_seen(rows, drive_voltage, self.settings.noise) else ""
+        places = self.layout.positions
+        return ground_is_doubtful(rows, places[chosen], places, drive_voltage, self.settings.noise)
 
     def _mistake(self, voltages, grounded, drive_voltage) -> str:
         """What was probably done wrong where a frame is not what the layout says, looked for until
