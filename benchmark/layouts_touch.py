@@ -199,13 +199,11 @@ def main():
     args = parser.parse_args()
     if args.picture:
         chosen = layouts(args.kind)
-        save_comparison(
-            args.picture,
-            [
-                (chosen[name], expected(chosen[name], places=ELLIPSES[args.kind]))
-                for name in args.only or ("equal", "touch")
-            ],
-        )
+        found = []
+        for name in args.only or ("equal", "touch"):
+            layout = replace(chosen[name], name=words(name, args.kind))
+            found.append((layout, expected(layout, places=ELLIPSES[args.kind])))
+        save_comparison(args.picture, found)
         return
     if args.rows is not None:
         name = (args.only or ["equal"])[0]

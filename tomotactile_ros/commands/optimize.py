@@ -236,7 +236,7 @@ def _expected(before, after):
 def _choose_scan(args, layout, report):
     """Compare scans of fewer rows, and write the layout with the last of those that were asked
     for."""
-    from tomotactile_ros.optimizer.report import save_grounding
+    from tomotactile_ros.optimizer.report import save_scans
     from tomotactile_ros.optimizer.scan import FEW, Chooser, scans
 
     checks.positive(args.regularization, "--regularization", "number", LEAST_REGULARIZATION)
@@ -280,7 +280,7 @@ def _choose_scan(args, layout, report):
         scan=tuple(taken.tolist()),
         provenance=layout.provenance | {"grounding": grounding},
     ).save(args.out)
-    save_grounding(report, found)
+    save_scans(report, found)
     print(f"{args.out}: scan of {len(taken)} rows; provenance.grounding has the others; {report}")
 
 

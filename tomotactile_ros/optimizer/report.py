@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tomotactile_ros.optimizer.scan import Scan
 from tomotactile_ros.optimizer.step import Step, ratio
 from tomotactile_ros.support.files import save_figure
 
@@ -17,9 +18,10 @@ _LEGEND = (
     "over noise of a reading. Worst tenth: mean over the tenth of all contacts with the largest values.\n"
     "Less is better everywhere. White discs: electrodes, to scale"
 )
-_GROUNDING_LEGEND = (
-    "Left: what a frame costs that grounds fewer electrodes, mean over contacts all over the sheet "
-    "(less is better). Right: the number at an electrode is the smallest scan that still grounds it."
+_SCAN_LEGEND = (
+    "Place error: expected by the estimator's own model, of contacts all over the sheet; by it the rows are "
+    "chosen. Images: eq. 1, which the choice does not look at. Less is better.\n"
+    "Number at an electrode: the smallest of these scans that still grounds it; dots: in none of them."
 )
 
 
@@ -154,34 +156,46 @@ def _table(axes, start, best):
     table.scale(1, 1.5)
 
 
-def save_grounding(path: str | os.PathLike, found: Sequence) -> None:
-    """Write a PNG: accuracy against the number of ground conditions, and which they are."""
+def save_scans(path: str | os.PathLike, found: Sequence[Scan]) -> None:
+    """Write a picture: place error and images against the number of rows, and which they are."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 5.2), layout="constrained")
-    figure.suptitle(f"{found[0].quality.layout.name}: ground conditions to scan")
-    figure.supxlabel(_GROUNDING_LEGEND, fontsize=8.5)
-    axes = figure.subplots(1, 2, width_ratios=[1.4, 1])
+    figure = Figure(figsize=(15, 5.2), layout="constrained")
+    figure.suptitle(f"{found[0].quality.layout.name}: electrodes to ground in a frame")
+    figure.supxlabel(_SCAN_LEGEND, fontsize=8.5)
+    contacts, images, which = figure.subplots(1, 3)
     counts = [len(scan.grounded) for scan in found]
+    for label, key, style in (("mean", "mean", "o-"), ("worst tenth", "worst_tenth", "s--")):
+        contacts.plot(
+            counts, [1e3 * scan.metrics["place"][key] for scan in found], style, label=label
+        )
     for label, group, key, style in (
         ("mean HWHM", "hwhm", "mean", "o-"),
         ("HWHM, worst tenth", "hwhm", "worst_tenth", "s-"),
         ("mean position error", "position_error", "mean", "d-"),
     ):
         values = [1e3 * scan.quality.metrics[group][key] for scan in found]
-        axes[0].plot(counts, values, style, label=label)
-    axes[0].set_xscale("log", base=2)
-    axes[0].set_xticks(counts, [str(count) for count in counts])
-    axes[0].minorticks_off()
-    axes[0].set(xlabel="ground conditions in a frame", ylabel="mm", ylim=(0, None))
-    axes[0].grid(alpha=0.3)
-    axes[0].legend()
-    rate = axes[0].secondary_xaxis("top", functions=(_invert, _invert))
+        images.plot(counts, values, style, label=label)
+    contacts.set_ylabel("expected place error of a contact / mm")
+    images.set_ylabel("images / mm")
+    for axes in (contacts, images):
+        _by_rows(axes, counts)
+    _ranks(which, found)
+    save_figure(figure, path)
+
+
+def _by_rows(axes, counts):
+    """An axis of numbers of rows, with frames per second above it."""
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(counts, [str(count) for count in counts])
+    axes.minorticks_off()
+    axes.set(xlabel="rows (grounded electrodes) in a frame", ylim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    rate = axes.secondary_xaxis("top", functions=(_invert, _invert))
     rate.set_xticks([1 / count for count in counts], [f"{1e3 / count:.3g}" for count in counts])
     rate.minorticks_off()
-    rate.set_xlabel("frames per second at 1 kHz switching")
-    _ranks(axes[1], found)
-    save_figure(figure, path)
+    rate.set_xlabel("frames per second at 1 ms a row")
 
 
 def _invert(x):
@@ -194,10 +208,13 @@ def _ranks(axes, found):
     smallest = np.zeros(layout.electrodes, int)
     for scan in sorted(found, key=lambda scan: -len(scan.grounded)):
         smallest[scan.grounded] = len(scan.grounded)
-    for x, y, count in zip(*(1e3 * layout.positions.T), smallest):
-        place = {"ha": "center", "va": "center", "fontsize": 9, "backgroundcolor": "white"}
-        axes.text(x, y, str(count) if count else "-", **place)
     for ring in (layout.outline.shell, *layout.outline.holes):
         axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    for x, y, count in zip(*(1e3 * layout.positions.T), smallest):
+        if not count:
+            axes.plot(x, y, ".", color="0.6")
+            continue
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+        axes.text(x, y, str(count), ha="center", va="center", fontsize=9, bbox=box)
     axes.set(aspect="equal", xlabel="x / mm", ylabel="y / mm")
-    axes.set_title("smallest number of conditions with this electrode", fontsize=10)
+    axes.set_title("rows of the smallest scan with this electrode", fontsize=10)
