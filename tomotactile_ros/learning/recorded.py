@@ -242,9 +242,28 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     return at_first
 
 
-def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Gains | None:
+def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bool:
+    """Whether something moved while the rows of a frame (L, E), V, were read, whatever gains are."""
+    used, state = learner.operator.used, learner.state
+    wide = state.expected[state.slice("gain")][used]
+    found = _by_reciprocity(
+        learner,
+        voltages[None],
+        clipped(voltages)[None],
+        grounded,
+        np.zeros(1, int),
+        learner.drive,
+        noise,
+        wide,
+    )
+    return found is not None and float(found.misfit[0]) > _MOVING
+
+
+def _by_reciprocity(
+    learner, frames, ends, grounded, chosen, drive, noise, wide=None
+) -> Gains | None:
     """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
-    read or no gains explain them."""
+    read or no gains explain them; `wide` deviations of gains instead of those that are known."""
     used, state = learner.operator.used, learner.state
     matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
@@ -255,7 +274,7 @@ def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Ga
             matrices,
             drive,
             noise,
-            (state["gain"][used], state.std("gain")[used]),
+            (state["gain"][used], state.std("gain")[used] if wide is None else wide),
             (state["offset"][used], state.std("offset")[used]),
         )
     except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
