@@ -478,6 +478,39 @@ def test_learn_then_reconstruct(tmp_path, monkeypatch, capsys):
     assert "tomotactile-sensor/1" in capsys.readouterr().err
 
 
+def test_one_touch_that_begins_within_a_frame_does_not_spoil_the_others():
+    """All gains were fitted with it, and all frames were taken for frames in which something moves."""
+    read = frames()[:8].copy()
+    read[1, 8:] = read[0, 8:]
+    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
+    assert (found.moved, found.state.frames) == (1, 3)
+    ratio = found.state["gain"] / truth().gain
+    assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(found.state)
+
+
+def test_frames_without_readings_are_left_out():
+    read = frames()[:4].copy()
+    read[1] = np.nan
+    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
+    assert (found.unread, found.untouched, found.state.frames) == (1, 2, 1)
+    assert "1 frame without readings" in "\n".join(findings.lines(found))
+    with pytest.raises(InputError, match="no frame has readings"):
+        learn(layout(), read[1:2], np.arange(16), DRIVE, noise=NOISE)
+
+
+def test_a_report_of_nothing_learned_says_nothing_of_it(tmp_path, monkeypatch, capsys):
+    """ "Gains: 0 % apart" was said where no touch had told any."""
+    found = learn(layout(), np.zeros((4, 16, 16)), np.arange(16), DRIVE, noise=NOISE)
+    text = "\n".join(findings.lines(found))
+    for word in ("gains:", "resistance to ground:", "sheet:"):
+        assert word not in text
+    assert "all electrodes: only 0 V was read" in text and "is it connected?" in text
+    monkeypatch.chdir(tmp_path)
+    layout().save("layout.yaml")
+    assert main(["learn", "none.npz", "--layout", "layout.yaml", "--out", "."]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
 def test_touches_that_move_while_rows_are_read_teach_nothing():
     """They were learned from as if they rested: resistances of -246 ohm, known to 25."""
     slide = Contact("disc", center=(0.0, -0.05), radius=0.006, pressure=2e4, velocity=(0.05, 0.3))

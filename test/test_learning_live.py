@@ -12,6 +12,7 @@ from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.sheet_field import SheetField, Tear
 from tomotactile_ros.simulation import Simulator
@@ -98,6 +99,24 @@ def test_a_touch_that_changes_is_not_learned_from_until_it_rests():
     sensor = simulator(16)
     for number in range(12):  # another touch in every frame
         assert not learner.offer(sensor.frame(number + 0.75, number), GROUNDED, DRIVE, number)
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_touches_that_move_while_rows_are_read_teach_nothing(before):
+    """Twelve of them ended the time in which all are fitted together, with nothing known."""
+    learner = live(state=states()[-1] if before else None)
+    known, offered = learner.state, 0
+    for x in (-0.045, -0.015, 0.015, 0.045):
+        slide = Contact("disc", center=(x, -0.05), radius=0.006, pressure=2e4, velocity=(0.05, 0.3))
+        sensor = Simulator(layout(), replace(simulator(16).scene, contacts=(slide,)))
+        for time in (0.02, 0.02, 0.12, 0.12, 0.22, 0.22):  # each twice, as if it rested
+            if learner.offer(sensor.frame(time, 7), GROUNDED, DRIVE, 1020.0 + time):
+                offered += 1
+                learner.work()
+    assert offered == learner.moved == 12
+    assert learner.state.frames == known.frames and learner.health.findings == []
+    feed(learner, np.arange(3.02, 6, 0.1))
+    assert learner.state.touches > known.touches
 
 
 def test_channels_alone_leave_the_sheet_as_it_is_known():

@@ -300,10 +300,14 @@ def save_plot(path, rows: list[dict]) -> None:
             for key, style in (("error", "-"), ("bound", ":")):
                 values = [unit * each[part][key] for each in course]
                 axes.plot(count, values, style, color=colour, linewidth=1.2)
-            name = f"{row['case']} ({row['source']})" if axes is figure.axes[0] else None
+            name = (
+                f"{row['case']}, {row['touches']} ({row['source']})"
+                if axes is figure.axes[0]
+                else None
+            )
             axes.plot([], [], color=colour, label=name)
         axes.set(xscale="log", yscale="log", xlabel="touches", title=label)
         axes.grid(alpha=0.3, which="both")
     figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    figure.suptitle("rms error after each touch (solid) and what the covariance says (dotted)")
+    figure.suptitle("rms error after each touch (solid) and what is said of it (dotted)")
     save_figure(figure, path)

@@ -46,12 +46,12 @@ def run(args: Namespace) -> None:
     checks.positive(args.noise, "--noise", "voltage in V")
     checks.length(args.contact_radius, "--contact-radius")
     checks.integer(args.touches, "--touches", 1, 10_000)
-    recorded = _all_of(args.frames, layout, args.drive_voltage)
-    picture = args.picture or (args.out and Path(args.out).with_suffix(".png"))
     if args.out:
         check_out(args.out, *YAML)
+    picture = args.picture or (args.out and Path(args.out).with_suffix(".png"))
     if picture:
         check_picture(picture)
+    recorded = _all_of(args.frames, layout, args.drive_voltage)
     state = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     learned = learn(
         layout,

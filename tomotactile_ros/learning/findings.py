@@ -11,6 +11,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.learning.recorded import Learned
 from tomotactile_ros.learning.state import SensorState
 
+_TOLD = 0.01  # of what was expected: less is nothing
 FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
 _NAMED = 3  # electrodes that are named
 # of an electrode's own impedance: finite elements and closed form differ by as much, and as much does
@@ -98,6 +99,8 @@ def lines(learned: Learned) -> Iterator[str]:
         )
     if learned.unexplained:
         yield f"  {count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
+    if learned.unread:
+        yield f"  {count(learned.unread, 'frame')} without readings"
     if learned.moved:
         yield (
             f"  {count(learned.moved, 'frame')} in which something moved while rows were read: not "
@@ -108,12 +111,20 @@ def lines(learned: Learned) -> Iterator[str]:
     if learned.asymmetry is not None:
         yield f"reciprocity: {learned.asymmetry:.2f} of what noise allows, with the gains found"
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
-    yield from _gains(state, good)
-    yield from _offsets(state, good)
-    yield from _resistances(state, learned.operator, good)
-    yield from _places(state, good)
-    yield from _sheet(state, learned.operator)
+    if _is_told(state, "gain", good):
+        yield from _gains(state, good)
+    if _is_told(state, "offset", good):
+        yield from _offsets(state, good)
+    if state.touches:
+        yield from _resistances(state, learned.operator, good)
+        yield from _places(state, good)
+        yield from _sheet(state, learned.operator)
     yield from _undetermined(learned, good)
+
+
+def _is_told(state, part, good):
+    """Whether anything is known of a part that was not expected before."""
+    return bool(state.known(part)[good].max(initial=0.0) > _TOLD)
 
 
 def _gains(state, good):
@@ -183,10 +194,15 @@ def _undetermined(learned, good):
         "tell; one press of known force does (calibrate)"
     )
     if not state.touches:
-        known = state.known("gain")[good].min() > FOUND
-        yield (
-            f"  all but {'gains and ' if known else ''}offsets: no frame holds a touch that contacts explain"
-        )
+        told = [part for part in ("gain", "offset") if _is_told(state, part, good)]
+        but = f"all but {' and '.join(f'{part}s' for part in told)}" if told else "anything"
+        yield f"  {but}: no frame holds a touch that contacts explain"
+        if learned.ended:
+            yield (
+                f"  offset of {_electrodes(learned.ended, state.electrodes)}: only 0 V was read, the end of the "
+                "converter's range"
+                + ("; is it connected?" if len(learned.ended) == len(good) else "")
+            )
         return
     reasons = {
         "gain": "too few touches",

@@ -23,7 +23,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.learner import Learner, surprise
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
-from tomotactile_ros.learning.recorded import WIDE, learn
+from tomotactile_ros.learning.recorded import WIDE, learn, moves
 from tomotactile_ros.learning.state import SensorState
 
 OFF, CHANNELS, ALL = KINDS = "off", "channels", "all"
@@ -101,6 +101,7 @@ class LiveLearner:
         if self.state.touches:
             self.health.update(self.state)
         self.unexplained = 0  # touches that no contacts explained
+        self.moved = 0  # touches that moved while rows were read
 
     def offer(self, voltages, grounded, drive: float, time: float = 0.0) -> bool:
         """Look at a frame (L, E), V, as it was read, of `time` s; whether there is something for
@@ -206,8 +207,9 @@ class LiveLearner:
             self.health.exchanged(
                 learned.exchanged.pair, self._first[0].time, learned.exchanged.sure
             )
-        if learned.unexplained > _UNEXPLAINED * len(self._first):
+        if learned.unexplained + learned.moved > _UNEXPLAINED * len(self._first):
             if self._together == len(TOGETHER):  # begin anew, with other touches
+                self.moved += learned.moved
                 self._together, self._first = 0, []
             return
         self._adopt(learned.state.at(frames[-1].time))
@@ -230,6 +232,9 @@ class LiveLearner:
     def _learn_one(self, frame) -> None:
         learner = self._learner(frame)
         if learner is None:
+            return
+        if moves(learner, frame.voltages[frame.rows], frame.rows, self._noise):
+            self.moved += 1
             return
         fit = learner.look(self._rows(learner, frame))
         if surprise(fit) > _ODD:

@@ -49,6 +49,7 @@ class Learned:
 
     untouched, alike, unexplained : frames without a touch, like another one, and those that no
         contacts explain
+    unread : frames without readings
     moved : frames in which something moved while rows were read
     exchanged : two electrodes whose wires are exchanged, None where nothing says so; with them nothing
         but gains and offsets is learned
@@ -65,6 +66,7 @@ class Learned:
     untouched: int = 0
     alike: int = 0
     unexplained: int = 0
+    unread: int = 0
     moved: int = 0
     exchanged: Exchanged | None = None
     ended: tuple[int, ...] = ()
@@ -98,6 +100,10 @@ def learn(
     course : keep the state after each touch
     """
     frames, grounded = np.asarray(frames, float), np.asarray(grounded, int)
+    given = len(frames)
+    frames = frames[_read(frames, grounded)]
+    if not len(frames):
+        raise InputError("no frame has readings")
     idle = np.array([is_untouched(frame, grounded, noise) for frame in frames])
     ends = clipped(frames)
     faults = _faults(frames, grounded, idle, noise)
@@ -119,6 +125,7 @@ def learn(
         operator,
         int(idle.sum()),
         int((~idle).sum() - len(chosen)),
+        unread=given - len(frames),
         ended=ended,
         faults=faults,
     )
@@ -149,6 +156,13 @@ def learn(
         clipped=float(ends[chosen].mean()),
         courses=courses,
     )
+
+
+def _read(frames, grounded):
+    """(F,) bool, frames that have a reading, that of the grounded electrode apart."""
+    valid = np.isfinite(frames)
+    valid[:, np.arange(len(grounded)), grounded] = False
+    return valid.any(axis=(1, 2))
 
 
 def _faults(frames, grounded, idle, noise):
@@ -191,19 +205,65 @@ def _steady(learner, frames, ends, grounded, chosen, drive, noise):
     chi-squared per equation in the typical one of these, None where too few pairs were read."""
     found = []
     for first in range(0, len(chosen), _GAINS):
-        part = chosen[first : first + _GAINS]
-        gains = _by_reciprocity(learner, frames, ends, grounded, part, drive, noise)
-        if gains is None:
+        misfit = _misfits(
+            learner, frames, ends, grounded, chosen[first : first + _GAINS], drive, noise
+        )
+        if misfit is None:
             return np.ones(len(chosen), bool), None
-        found.append(gains.misfit)
+        found.append(misfit)
     misfit = np.concatenate(found)
     steady = misfit < _MOVING
     return steady, float(np.median(misfit[steady] if steady.any() else misfit))
 
 
-def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Gains | None:
+def _misfits(learner, frames, ends, grounded, part, drive, noise):
+    """(n,) chi-squared per equation of reciprocity of each frame of `part`, None where too few pairs
+    were read.
+
+    One frame in which something moves spoils the gains that all are fitted with: the worst are left
+    out, half of them at the most in each turn, until the others agree. Where these are fewer than
+    half of all there is no telling which are right, and all are judged together.
+    """
+    kept, at_first, known = np.arange(len(part)), None, np.zeros(len(part))
+    while 2 * len(kept) >= len(part):
+        gains = _by_reciprocity(learner, frames, ends, grounded, part[kept], drive, noise)
+        if gains is None:
+            return None
+        known[kept] = gains.misfit
+        at_first = known.copy() if at_first is None else at_first
+        worst = float(gains.misfit.max())
+        if worst < _MOVING:
+            return known
+        order = np.argsort(gains.misfit)
+        bad = np.count_nonzero(gains.misfit > max(_MOVING, worst / 2))
+        kept = np.sort(kept[order[: len(kept) - min(bad, (len(kept) + 1) // 2)]])
+        if not len(kept):
+            break
+    return at_first
+
+
+def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bool:
+    """Whether something moved while the rows of a frame (L, E), V, were read, whatever gains are."""
+    used, state = learner.operator.used, learner.state
+    wide = state.expected[state.slice("gain")][used]
+    found = _by_reciprocity(
+        learner,
+        voltages[None],
+        clipped(voltages)[None],
+        grounded,
+        np.zeros(1, int),
+        learner.drive,
+        noise,
+        wide,
+    )
+    return found is not None and float(found.misfit[0]) > _MOVING
+
+
+def _by_reciprocity(
+    learner, frames, ends, grounded, chosen, drive, noise, wide=None
+) -> Gains | None:
     """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
-    read or no gains explain them."""
+    read or no gains explain them; `wide` deviations of gains instead of those that are known."""
     used, state = learner.operator.used, learner.state
     matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
@@ -214,7 +274,7 @@ def _by_reciprocity(learner, frames, ends, grounded, chosen, drive, noise) -> Ga
             matrices,
             drive,
             noise,
-            (state["gain"][used], state.std("gain")[used]),
+            (state["gain"][used], state.std("gain")[used] if wide is None else wide),
             (state["offset"][used], state.std("offset")[used]),
         )
     except np.linalg.LinAlgError:  # numbers that no voltages between conductors have

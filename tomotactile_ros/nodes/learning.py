@@ -146,6 +146,8 @@ class Learning:
         figures = {"learned_from_touches": learner.state.touches}
         if learner.unexplained:
             figures["touches_not_explained"] = learner.unexplained
+        if learner.moved:
+            figures["touches_that_moved"] = learner.moved
         return figures
 
     def troubles(self) -> list[Trouble]:
