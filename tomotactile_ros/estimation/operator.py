@@ -47,7 +47,7 @@ _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # from frame to frame between this model and finite elements
 _INEXACT = 2e-3
 # of an electrode in the closed form: with four, resistances to ground were 5 ohm too high, 10 at a rim
-_CHARGES = 12
+_CHARGES = 8
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0

@@ -39,7 +39,7 @@ class ClosedFormSheet:
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
     ring           charges on the rim of each electrode; by default `charges`, or 16: of all where
                    some are close to each other, otherwise of those that are close to the sheet's rim
-    charges        see `ring`; with 12 instead of 4 the impedances of electrodes are right to 0.02 %
+    charges        see `ring`; with 8 instead of 4 the impedances of electrodes are right to 0.02 %
                    instead of 0.1 %
     """
 
