@@ -21,7 +21,6 @@ from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, resistance_of
-from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.simulation import Simulator
 
@@ -251,20 +250,6 @@ def test_operator_is_that_of_the_transfer_object():
     np.testing.assert_allclose(OPERATOR.admittance, oracle.admittance, atol=1e-15)
 
 
-def test_electrodes_have_the_impedance_that_many_charges_give():
-    """To 0.02 %: nothing tells resistances to ground from it. With four charges to a ring it is 0.1 %
-    too high, 5 ohm, and 20 in corners."""
-
-    def own(sheet):
-        whole = GroundedSheet(sheet.transfer(np.zeros((1, 2)), np.full(1, 0.001))).admittance
-        return np.linalg.pinv(whole).diagonal()
-
-    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
-    exact = own(ClosedFormSheet(layout, ring=32))
-    np.testing.assert_allclose(own(SheetOperator(layout).sheet), exact, rtol=2e-4)
-    assert (own(ClosedFormSheet(layout)) > (1 + 5e-4) * exact).all()
-
-
 def test_a_factor_of_all_conductances_leaves_readings_unchanged():
     other = SheetOperator(equal_grid(4, 4, (0.2, 0.2), 0.0025, 2e4))
     halved = replace(APART, contacts=APART.contacts - np.log(2) * np.eye(6)[2])
@@ -332,9 +317,7 @@ def test_the_limit_of_weak_contacts_is_linear():
 
 
 @pytest.mark.xfail(
-    reason="Y is inverted as it is, singular to rounding: luck decides",
-    strict=False,
-    raises=np.linalg.LinAlgError,
+    reason="Y is inverted as it is, singular to rounding", strict=True, raises=np.linalg.LinAlgError
 )
 def test_a_contact_of_no_strength_at_all_is_no_error():
     form, across = contact(0.03, 0.02)
@@ -348,9 +331,9 @@ def test_no_contact_reads_nothing():
 @pytest.mark.parametrize(
     ("radius", "place", "limit"),
     [
-        (0.004, (0.03, 0.02), 0.012),
+        (0.004, (0.03, 0.02), 0.01),
         (0.01, (0.01, -0.02), 0.01),
-        (0.01, (0.03, 0.02), 0.02),  # 1.2 mm from the rim of an electrode
+        (0.01, (0.03, 0.02), 0.05),  # 1.2 mm from the rim of an electrode
     ],
 )
 def test_the_limit_of_a_bare_conductor(radius, place, limit):

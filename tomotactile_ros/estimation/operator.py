@@ -46,8 +46,6 @@ _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
 # from frame to frame between this model and finite elements
 _INEXACT = 2e-3
-# of an electrode in the closed form: with four, resistances to ground were 5 ohm too high, 10 at a rim
-_CHARGES = 8
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
@@ -74,7 +72,7 @@ class SheetOperator:
         self.position = np.full(layout.electrodes, -1)
         self.position[self.used] = np.arange(self.count)
         self.resistance = float(layout.sheet_resistance)
-        self.sheet = make_sheet(layout, model, charges=_CHARGES)
+        self.sheet = make_sheet(layout, model)
         self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         self.pitch = float(np.median(layout.pitches))

@@ -6,7 +6,7 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import Anisotropy
-from tomotactile_ros.sheet.closed_form import FEW, ClosedFormSheet
+from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet, Resistance
 from tomotactile_ros.sheet.transfer import Sheet
 from tomotactile_ros.support.errors import InputError
@@ -23,7 +23,6 @@ def make_sheet(
     lines: Sequence[np.ndarray] = (),
     shunting: bool = True,
     h: float | None = None,
-    charges: int = FEW,
 ) -> Sheet:
     """The cheapest model of `layout` that can do what is asked, or the one that `model` names.
 
@@ -35,7 +34,7 @@ def make_sheet(
     anisotropy : of the whole sheet; none without it
     lines : polylines (V, 2), m, that elements follow: where the resistance jumps
     shunting : electrodes as equipotentials; without it, points with a radius (Kojima et al. 2023)
-    h : element size of the mesh, m; charges : of an electrode in the closed form
+    h : element size of the mesh, m
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
@@ -44,7 +43,7 @@ def make_sheet(
     if model == "closed_form" and not even:
         raise InputError("model: the closed form needs a uniform sheet resistance; use model fem")
     if model == "closed_form" or (model == "auto" and uniform):
-        return ClosedFormSheet(layout, shunting=shunting, charges=charges)
+        return ClosedFormSheet(layout, shunting=shunting)
     return FemSheet(
         layout, h=h, shunting=shunting, resistance=resistance, anisotropy=anisotropy, lines=lines
     )

@@ -29,7 +29,7 @@ from tomotactile_ros.support.errors import InputError
 _CLOSE = 4.0
 _NEAR_RIM = 2.0  # radii between centre and the sheet's rim; half of _CLOSE, as images are mirrored
 _ON_RIM = 1e-6  # of the sheet's size: half a disc, which four charges serve
-FEW, _MANY = 4, 16  # charges of a ring
+_FEW, _MANY = 4, 16  # charges of a ring
 _BLOCK = 128  # points at a time: temporaries fit in the cache
 
 
@@ -37,22 +37,14 @@ class ClosedFormSheet:
     """Closed-form model of `layout`, a uniform rectangle.
 
     shunting       model the floating electrodes as equipotentials (True) or as points with a radius
-    ring           charges on the rim of each electrode; by default `charges`, or 16: of all where
-                   some are close to each other, otherwise of those that are close to the sheet's rim
-    charges        see `ring`; with 8 instead of 4 the impedances of electrodes are right to 0.02 %
-                   instead of 0.1 %
+    ring           charges on the rim of each electrode; by default 4, or 16: of all where some are
+    close
+                   to each other, otherwise of those that are close to the sheet's rim
     """
 
     model = "closed_form"
 
-    def __init__(
-        self,
-        layout: Layout,
-        *,
-        shunting: bool = True,
-        ring: int | None = None,
-        charges: int = FEW,
-    ):
+    def __init__(self, layout: Layout, *, shunting: bool = True, ring: int | None = None):
         if not layout.outline.is_uniform_rectangle:
             raise InputError(
                 f"layout {layout.name!r}: the closed form needs a rectangle without holes, "
@@ -62,7 +54,7 @@ class ClosedFormSheet:
         self.shunting = shunting
         self._size = layout.outline.size
         if shunting:
-            counts = _counts(layout, charges) if ring is None else np.full(layout.electrodes, ring)
+            counts = _counts(layout) if ring is None else np.full(layout.electrodes, ring)
             self._charges, owner = _rings(layout, counts)
             self._radius = layout.radius / counts[owner]
             mutual = mutual_radius(self._radius, self._radius)
@@ -111,13 +103,13 @@ class ClosedFormSheet:
         """Nothing is worth being solved ahead here."""
 
 
-def _counts(layout, few):
-    """(E,) charges of each ring by default, `few` where that is enough."""
+def _counts(layout):
+    """(E,) charges of each ring by default."""
     if layout.pitches.min() <= _CLOSE * layout.radius:
         return np.full(layout.electrodes, _MANY)
     depth = (np.array(layout.outline.size) / 2 - np.abs(layout.positions)).min(axis=1)
     near = (depth > _ON_RIM * max(layout.outline.size)) & (depth < _NEAR_RIM * layout.radius)
-    return np.where(near, _MANY, few)
+    return np.where(near, _MANY, _FEW)
 
 
 def _rings(layout, counts):
