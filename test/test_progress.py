@@ -1,6 +1,7 @@
 """Progress of long work: what a terminal of any width and a plain stream show of it."""
 
 import io
+import threading
 
 import pytest
 
@@ -31,3 +32,32 @@ def test_a_plain_stream_gets_lines(monkeypatch):
     assert list(progress.track("abc", "letters", stream=stream)) == list("abc")
     line, *_ = stream.getvalue().splitlines()
     assert line.startswith("letters: 1 of 3, ") and line.endswith(" s left")
+
+
+class Told(io.StringIO):
+    """A stream that says when something was written."""
+
+    def __init__(self):
+        super().__init__()
+        self.written = threading.Event()
+
+    def write(self, text):
+        super().write(text)
+        self.written.set()
+
+
+def test_a_first_step_that_takes_long_is_spoken_of(monkeypatch):
+    monkeypatch.setattr(progress, "_FIRST", 0.01)
+    stream = Told()
+    with progress.Progress("search", 8, stream):
+        assert stream.written.wait(30)
+    assert stream.getvalue() == "search: 0 of 8, the first is under way\n"
+
+
+def test_nothing_is_said_of_a_first_step_once_it_is_done(monkeypatch):
+    stream = io.StringIO()
+    with progress.Progress("search", 8, stream) as bar:
+        bar.update(1)
+        bar._begun()
+    bar._begun()
+    assert stream.getvalue() == ""

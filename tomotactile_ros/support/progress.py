@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -14,6 +15,7 @@ Item = TypeVar("Item")
 _WIDTH = 30  # characters of the bar
 _QUIET = 2.0  # s before anything is shown
 _PLAIN = 10.0  # s between two plain lines
+_FIRST = 5.0  # s after which a first step that is not done is spoken of
 
 
 def track(
@@ -36,10 +38,14 @@ class Progress:
         self._bar = self._stream.isatty()
         self._start = time.monotonic()
         self._next = self._start + _QUIET
-        self._shown = False
+        self._shown = self._updated = False
+        self._first = threading.Timer(_FIRST, self._begun)
+        self._first.daemon = True
 
     def update(self, done: int, note: str = "") -> None:
         """`done` steps are done; `note` says how it stands."""
+        self._updated = True
+        self._first.cancel()
         now = time.monotonic()
         if now < self._next:
             return
@@ -57,10 +63,20 @@ class Progress:
         filled = round(width * done / max(self.total, 1))
         return f"\r\x1b[K[{'#' * filled}{'.' * (width - filled)}] {text}"[: columns + 4]
 
+    def _begun(self):
+        """Says that work has begun, where the first step takes long."""
+        if not self._updated:
+            text = f"{self.label}: 0 of {self.total}, the first is under way"
+            self._write(self._beside_bar(text, 0) if self._bar else f"{text}\n")
+            self._shown = True
+
     def __enter__(self):
+        self._first.start()
         return self
 
     def __exit__(self, *error):
+        self._updated = True
+        self._first.cancel()
         if self._bar and self._shown:
             self._write("\r\x1b[K")
 
