@@ -180,8 +180,7 @@ class RowEstimator:
         driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         places = self.estimator.layout.positions
-        driven[np.equal(state.used, grounded)] = np.nan
-        state.ground.take(driven, places[grounded], places[list(state.used)], drive_voltage, noise)
+        state.ground.take(driven, places[grounded], places, drive_voltage, noise)
         if state.ground.doubt:  # it tells nothing, and a search for what it says would be long
             state.read, state.grounded, state.times = [], [], []
             return
