@@ -68,6 +68,8 @@ _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to 
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 _MISFIT = 3.0
+# the same from which on other numbers and forms of new contacts are tried: right ones leave 1.05
+_LEFT_OVER = 1.1
 # chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
 # also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
 _TORN = 12.0
@@ -330,9 +332,9 @@ class Search:
         return wanted if wanted > before or wanted < before - 2 else before
 
     def _coarse(self, unknowns: Unknowns) -> Unknowns:
-        """The same with no more patches than are allowed."""
+        """The same with no more patches than contacts that move are allowed."""
         most = self._most_across(unknowns)
-        if max(unknowns.across, default=0) <= most:
+        if not unknowns.moving.any() or max(unknowns.across, default=0) <= most:
             return unknowns
         return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
 
@@ -400,7 +402,7 @@ class Search:
             goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
             many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
             found = self._split(self._likelier(found, many), self._solve)
-        if found.chi_squared > _MISFIT * found.rows.count and self._left > 0:
+        if found.chi_squared > _LEFT_OVER * found.rows.count and self._left > 0:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
@@ -450,7 +452,7 @@ class Search:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, or
         another contact, or one of another form, would explain more than noise does, to first
         order."""
-        if fit.chi_squared > _MISFIT * fit.rows.count:
+        if fit.chi_squared > _LEFT_OVER * fit.rows.count:
             return True
         if fit.chi_squared > _POOR * fit.rows.count or self.effort.alternatives:
             self._next(fit)
@@ -506,7 +508,7 @@ class Search:
         discs = [self._discs(few, each) for each in radii[int(np.allclose(*radii)) :]]
         starts = [self._begun(each, like, len(each.contacts)) for each in discs]
         found = self._approached(min(starts, key=_cost))
-        if found.chi_squared > _MISFIT * found.rows.count:
+        if found.chi_squared > _LEFT_OVER * found.rows.count:
             if few.free.all(axis=1).any():
                 begun = self._begun(few, like, len(few.contacts))
                 found = self._split(self._likelier(found, self._approached(begun)), self._near)
@@ -514,7 +516,7 @@ class Search:
                 found = self._split(self._formed(found, self._near), self._near)
         if (
             len(seen.contacts) > len(few.contacts)
-            and found.chi_squared > _MISFIT * found.rows.count
+            and found.chi_squared > _LEFT_OVER * found.rows.count
         ):
             many = self._begun(seen, like, len(seen.contacts))
             if many.cost < found.cost:
