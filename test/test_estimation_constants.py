@@ -18,7 +18,7 @@ ROWS = re.findall(r"^\| `([\w.]+)` \| ([^|]+?) \|", SECTION, re.MULTILINE)
 # block sizes, guards against rounding, keys of files, resolutions of pictures
 INTERNAL = {
     *(
-        "detection._ROUNDING",
+        "first_look._ROUNDING",
         "solver._ROUNDING",
         "uneven._ISOTROPIC",
         "tables._TINY",

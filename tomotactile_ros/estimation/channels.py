@@ -9,6 +9,7 @@ on rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -25,8 +26,8 @@ class ChannelPrior:
     gain : relative; published electronics contradict reciprocity by 0.8 to 7 %
     offset : V; the input offset of common converters and amplifiers
     resistance : ohm; an analogue switch has some tens to hundreds
-    aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.2 mm at
-        8 x 8 on 200 mm, half of what cut and glued ones do
+    aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.1 mm at
+        8 x 8 on 200 mm, as well as they can be made
     """
 
     gain: float = 0.03
@@ -109,9 +110,12 @@ class Slopes:
 
     def _by_electrode(self, by_row: np.ndarray) -> np.ndarray:
         """(P, n) sums over the rows of each electrode of `by_row` (P, L)."""
-        out = np.zeros((self.count, len(by_row)))
-        np.add.at(out, self.rows, by_row.T)
-        return out.T
+        return by_row @ self._of_electrode
+
+    @cached_property
+    def _of_electrode(self) -> np.ndarray:
+        """(L, n) 1 where the electrode is the one that is grounded in the row, else 0."""
+        return (self.rows[:, None] == np.arange(self.count)).astype(float)
 
 
 class ChannelFit:
@@ -127,6 +131,7 @@ class ChannelFit:
     Attributes
     ----------
     normal (P, P) what the channels take off the normal matrix of all else
+    back (5 n, P) how they follow all else, in units of their own
     """
 
     def __init__(self, columns, weights, slopes: Slopes, deviations, precision=None):
@@ -143,8 +148,14 @@ class ChannelFit:
             self._mixed[len(self._mixed) - modes :] += others
             normal += precision[modes:, modes:] * self._scale * self._scale[:, None]
         self._factor = cho_factor(normal)
-        self._back = cho_solve(self._factor, self._mixed.T)
-        self.normal = self._mixed @ self._back
+        self.back = cho_solve(self._factor, self._mixed.T)
+        self.normal = self._mixed @ self.back
+
+    def beside(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of more parameters, with derivatives `columns` (m, L, n) times the weights: (m, 5 n) what
+        couples them to the channels, and (5 n, m) how these follow them, in units of their own."""
+        mixed = self._slopes.couplings(columns)
+        return mixed, cho_solve(self._factor, mixed.T)
 
     def pulled(self, misfit: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Of a `misfit` (L, n) and what the priors pull the channels by, (5 n,): the channels' steps if
@@ -158,5 +169,5 @@ class ChannelFit:
     def step(self, alone: np.ndarray, others: np.ndarray) -> np.ndarray:
         """(5, n) steps of the channels that belong to the step `others` (P,) of all else; `alone`
         (5 n,) as `pulled` has it."""
-        step = (alone - self._back @ others) * self._scale
+        step = (alone - self.back @ others) * self._scale
         return step.reshape(KINDS, -1)

@@ -21,6 +21,7 @@ its prior decides.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -85,11 +86,12 @@ def fit_gains(
 
         terms, cost = at(now, scale)
         for _ in range(steps):
-            total = np.diag(deviation**-2.0) + sum(t.normal for t in terms)
+            normal, right = (sum(each) for each in zip(*(t.equations for t in terms)))
+            total = np.diag(deviation**-2.0) + normal
             if not np.isfinite(total).all():
                 raise np.linalg.LinAlgError("no gains explain the readings")
             factor = cho_factor(total)
-            change = cho_solve(factor, (mean - now) / deviation**2 + sum(t.right for t in terms))
+            change = cho_solve(factor, (mean - now) / deviation**2 + right)
             follow = np.array([t.follow(change) for t in terms])
             for part in 0.5 ** np.arange(_HALVINGS):
                 tried, reached = at(now + part * change, scale + part * follow)
@@ -156,31 +158,41 @@ class _Terms:
     """One frame's part of the normal equations, its N eliminated.
 
     both (n, n): which pairs were read; e, kinds: as `_differences` has them
-    normal (2 n, 2 n), right (2 n,) of gains and offsets; cost; misfit, chi-squared per equation;
-    follow(change) -> (n,) change of ln N
+    cost; misfit, chi-squared per equation
     """
 
     def __init__(self, both, e, kinds):
-        count = len(e)
-        block = [[_block(a, b) for b in kinds] for a in kinds]
-        pull = [-(a * e).sum(axis=1) for a in kinds]
-        first = block[0][0]
-        first = first + np.diag(_LOOSE * first.diagonal() + 1e-300)
-        first += np.diag(np.where(both.any(axis=1), 0.0, 1.0))
-        first += first.diagonal().mean() / count**2  # one factor of all N is free
-        mixed = np.hstack([block[0][1], block[0][2]])
-        factor = cho_factor(first)
-        self._back, self._start = cho_solve(factor, mixed), cho_solve(factor, pull[0])
-        rest = np.block([[block[1][1], block[1][2]], [block[2][1], block[2][2]]])
-        self.normal = rest - mixed.T @ self._back
-        self.normal = (self.normal + self.normal.T) / 2
-        self.right = np.concatenate(pull[1:]) - mixed.T @ self._start
+        self._both, self._e, self._kinds = both, e, kinds
         self.cost = float((e**2).sum() / 2)
         factors = np.count_nonzero(both.any(axis=1))
         self.misfit = self.cost / max(np.count_nonzero(both) / 2 - factors, 1)
 
-    def follow(self, change):
-        return self._start - self._back @ change
+    @cached_property
+    def equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2 n, 2 n), (2 n,) the normal matrix of gains and offsets, and its right side."""
+        mixed, pull, back, start = self._eliminated
+        block = [[_block(a, b) for b in self._kinds[1:]] for a in self._kinds[1:]]
+        normal = np.block(block) - mixed.T @ back
+        return (normal + normal.T) / 2, np.concatenate(pull) - mixed.T @ start
+
+    def follow(self, change: np.ndarray) -> np.ndarray:
+        """(n,) change of ln N with that of gains and offsets (2 n,)."""
+        *_, back, start = self._eliminated
+        return start - back @ change
+
+    @cached_property
+    def _eliminated(self):
+        """Of ln N: (n, 2 n) its block with gains and offsets, what these are pulled by, and what it
+        follows them and the readings by."""
+        scale, *others = self._kinds
+        pull = [-(kind * self._e).sum(axis=1) for kind in self._kinds]
+        first = _block(scale, scale)
+        first = first + np.diag(_LOOSE * first.diagonal() + 1e-300)
+        first += np.diag(np.where(self._both.any(axis=1), 0.0, 1.0))
+        first += first.diagonal().mean() / len(first) ** 2  # one factor of all N is free
+        mixed = np.hstack([_block(scale, other) for other in others])
+        found = cho_solve(cho_factor(first), np.column_stack([mixed, pull[0]]))
+        return mixed, pull[1:], found[:, :-1], found[:, -1]
 
 
 def _block(first, second):

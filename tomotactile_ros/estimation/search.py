@@ -18,6 +18,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.detection import Detector
+from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
@@ -105,6 +106,14 @@ class Effort:
 FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 
+@dataclass(frozen=True)
+class Start:
+    """What a first `look` at rows shows, and the `fit` near which the best one is looked for."""
+
+    look: FirstLook
+    fit: Fit
+
+
 class Solver(Protocol):
     """A fit from a start, of the rows that another is a fit of; given up where `goal` is out of
     reach."""
@@ -167,10 +176,9 @@ class Search:
             start, usual
         ):
             rest = self._at_rest(start.rows, start.prior)
-            seen = self._seen(rest)
-            first = None if seen is None else self._looks_like(seen, rest)
-            if first is not None and first.cost < start.cost:
-                return self._first(rest, seen, first)
+            seen = self._looks_like(rest)
+            if seen is not None and seen.fit.cost < start.cost:
+                return self._first(rest, seen)
         found = self._without_idle(self._from(start))
         another = self._left > 0 and self._is_another(start.unknowns, found, usual)
         if another and not self.is_torn(found):
@@ -372,36 +380,38 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         return bool(gains.max() > self._threshold)
 
-    def _seen(self, fit: Fit) -> Unknowns | None:
-        """`fit`, of no contacts, with those that a first look shows; None where noise explains
-        all."""
+    def _seen(self, fit: Fit) -> FirstLook | None:
+        """A first look at the rows of `fit`, of no contacts; None where noise explains all."""
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return None
         channels, *deviations = self._by_reciprocity(fit)
-        rows = fit.rows.corrected(channels)
-        seen = self.detector.first_look(rows, *deviations)[:MOST]
-        unknowns = fit.unknowns
-        for place, strength in seen:
-            unknowns = self._added(unknowns, place, strength, fit.prior.radius)
-        return unknowns
+        return self.detector.first_look(fit.rows.corrected(channels), *deviations)
 
-    def _first(self, fit: Fit, seen: Unknowns | None = None, first: Fit | None = None) -> Fit:
-        """The fit of what a first look at the frame shows; `seen` and what that `first` looks like
-        where they are known."""
-        seen = seen or self._seen(fit)
-        if seen is None:
+    def _as_discs(self, seen: list[tuple[np.ndarray, float]], fit: Fit) -> Unknowns:
+        """`fit`, of no contacts, with discs where contacts were seen."""
+        discs = fit.unknowns
+        for place, strength in seen[:MOST]:
+            discs = self._added(discs, place, strength, fit.prior.radius)
+        return discs
+
+    def _first(self, fit: Fit, start: Start | None = None) -> Fit:
+        """The fit of what a first look at the rows of `fit`, of no contacts, shows; `start` where it is
+        known."""
+        start = start or self._looks_like(fit)
+        if start is None:
             return fit
-        first = first or self._looks_like(seen, fit)
+        first = start.fit
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
-        more = len(seen.contacts) > len(first.unknowns.contacts)
-        if short and more and self._left > 0 and self._falls_short(found):
-            goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
-            many = self._simplified(self._begin(seen, fit, len(seen.contacts), goal=goal))
-            found = self._split(self._likelier(found, many), self._solve)
+        if short and self._left > 0 and self._falls_short(found):
+            many = self._as_discs(start.look.contacts(), fit)
+            if len(many.contacts) > len(first.unknowns.contacts):
+                goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
+                tried = self._simplified(self._begin(many, fit, len(many.contacts), goal=goal))
+                found = self._split(self._likelier(found, tried), self._solve)
         if found.chi_squared > _LEFT_OVER * found.rows.count and self._left > 0:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
@@ -449,10 +459,13 @@ class Search:
         return suspect and self.of_one_state(rows, fit.prior) < len(rows.grounded)
 
     def _falls_short(self, fit: Fit) -> bool:
-        """Whether contacts in other numbers or forms are to be tried: too much is left over, or
-        another contact, or one of another form, would explain more than noise does, to first
-        order."""
+        """Whether contacts in other numbers or forms are to be tried: too much is left over, several
+        contacts need an unlikely sensor, or another contact, or one of another form, would explain
+        more than noise does, to first order."""
         if fit.chi_squared > _LEFT_OVER * fit.rows.count:
+            return True
+        several = len(fit.unknowns.contacts) > 1
+        if several and not _is_likely(fit.prior.apart(fit.unknowns), fit.prior):
             return True
         if fit.chi_squared > _POOR * fit.rows.count or self.effort.alternatives:
             self._next(fit)
@@ -476,10 +489,8 @@ class Search:
         A disc in the place of two contacts has the wrong second moments: what its stretch would take
         off the cost tells (score test, Rao 1948).
         """
-        if fit.unknowns.free.all():
-            return False
-        promised = Linear(self._stretched(fit), fit.equations).promise
-        return self._counts(fit, promised)
+        held = ~fit.unknowns.free
+        return bool(held.any()) and self._counts(fit, fit.equations.score(fit, held))
 
     def _stretched(self, fit: Fit) -> Fit:
         """The same fit with the forms of all contacts free."""
@@ -500,9 +511,28 @@ class Search:
         extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
-    def _looks_like(self, seen: Unknowns, like: Fit) -> Fit:
-        """Where a fit of the rows of `like` begins, the sensor being as expected: near the likeliest of
-        a disc, an ellipse or two discs for each cluster of contacts `seen`, and all of them."""
+    def _looks_like(self, like: Fit) -> Start | None:
+        """Where a fit of the rows of `like`, of no contacts, begins, the sensor being as expected: near
+        discs where points explain the currents, if these explain the readings too or lie apart, or
+        else near the likeliest of them and of what looks like something wide. None where noise
+        explains all."""
+        look = self._seen(like)
+        if look is None:
+            return None
+        points, discs = look.points(like.prior.radius), None
+        if points is not None:
+            seen = self._as_discs(points, like)
+            discs = self._approached(self._begun(seen, like, len(seen.contacts)))
+            count = len(seen.contacts)
+            apart = count > 1 and len(self._clustered(seen).contacts) == count
+            if apart or discs.chi_squared < _MISFIT * discs.rows.count:
+                return Start(look, discs)
+        wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
+        return Start(look, wide if discs is None else self._likelier(discs, wide))
+
+    def _looks_wide(self, seen: Unknowns, like: Fit) -> Fit:
+        """Near the likeliest of a disc, an ellipse or two discs for each cluster of contacts `seen`,
+        and all of them."""
         few = self._clustered(seen)
         radii = np.exp(few.contacts[:, RADIUS]), np.full(len(few.contacts), like.prior.radius)
         discs = [self._discs(few, each) for each in radii[int(np.allclose(*radii)) :]]

@@ -451,6 +451,29 @@ class Equations:
         found = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
         return found[: len(self.contacts)]
 
+    def score(self, fit: Fit, free: np.ndarray) -> float:
+        """What the contacts' parameters `free` (k, 6), held so far, would take off the cost of a `fit`
+        near, to first order and all else following (score test, Rao 1948)."""
+        freed = fit.freed(free)
+        curvature, pull = contact_priors(freed)
+        count = np.count_nonzero(free)
+        columns = freed.prediction.contact_columns()[:count]
+        weighted = (columns * fit.rows.weights).reshape(count, fit.misfit.size)
+        mixed, back = self.channels.beside(weighted.reshape(columns.shape))
+        flat = columns.reshape(weighted.shape)
+        others = np.hstack([flat @ self.contacts.T, flat @ self.sheet.weighted.T])
+        others -= mixed @ self.channels.back
+        normal = weighted @ flat.T - mixed @ back
+        normal[np.diag_indices(count)] += curvature[:count]
+        along = Linear(fit, self)
+        right = weighted @ fit.misfit.ravel() + pull[:count] - mixed @ along.alone
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        factor = cho_factor(self.normal * scale[:, None] * scale)
+        follow = scale[:, None] * cho_solve(factor, scale[:, None] * others.T)
+        normal -= others @ follow
+        right -= follow.T @ along.right
+        return float(right @ np.linalg.lstsq(normal, right, rcond=1e-12)[0])
+
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit, of other readings: how fast the solver
         converges depends on them, and the covariance."""
@@ -468,6 +491,7 @@ class Linear(Contacts):
     """Normal equations of contacts and sheet at a fit, channels eliminated.
 
     equations : all of them but the right side, from a fit nearby or anew
+    alone : steps of the channels if nothing else moves, see `ChannelFit.pulled`
     """
 
     def __init__(self, fit: Fit, known: Equations | None = None):
@@ -481,7 +505,7 @@ class Linear(Contacts):
         sensor = -fit.prior.pull(fit.prior.apart(fit.unknowns))
         modes, misfit = fit.operator.modes, fit.misfit.ravel()
         both = known.contacts @ misfit + pull, known.sheet.weighted @ misfit + sensor[:modes]
-        self._alone, taken, self.beside = known.channels.pulled(fit.misfit, sensor[modes:])
+        self.alone, taken, self.beside = known.channels.pulled(fit.misfit, sensor[modes:])
         self.right = np.concatenate(both) - taken
 
     def covariance(self) -> np.ndarray:
@@ -492,7 +516,7 @@ class Linear(Contacts):
 
     def _moved(self, step):
         u = self.fit.unknowns
-        gain, offset, resistance, *aside = self.equations.channels.step(self._alone, step)
+        gain, offset, resistance, *aside = self.equations.channels.step(self.alone, step)
         return replace(
             super()._moved(step),
             sheet=u.sheet + step[self.free :],
@@ -597,7 +621,7 @@ def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float, int]:
         reached = linear.step(damping)
         if linear.promised < _CONVERGED * fit.doubt:
             break
-        if tries >= _FEW_TRIES and linear.promised < _LITTLE * fit.cost:
+        if tries >= _FEW_TRIES and linear.promised < _LITTLE * (fit.chi_squared - fit.rows.count):
             break
         tried = Fit(fit.operator, reached, fit.rows, fit.prior)
         work += tried.prediction.size

@@ -229,7 +229,8 @@ class Learner:
     def _single(self, rows, prior):
         """The best fit of one contact, None where nothing is seen."""
         expected = rows.corrected(prior)
-        seen = self.search.detector.first_look(expected, *prior.deviations[:2])
+        look = self.search.detector.first_look(expected, *prior.deviations[:2])
+        seen = look.points(prior.radius) or look.contacts()
         best = None
         for size in _SIZES if seen else ():
             place, strength = seen[0]

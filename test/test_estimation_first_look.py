@@ -1,0 +1,95 @@
+"""The first look at frames of finite elements: points where contacts are, and none where no points are."""
+
+import numpy as np
+import pytest
+from test_estimation_search import DRIVE, LAYOUTS, NOISE, search, simulate
+
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.solver import Prior, Rows
+
+RADIUS = 0.005
+NEAR = 0.08  # spacings: contacts of 4 to 6 mm are no points
+
+
+def look(name, discs, noise=NOISE, **wrong):
+    operator = search(name).operator
+    readings = simulate(name, discs, noise, **wrong) / DRIVE
+    weights = np.full(readings.shape, (DRIVE / noise) ** 2)
+    np.fill_diagonal(weights, 0.0)
+    rows = Rows(np.nan_to_num(readings), weights, np.arange(operator.count))
+    prior = Prior.unknown(operator, ChannelPrior(), RADIUS, DRIVE)
+    return search(name).detector.first_look(rows, *prior.deviations[:2])
+
+
+def apart(layout, count, seed):
+    """Places (count, 2) of contacts off electrodes and the rim, a spacing or more from each other."""
+    random, pitch = np.random.default_rng(seed), float(np.median(layout.pitches))
+    found = []
+    while len(found) < count:
+        place = random.uniform(-0.45, 0.45, 2) * layout.outline.size
+        clear = np.hypot(*(layout.positions - place).T).min() > layout.radius + 1.5 * RADIUS
+        inside = layout.outline.depth(place[None])[0][0] > 2 * RADIUS
+        if clear and inside and all(np.hypot(*(place - f)) > 1.1 * pitch for f in found):
+            found.append(place)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", ["4x4", "8x8", "ring"])
+@pytest.mark.parametrize("count", [1, 2])
+def test_points_are_where_small_contacts_are(name, count):
+    layout = LAYOUTS[name]()
+    pitch = float(np.median(layout.pitches))
+    for seed in range(4):
+        places = apart(layout, count, seed)
+        if name == "ring":
+            places = 0.5 * places  # amid a ring nothing tells contacts from each other
+        if name == "ring" and count == 2:
+            continue
+        discs = [(x, y, RADIUS, 1e4) for x, y in places]
+        points = look(name, discs).points(RADIUS)
+        assert points is not None and len(points) == count
+        found = np.array([place for place, _ in points])
+        nearest = np.hypot(*(found[:, None] - places).transpose(2, 0, 1)).min(axis=0)
+        assert nearest.max() < NEAR * pitch
+
+
+def test_six_contacts_of_unequal_force_are_six_points():
+    layout = LAYOUTS["8x8"]()
+    places = apart(layout, 6, 3)
+    pressures = np.geomspace(1e4, 4e4, 6)
+    discs = [(x, y, RADIUS, p) for (x, y), p in zip(places, pressures)]
+    points = look("8x8", discs).points(RADIUS)
+    assert len(points) == 6
+    found = np.array([place for place, _ in points])
+    nearest = np.hypot(*(found - places[:, None]).transpose(2, 0, 1))
+    assert nearest.min(axis=1).max() < NEAR * 0.0286
+    # strongest first, and the strong ones conduct more
+    strengths = np.array([strength for _, strength in points])
+    assert (np.diff(strengths) <= 0).all()
+    assert nearest[:, 0].argmin() == 5
+
+
+def test_a_palm_is_no_points_but_contacts_all_over_it():
+    wide = look("8x8", [(0.01, -0.02, 0.04, 5e3)])
+    assert wide.points(RADIUS) is None
+    seen = np.array([place for place, _ in wide.contacts()])
+    assert len(seen) > 3
+    assert np.hypot(*(seen - (0.01, -0.02)).T).max() < 0.04 + 0.0286
+
+
+def test_slopes_of_shares_are_their_derivatives():
+    operator = search("8x8").operator
+    places, step = np.array([[0.013, 0.007], [-0.051, 0.09]]), 1e-6
+    _, slopes = operator.shares(places, RADIUS)
+    for axis in range(2):
+        way = step * np.eye(2)[axis]
+        plus, minus = (operator.shares(places + sign * way, RADIUS)[0] for sign in (1, -1))
+        assert np.allclose(slopes[axis], (plus - minus) / (2 * step), rtol=1e-3, atol=1e-3)
+
+
+def test_shares_of_tables_are_those_of_the_sheet():
+    operator = search("8x8").operator
+    # between electrodes: over one, tables take the mean over the disc, `points` its patches
+    places = np.array([[0.001, 0.002], [-0.055, 0.0575], [0.0286, -0.0561]])
+    exact, _ = operator.points(places, np.full(3, RADIUS))
+    assert np.abs(operator.shares(places, RADIUS)[0] - exact).max() < 2e-3
