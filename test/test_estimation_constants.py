@@ -19,7 +19,7 @@ ROWS = re.findall(r"^\| `([\w.]+)` \| ([^|]+?) \|", SECTION, re.MULTILINE)
 INTERNAL = {
     *(
         "first_look._ROUNDING",
-        "solver._ROUNDING",
+        "equations._ROUNDING",
         "uneven._ISOTROPIC",
         "tables._TINY",
         "tables._BLOCK",

@@ -5,7 +5,8 @@ import pytest
 from test_estimation_search import DRIVE, LAYOUTS, NOISE, search, simulate
 
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.solver import Prior, Rows
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.prior import Prior
 
 RADIUS = 0.005
 NEAR = 0.08  # spacings: contacts of 4 to 6 mm are no points

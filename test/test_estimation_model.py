@@ -8,10 +8,14 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, solve
+from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.tables import Around
 from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
 from tomotactile_ros.layouts.layout import equal_grid

@@ -12,9 +12,10 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.motion import Moving, predicted
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Prior, Rows
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.layouts.scan_order import spread

@@ -14,10 +14,10 @@ from tomotactile_ros.estimation.estimator import Estimate, Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import Belief, RowState
-from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings

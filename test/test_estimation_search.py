@@ -7,9 +7,10 @@ import pytest
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Prior, Rows
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.grounded import GroundedSheet

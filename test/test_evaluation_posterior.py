@@ -8,7 +8,8 @@ import pytest
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction
-from tomotactile_ros.estimation.solver import Rows, solve
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.evaluation.posterior import (
     Conditions,
     Expectation,

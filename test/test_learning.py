@@ -12,11 +12,12 @@ import yaml
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.learning import findings

@@ -18,8 +18,8 @@ import numpy as np
 
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.forward import Prediction
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Rows
 from tomotactile_ros.layouts.grid import Grid
 
 _PER_PITCH = 4  # pixels to one spacing of the electrodes

@@ -11,11 +11,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.equations import Equations, similar
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtful, rows_are_alike
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
     clipped,
@@ -34,7 +38,6 @@ from tomotactile_ros.estimation.search import (
     as_known,
     tells_speeds,
 )
-from tomotactile_ros.estimation.solver import Equations, Fit, Prior, Rows, similar
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw

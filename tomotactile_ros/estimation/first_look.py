@@ -22,8 +22,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.optimize import nnls
 from scipy.spatial.distance import cdist, pdist
 
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Rows
 
 _PICKS = 24  # pixels that are picked at the most
 _SLIDING = 6  # points at the most; more are parts of something wide

@@ -20,10 +20,11 @@ from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.births import Births
+from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, Belief, RowState
-from tomotactile_ros.estimation.solver import RATES, REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again

@@ -20,9 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from tomotactile_ros.estimation.equations import contact_priors
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Prior, Rows, contact_priors
+from tomotactile_ros.estimation.prior import Prior
 
 
 @dataclass(frozen=True, eq=False)

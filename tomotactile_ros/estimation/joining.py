@@ -16,8 +16,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from tomotactile_ros.estimation.equations import Linear
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.solver import Fit, Linear
 from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS, patches_for
 
 TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact

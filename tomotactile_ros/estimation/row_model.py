@@ -30,9 +30,9 @@ from scipy.linalg.lapack import dposv
 
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_shares import Shares
 from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH
-from tomotactile_ros.estimation.solver import Prior
 
 # of a reading: what elements, electrodes and one patch to a contact err, standard deviation
 INEXACT = 0.01

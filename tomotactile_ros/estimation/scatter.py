@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from tomotactile_ros.estimation.solver import Fit
+from tomotactile_ros.estimation.fit import Fit
 
 _FEWEST = 20  # differences: of fewer the variance is off by more than 40 %
 _COUNTED = 0.75  # of the differences

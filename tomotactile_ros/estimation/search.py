@@ -18,21 +18,15 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.detection import Detector
+from tomotactile_ros.estimation.equations import Contacts, Equations, Linear
 from tomotactile_ros.estimation.first_look import FirstLook
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
-from tomotactile_ros.estimation.solver import (
-    STEPS,
-    Contacts,
-    Equations,
-    Fit,
-    Linear,
-    Prior,
-    Rows,
-    approach,
-    solve,
-)
+from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     MOST_ACROSS,

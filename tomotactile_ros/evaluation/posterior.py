@@ -36,9 +36,12 @@ from functools import cached_property
 import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.equations import Linear, contact_priors
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Fit, Linear, Prior, Rows, contact_priors
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.layouts.layout import Layout

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Prior
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.learner import Learner, surprise

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.screening import clipped
-from tomotactile_ros.estimation.solver import Rows
 
 _EVEN = 1.2  # variance over the rows in parts of the noise's, up to which nothing touches
 _FLOOR = 1e-4  # V, standard deviation: hum and drift of what is averaged

@@ -14,11 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.solver import Fit, Prior
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Exchanged, Learner
 from tomotactile_ros.learning.ledger import Ledger

@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ALIKE, KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.solver import Prior
+from tomotactile_ros.estimation.prior import Prior
 
 PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps

@@ -1,0 +1,49 @@
+"""What was read: rows of readings with their weights, electrodes that were grounded, and times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What was read: L rows of the n electrodes in use.
+
+    readings (L, n) in parts of V0; weights (L, n) one over the variance of the noise, 0 where
+        nothing was read
+    grounded (L,) electrode in use that is grounded in each row
+    times (L,) s, of each row against the time for which contacts are estimated; None where all were
+        read at once
+    """
+
+    readings: np.ndarray
+    weights: np.ndarray
+    grounded: np.ndarray
+    times: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return int(np.count_nonzero(self.weights))
+
+    def corrected(self, channels) -> Rows:
+        """What channels without gains and offsets would have read; `channels` has both: `Prior`,
+        `Unknowns`."""
+        read = (self.readings - channels.offset) / channels.gain
+        return replace(self, readings=np.where(self.weights > 0, read, 0.0))
+
+    def part(self, chosen) -> Rows:
+        """Only the rows `chosen`; contacts are estimated for the middle of their time."""
+        times = None if self.times is None else self.times[chosen]
+        if times is not None and len(times):
+            times = times - (times.min() + times.max()) / 2
+        return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen], times)
+
+
+def same_rows(first: Rows, second: Rows) -> bool:
+    return first is second or (
+        np.array_equal(first.grounded, second.grounded)
+        and np.array_equal(first.weights, second.weights)
+    )
