@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tomotactile_ros.estimation.arrangement import as_known
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -35,7 +36,6 @@ from tomotactile_ros.estimation.search import (
     SUSPECT,
     Effort,
     Search,
-    as_known,
     tells_speeds,
 )
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from tomotactile_ros.estimation.arrangement import chosen
 from tomotactile_ros.estimation.estimator import RESTING, Estimate, State
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.follow import Follower
@@ -27,7 +28,6 @@ from tomotactile_ros.estimation.joining import TOUCHING
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
-from tomotactile_ros.estimation.search import chosen
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.estimation.tracks import REACH
 

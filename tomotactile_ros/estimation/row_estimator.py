@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tomotactile_ros.estimation.arrangement import CLOSE
 from tomotactile_ros.estimation.equations import SIMILAR
 from tomotactile_ros.estimation.estimator import (
     EXCLUDED,
@@ -33,7 +34,7 @@ from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, line
 from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
-from tomotactile_ros.estimation.search import CLOSE, FILLED
+from tomotactile_ros.estimation.search import FILLED
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 _PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there before is not known

@@ -14,9 +14,24 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.stats import chi2
 
+from tomotactile_ros.estimation.arrangement import (
+    CLOSE,
+    LONG,
+    as_discs,
+    as_known,
+    chosen,
+    clustered,
+    clusters,
+    gathered,
+    halved,
+    merged,
+    overlaps,
+    patches_of,
+    resting,
+    with_disc,
+)
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.equations import Contacts, Equations, Linear
 from tomotactile_ros.estimation.first_look import FirstLook
@@ -31,25 +46,20 @@ from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     MOST_ACROSS,
     RADIUS,
-    SHEAR,
     STRETCH,
     patches_for,
 )
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
-_FORM = 4  # parameters of a disc
+_FORM = 4  # of them
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _WIDER = 1.0  # of ln a: so much wider a contact is made at once
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
-_OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
-CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
-# half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
-_LONG = 0.3
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # times the threshold: a contact that a linear test is so sure of is not tried without
 _CERTAIN = 2.0
@@ -470,7 +480,7 @@ class Search:
     def _may_be_two(self, fit: Fit) -> bool:
         """Whether a long contact leaves more over than noise does: it may be two, of which no first
         order tells."""
-        long = np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > _LONG
+        long = np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
         return bool(long.any()) and fit.chi_squared - fit.rows.count > self._threshold
 
     def _counts(self, fit: Fit, promised: float) -> bool:
@@ -518,7 +528,7 @@ class Search:
             seen = self._as_discs(points, like)
             discs = self._approached(self._begun(seen, like, len(seen.contacts)))
             count = len(seen.contacts)
-            apart = count > 1 and len(self._clustered(seen).contacts) == count
+            apart = count > 1 and len(clustered(seen, self.operator.pitch).contacts) == count
             if apart or discs.chi_squared < _MISFIT * discs.rows.count:
                 return Start(look, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
@@ -527,9 +537,11 @@ class Search:
     def _looks_wide(self, seen: Unknowns, like: Fit) -> Fit:
         """Near the likeliest of a disc, an ellipse or two discs for each cluster of contacts `seen`,
         and all of them."""
-        few = self._clustered(seen)
+        few = clustered(seen, self.operator.pitch)
         radii = np.exp(few.contacts[:, RADIUS]), np.full(len(few.contacts), like.prior.radius)
-        discs = [self._discs(few, each) for each in radii[int(np.allclose(*radii)) :]]
+        discs = [
+            as_discs(few, each, self.operator.pitch) for each in radii[int(np.allclose(*radii)) :]
+        ]
         starts = [self._begun(each, like, len(each.contacts)) for each in discs]
         found = self._approached(min(starts, key=_cost))
         if found.chi_squared > _LEFT_OVER * found.rows.count:
@@ -557,47 +569,15 @@ class Search:
         for which in range(len(fit.unknowns.contacts)):
             if which >= len(fit.unknowns.contacts) or self._left <= 0:
                 break
-            start = self._halved(fit.unknowns, which, fit.prior.radius)
+            start = halved(
+                fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
+            )
             if start is not None:
                 begun = self._begun(as_known(start, fit.prior), fit, 2)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     fit = self._likelier(fit, tried)
         return fit
-
-    def _halved(self, unknowns: Unknowns, which: int, radius: float) -> Unknowns | None:
-        """The same with two discs of `radius`, m, in the place of contact `which`, at the end of all;
-        None if that is not long."""
-        contact = unknowns.contacts[which]
-        long = float(np.hypot(*contact[STRETCH:]))
-        if long <= _LONG:
-            return None
-        # moments of two points half a long axis from the middle are those of the ellipse
-        angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
-        way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
-        strength = float(np.exp(contact[CONDUCTANCE])) / 2
-        halved = chosen(unknowns, np.arange(len(unknowns.contacts)) != which)
-        for place in (contact[:2] - way, contact[:2] + way):
-            halved = self._added(halved, place, strength, radius)
-        return halved
-
-    def _clustered(self, unknowns: Unknowns) -> Unknowns:
-        """The same with one wide contact for each cluster of contacts near each other."""
-        if len(unknowns.contacts) < 2:
-            return unknowns
-        group = self._clusters(unknowns.contacts)
-        for each in np.unique(group):
-            of = np.flatnonzero(group == each)
-            if len(of) > 1:
-                unknowns = gathered(unknowns, of, self.operator.pitch)
-                group = np.append(np.delete(group, of), each)
-        return unknowns
-
-    def _clusters(self, contacts: np.ndarray) -> np.ndarray:
-        """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6),
-        two at least, is in."""
-        tree = linkage(contacts[:, :2], "single")
-        return fcluster(tree, CLOSE * self.operator.pitch, "distance")
 
     def _next(self, fit: Fit):
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
@@ -658,21 +638,10 @@ class Search:
                 fit = self._solve(chosen(tried.unknowns, back), fit, 1)
         return fit
 
-    def _added(self, unknowns, place, strength, radius) -> Unknowns:
+    def _added(self, unknowns: Unknowns, place, strength: float, radius: float) -> Unknowns:
         """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
         the end."""
-        contact = np.array([*place, np.log(strength), np.log(radius), 0.0, 0.0])
-        across = patches_for(radius, self.operator.pitch)
-        form = [True] * _FORM + [False] * 2
-        return unknowns.joined_by(contact, across, form, self._changing)
-
-    def _discs(self, unknowns: Unknowns, radii: np.ndarray) -> Unknowns:
-        """Discs of `radii` (k,), m, in the place of the contacts."""
-        contacts, free = unknowns.contacts.copy(), np.zeros_like(unknowns.free)
-        contacts[:, RADIUS], contacts[:, STRETCH:] = np.log(radii), 0.0
-        free[:, :_FORM] = True
-        across = tuple(patches_for(radius, self.operator.pitch) for radius in radii)
-        return replace(unknowns, contacts=contacts, across=across, free=free)
+        return with_disc(unknowns, place, strength, radius, self.operator.pitch, self._changing)
 
     def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
         """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
@@ -741,7 +710,7 @@ class Search:
         contacts = fit.unknowns.contacts
         if len(contacts) < 2:
             return fit
-        group = self._clusters(contacts)
+        group = clusters(contacts, self.operator.pitch)
         for each in np.unique(group):
             of = np.flatnonzero(group == each)
             if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
@@ -815,81 +784,3 @@ def _spread(fit: Fit) -> np.ndarray:
 
 def _cost(fit: Fit) -> float:
     return fit.cost
-
-
-def overlaps(contacts: np.ndarray, which: int) -> bool:
-    """Whether a contact and another one lie on each other, so that they are one thing that
-    presses."""
-    others = np.delete(contacts, which, axis=0)
-    apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T)
-    reach = np.exp(np.maximum(others[:, RADIUS], contacts[which, RADIUS]))
-    return bool((apart < _OVERLAP * reach).any())
-
-
-def merged(unknowns: Unknowns, which: int) -> Unknowns:
-    """The same without contact `which`, whose conductance its nearest neighbour takes over."""
-    contacts = unknowns.contacts.copy()
-    apart = np.hypot(*(contacts[:, :2] - contacts[which, :2]).T)
-    apart[which] = np.inf
-    nearest = int(apart.argmin())
-    own, other = np.exp(contacts[[which, nearest], CONDUCTANCE])
-    if own > 0.1 * other:
-        part = own / (own + other)
-        contacts[nearest, :2] += part * (contacts[which, :2] - contacts[nearest, :2])
-    keep = np.arange(len(contacts)) != which
-    return chosen(replace(unknowns, contacts=contacts), keep)
-
-
-def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
-    """The same with one contact in the place of those `which` (m,): as strong as all of them, an
-    ellipse of their moments."""
-    contacts = unknowns.contacts[which]
-    strengths = np.exp(contacts[:, CONDUCTANCE])
-    share = strengths / strengths.sum()
-    place = share @ contacts[:, :2]
-    apart = contacts[:, :2] - place
-    # a disc of radius a has the moments a^2 / 4
-    moments = (apart * share[:, None]).T @ apart
-    moments += np.eye(2) * (share @ np.exp(2 * contacts[:, RADIUS])) / 4
-    value, axis = np.linalg.eigh(moments)
-    stretch = min(np.log(value[1] / value[0]) / 4, 1.5)
-    angle = 2 * np.arctan2(axis[1, 1], axis[0, 1])
-    form = unknowns.free[which[0]].copy()
-    form[STRETCH:] = stretch > _LONG
-    p, q = stretch * np.array([np.cos(angle), np.sin(angle)]) * form[STRETCH]
-    radius = 2 * (value[0] * value[1]) ** 0.25 if form[STRETCH] else np.sqrt(2 * value.sum())
-    one = np.array([*place, np.log(strengths.sum()), np.log(radius), p, q])
-    rest = chosen(unknowns, np.delete(np.arange(len(unknowns.contacts)), which))
-    moving = bool(unknowns.moving[which].any())
-    joined = rest.joined_by(one, patches_of(one, pitch), form, moving)
-    joined.rates[-1] = share @ unknowns.rates[which]
-    return joined
-
-
-def patches_of(contact: np.ndarray, pitch: float) -> int:
-    """Patches across a contact (6,), as its longer axis asks for."""
-    return patches_for(float(np.exp(contact[RADIUS] + np.hypot(*contact[STRETCH:]))), pitch)
-
-
-def chosen(unknowns: Unknowns, keep) -> Unknowns:
-    """The same with only the contacts `keep` (mask or indices)."""
-    across = tuple(np.array(unknowns.across, int)[keep].tolist())
-    kept = unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])
-    return replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
-
-
-def as_known(unknowns: Unknowns, prior: Prior | Unknowns) -> Unknowns:
-    """The same contacts; sheet and channels as expected, or as other unknowns have them."""
-    return replace(
-        unknowns,
-        sheet=prior.sheet,
-        gain=prior.gain,
-        offset=prior.offset,
-        resistance=prior.resistance,
-        aside=prior.aside,
-    )
-
-
-def resting(operator: SheetOperator, prior: Prior) -> Unknowns:
-    """No contact; sheet and channels as expected."""
-    return as_known(Unknowns.at_rest(operator), prior)

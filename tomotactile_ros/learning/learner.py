@@ -16,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from tomotactile_ros.estimation.arrangement import as_known, resting
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.information import Information, information
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.search import Search, as_known, resting
+from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.learning.ledger import Ledger

@@ -1,0 +1,159 @@
+"""Other arrangements of contacts, to begin a fit with: one more, one less, several as one, one as two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+
+from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
+    RADIUS,
+    SHEAR,
+    STRETCH,
+    patches_for,
+)
+
+_DISC = np.array([True] * 4 + [False] * 2)  # parameters of a disc that are free
+_OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
+CLOSE = 1.5  # spacings: contacts nearer to each other are tried as one
+# half the logarithm of the ratio of axes from which on several contacts are tried as an ellipse
+LONG = 0.3
+
+
+def with_disc(
+    unknowns: Unknowns, place, strength: float, radius: float, pitch: float, moving: bool = False
+) -> Unknowns:
+    """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at the
+    end; `pitch` of the electrodes, m, here and below."""
+    contact = np.array([*place, np.log(strength), np.log(radius), 0.0, 0.0])
+    return unknowns.joined_by(contact, patches_for(radius, pitch), _DISC, moving)
+
+
+def as_discs(unknowns: Unknowns, radii: np.ndarray, pitch: float) -> Unknowns:
+    """Discs of `radii` (k,), m, in the place of the contacts."""
+    contacts = unknowns.contacts.copy()
+    contacts[:, RADIUS], contacts[:, STRETCH:] = np.log(radii), 0.0
+    across = tuple(patches_for(radius, pitch) for radius in radii)
+    free = np.tile(_DISC, (len(contacts), 1))
+    return replace(unknowns, contacts=contacts, across=across, free=free)
+
+
+def halved(
+    unknowns: Unknowns, which: int, radius: float, pitch: float, moving: bool = False
+) -> Unknowns | None:
+    """The same with two discs of `radius`, m, in the place of contact `which`, at the end of all; None
+    if that is not long."""
+    contact = unknowns.contacts[which]
+    long = float(np.hypot(*contact[STRETCH:]))
+    if long <= LONG:
+        return None
+    # moments of two points half a long axis from the middle are those of the ellipse
+    angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
+    way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
+    strength = float(np.exp(contact[CONDUCTANCE])) / 2
+    out = chosen(unknowns, np.arange(len(unknowns.contacts)) != which)
+    for place in (contact[:2] - way, contact[:2] + way):
+        out = with_disc(out, place, strength, radius, pitch, moving)
+    return out
+
+
+def clusters(contacts: np.ndarray, pitch: float) -> np.ndarray:
+    """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6), two at
+    least, is in."""
+    return fcluster(linkage(contacts[:, :2], "single"), CLOSE * pitch, "distance")
+
+
+def clustered(unknowns: Unknowns, pitch: float) -> Unknowns:
+    """The same with one wide contact for each cluster of contacts near each other."""
+    if len(unknowns.contacts) < 2:
+        return unknowns
+    group = clusters(unknowns.contacts, pitch)
+    for each in np.unique(group):
+        of = np.flatnonzero(group == each)
+        if len(of) > 1:
+            unknowns = gathered(unknowns, of, pitch)
+            group = np.append(np.delete(group, of), each)
+    return unknowns
+
+
+def overlaps(contacts: np.ndarray, which: int) -> bool:
+    """Whether a contact and another one lie on each other, so that they are one thing that
+    presses."""
+    others = np.delete(contacts, which, axis=0)
+    apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T)
+    reach = np.exp(np.maximum(others[:, RADIUS], contacts[which, RADIUS]))
+    return bool((apart < _OVERLAP * reach).any())
+
+
+def merged(unknowns: Unknowns, which: int) -> Unknowns:
+    """The same without contact `which`, whose conductance its nearest neighbour takes over."""
+    contacts = unknowns.contacts.copy()
+    apart = np.hypot(*(contacts[:, :2] - contacts[which, :2]).T)
+    apart[which] = np.inf
+    nearest = int(apart.argmin())
+    own, other = np.exp(contacts[[which, nearest], CONDUCTANCE])
+    if own > 0.1 * other:
+        part = own / (own + other)
+        contacts[nearest, :2] += part * (contacts[which, :2] - contacts[nearest, :2])
+    keep = np.arange(len(contacts)) != which
+    return chosen(replace(unknowns, contacts=contacts), keep)
+
+
+def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
+    """The same with one contact in the place of those `which` (m,): as strong as all of them, an
+    ellipse of their moments."""
+    contacts = unknowns.contacts[which]
+    strengths = np.exp(contacts[:, CONDUCTANCE])
+    share = strengths / strengths.sum()
+    place = share @ contacts[:, :2]
+    apart = contacts[:, :2] - place
+    # a disc of radius a has the moments a^2 / 4
+    moments = (apart * share[:, None]).T @ apart
+    moments += np.eye(2) * (share @ np.exp(2 * contacts[:, RADIUS])) / 4
+    value, axis = np.linalg.eigh(moments)
+    stretch = min(np.log(value[1] / value[0]) / 4, 1.5)
+    angle = 2 * np.arctan2(axis[1, 1], axis[0, 1])
+    form = unknowns.free[which[0]].copy()
+    form[STRETCH:] = stretch > LONG
+    p, q = stretch * np.array([np.cos(angle), np.sin(angle)]) * form[STRETCH]
+    radius = 2 * (value[0] * value[1]) ** 0.25 if form[STRETCH] else np.sqrt(2 * value.sum())
+    one = np.array([*place, np.log(strengths.sum()), np.log(radius), p, q])
+    rest = chosen(unknowns, np.delete(np.arange(len(unknowns.contacts)), which))
+    moving = bool(unknowns.moving[which].any())
+    joined = rest.joined_by(one, patches_of(one, pitch), form, moving)
+    joined.rates[-1] = share @ unknowns.rates[which]
+    return joined
+
+
+def patches_of(contact: np.ndarray, pitch: float) -> int:
+    """Patches across a contact (6,), as its longer axis asks for."""
+    return patches_for(float(np.exp(contact[RADIUS] + np.hypot(*contact[STRETCH:]))), pitch)
+
+
+def chosen(unknowns: Unknowns, keep) -> Unknowns:
+    """The same with only the contacts `keep` (mask or indices)."""
+    across = tuple(np.array(unknowns.across, int)[keep].tolist())
+    kept = unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])
+    return replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
+
+
+def as_known(unknowns: Unknowns, prior: Prior | Unknowns) -> Unknowns:
+    """The same contacts; sheet and channels as expected, or as other unknowns have them."""
+    return replace(
+        unknowns,
+        sheet=prior.sheet,
+        gain=prior.gain,
+        offset=prior.offset,
+        resistance=prior.resistance,
+        aside=prior.aside,
+    )
+
+
+def resting(operator: SheetOperator, prior: Prior) -> Unknowns:
+    """No contact; sheet and channels as expected."""
+    return as_known(Unknowns.at_rest(operator), prior)
