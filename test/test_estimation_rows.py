@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from tomotactile_ros import cli
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.estimator import Estimate, Estimator
+from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import Belief, RowState

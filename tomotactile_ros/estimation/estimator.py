@@ -6,7 +6,7 @@ before a change, frames that no contacts explain.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,13 +14,18 @@ from tomotactile_ros.estimation.arrangement import as_known
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import Equations, similar
 from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtful, rows_are_alike
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.reported import (
+    Estimate,
+    contacts_of,
+    joined,
+)
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
     clipped,
@@ -38,7 +43,7 @@ from tomotactile_ros.estimation.search import (
     Search,
     tells_speeds,
 )
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
@@ -63,76 +68,11 @@ _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 4000  # budget of a search in other rows or without a channel
-# standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
-# well that a contact conducts
-_CERTAIN = 3.0
-_LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
-# spacings: what the model of electrodes and contacts errs in places, standard deviation
-PLACE_FLOOR = 1.5e-3
-FORCE_FLOOR = 0.02  # the same of forces, relative
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
-# the same of the mean D of a contact, in which closed form, finite elements and the pressure under a
-# real contact differ by so much
-IMPEDANCE_FLOOR = 0.02
-# the same of a force, times g R_s / 2 pi: current crowds within a / sqrt(g R_s / pi) of a contact's rim and
-# of electrodes under it, and only there readings tell how hard it presses
-CROWDING = 0.015
-# of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
-# tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
-BARE, _LEAST_WAY = 0.2, 0.4
 # mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
 # negative half
 _CUT_OFF = (2 * np.pi) ** -0.5
-MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
-
-
-@dataclass(frozen=True)
-class Contact:
-    """One contact: place x, y (m), force (N), pressure (Pa), area (m²), radius (m), with
-    uncertainty.
-
-    conductance : g as a whole, S
-    covariance : (4,) of x and y, row by row, m²; radius_std : m
-    force_std : N; inf of a bare conductor, whose force is only known from below
-    probability : that it is there; velocity : (2,) of x and y, m/s, 0 where it rests
-    """
-
-    x: float
-    y: float
-    force: float
-    pressure: float
-    area: float
-    radius: float
-    conductance: float
-    covariance: tuple[float, float, float, float]
-    force_std: float
-    radius_std: float
-    probability: float
-    velocity: tuple[float, float] = (0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What rows say.
-
-    contacts : strongest first; parts : the discs that they consist of
-    state : `valid`, or `withheld` with the reason why
-    left_out : {electrode: what is wrong with its channel}
-    misfit : chi-squared per reading, about 1 where noise explains what the model does not
-    first : number of the first row that was used; earlier ones belong to another state of the sheet
-    noise : of a reading, V rms, as the rows show it, what was expected at the least; 0 where they do
-        not tell
-    """
-
-    contacts: list[Contact]
-    parts: list[Contact] = field(default_factory=list)
-    state: str = "valid"
-    reason: str = ""
-    left_out: dict[int, str] = field(default_factory=dict)
-    misfit: float = 0.0
-    first: int = 0
-    noise: float = 0.0
 
 
 @dataclass
@@ -303,7 +243,7 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         state.fit = fit
-        parts, group = self._contacts(fit, self._groups(search, fit, state))
+        parts, group = contacts_of(fit, self._groups(search, fit, state), self.law)
         if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
             state.forget()
             return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
@@ -489,69 +429,6 @@ class Estimator:
             state.joined = contacts, groups(fit, search.allows)
         return state.joined[1]
 
-    def _contacts(self, fit: Fit, group: np.ndarray) -> tuple[list[Contact], np.ndarray]:
-        """The discs that are certain, strongest first, and of `group` (k,), the contact that each
-        belongs to, what is theirs."""
-        u = fit.unknowns
-        if not len(u.contacts):
-            return [], np.empty(0, int)
-        operator, prediction = fit.operator, fit.prediction
-        touches = prediction.touches
-        inflation = fit.doubt
-        ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
-        covariance = fit.covariance * inflation
-        # what is wrong with D of each contact bends all that is fitted
-        bent = IMPEDANCE_FLOOR * fit.equations.response(prediction.way_columns())
-        covariance = covariance + bent @ bent.T
-        certainties = _certainties(fit, covariance, group)
-        found, which, first = [], [], 0
-        for i, (contact, free) in enumerate(zip(u.contacts, u.free)):
-            count = int(free.sum())
-            at = slice(first, first + count)
-            own = covariance[at, at]
-            first += count
-            if certainties[i] < _LIKELY**2:
-                continue
-            index = {which: k for k, which in enumerate(np.flatnonzero(free))}
-            area = np.pi * float(np.exp(2 * contact[RADIUS])) * touches.covered[i]
-            sheet = operator.resistance
-            known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
-            g = known * touches.covered[i]
-            pressure = float(self.law.pressure(g / area))
-            slope = prediction.force_slope(i, self.law.exponent)[free]
-            noise = slope @ fit.covariance[at, at] @ slope * inflation
-            ways = slope @ bent[at]
-            ways[i] -= IMPEDANCE_FLOOR * prediction.force_by_impedance(i, self.law.exponent)
-            unknown = ways @ ways + crowded(known, sheet) ** 2
-            relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
-            relative = np.inf if bare else min(relative, MOST_RELATIVE)
-            place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
-            place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
-            x, y = touches.centre(i) + ahead * u.rates[i, :2]
-            place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * inflation
-            radius = float(np.sqrt(area / np.pi))
-            which.append(i)
-            found.append(
-                Contact(
-                    float(x),
-                    float(y),
-                    pressure * area,
-                    pressure,
-                    area,
-                    radius,
-                    g,
-                    tuple(float(each) for each in place.ravel()),
-                    abs(pressure * area) * relative,
-                    radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
-                    float(1 - np.exp(-certainties[i] / 2)),
-                    tuple(float(each) for each in u.rates[i, :2]),
-                )
-            )
-        sure = certainties[which] > _CERTAIN**2
-        likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
-        order = sorted(likely, key=lambda i: -found[i].force)
-        return [found[i] for i in order], group[[which[i] for i in order]]
-
 
 def _explains(fit: Fit) -> bool:
     """Whether contacts explain rows with a sensor that is likely."""
@@ -589,50 +466,6 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
     return most - 1 - int(others[-1]) if len(others) else most
 
 
-def told(conductance: float, mean: float, resistance: float) -> tuple[float, bool]:
-    """Of a contact of `conductance`, S, with the `mean` D, ohm, on a sheet of `resistance`, ohm/sq:
-    what readings tell of its conductance at the most, and whether it is a bare conductor, which
-    conducts more."""
-    most = 1 / (BARE * max(mean, _LEAST_WAY * resistance / (2 * np.pi)))
-    return min(float(conductance), most), bool(conductance > most)
-
-
-def crowded(conductance: float, resistance: float) -> float:
-    """What is not known of the force of a contact of `conductance`, S, because its current crowds on a
-    sheet of `resistance`, ohm/sq: relative standard deviation."""
-    return CROWDING * conductance * resistance / (2 * np.pi)
-
-
-def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """(k,) of the contact that each disc of a fit is part of: what it and the way to it conduct over
-    its deviation, squared.
-
-    covariance (F, F) of the fit; group (k,) number of the contact of each disc. Discs of one contact
-    may be uncertain one by one.
-    """
-    free, prediction = fit.unknowns.free, fit.prediction
-    strengths = 1 / (1 / prediction.conductances + prediction.means)
-    slopes = np.zeros((len(group), free.size))
-    for i, strength in enumerate(strengths):
-        slopes[group[i], i * free.shape[1] :][: free.shape[1]] += (
-            strength * prediction.strength_slope(i)
-        )
-    slopes = slopes[:, free.ravel()]
-    count = slopes.shape[1]
-    totals = np.bincount(group, strengths, len(group))
-    variances = np.einsum("gf,fh,gh->g", slopes, covariance[:count, :count], slopes)
-    return (totals**2 / np.maximum(variances, 1e-12 * totals**2 + 1e-300))[group]
-
-
-def _velocity_variance(fit: Fit, which: int) -> np.ndarray:
-    """(2,) of the velocity of contact `which`, (m/s)²."""
-    moving = fit.unknowns.moving
-    if not moving[which]:
-        return np.zeros(2)
-    first = np.count_nonzero(fit.unknowns.free) + len(RATED) * np.count_nonzero(moving[:which])
-    return fit.covariance.diagonal()[first : first + 2]
-
-
 def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
     """What is expected `lasts` s later: contacts that move go on, slow ones rest."""
     if not (np.abs(unknowns.rates[:, :2]) > RESTING).any():
@@ -648,38 +481,6 @@ def _after(seen: Fit) -> Prior:
     marginal."""
     told = information(seen.operator, seen.unknowns, seen.rows, seen.prior, 1.0)
     return seen.prior.told(seen.unknowns, told.matrix / seen.doubt)
-
-
-def joined(parts: list[Contact], group: np.ndarray) -> list[Contact]:
-    """Contacts, strongest first, from discs and the numbers `group` (k,) of the contacts that they
-    belong to (`joining.groups`)."""
-    found = [
-        _joined([parts[i] for i in np.flatnonzero(group == each)]) for each in np.unique(group)
-    ]
-    return sorted(found, key=lambda each: -each.force)
-
-
-def _joined(parts: list[Contact]) -> Contact:
-    if len(parts) == 1:
-        return parts[0]
-    force = np.array([each.force for each in parts])
-    share = force / max(force.sum(), 1e-300)
-    area = sum(each.area for each in parts)
-    covariance = sum(s**2 * np.array(each.covariance) for s, each in zip(share, parts))
-    radius = float(np.sqrt(area / np.pi))
-    return Contact(
-        float(sum(s * each.x for s, each in zip(share, parts))),
-        float(sum(s * each.y for s, each in zip(share, parts))),
-        float(force.sum()),
-        max(each.pressure for each in parts),
-        area,
-        radius,
-        sum(each.conductance for each in parts),
-        tuple(float(each) for each in covariance),
-        float(np.sqrt(sum(each.force_std**2 for each in parts))),
-        float(np.sqrt(sum(each.radius_std**2 for each in parts))),
-        max(each.probability for each in parts),
-    )
 
 
 def _share_left(fit: Fit) -> float:

@@ -20,12 +20,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.arrangement import chosen
-from tomotactile_ros.estimation.estimator import RESTING, Estimate, State
+from tomotactile_ros.estimation.estimator import RESTING, State
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.joining import TOUCHING
 from tomotactile_ros.estimation.prior import RATES
+from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y

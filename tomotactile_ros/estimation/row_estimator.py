@@ -17,21 +17,19 @@ import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE
 from tomotactile_ros.estimation.equations import SIMILAR
-from tomotactile_ros.estimation.estimator import (
-    EXCLUDED,
+from tomotactile_ros.estimation.estimator import EXCLUDED, Estimator, State
+from tomotactile_ros.estimation.follow import YOUNG, Follower
+from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
+from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
+from tomotactile_ros.estimation.reported import (
     FORCE_FLOOR,
     IMPEDANCE_FLOOR,
     MOST_RELATIVE,
     PLACE_FLOOR,
     Contact,
-    Estimator,
-    State,
     crowded,
     told,
 )
-from tomotactile_ros.estimation.follow import YOUNG, Follower
-from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
-from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
 from tomotactile_ros.estimation.search import FILLED

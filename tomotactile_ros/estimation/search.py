@@ -38,9 +38,9 @@ from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -51,7 +51,7 @@ from tomotactile_ros.estimation.touch import (
 )
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
-_FORM = 4  # of them
+_FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
@@ -75,13 +75,8 @@ _WORTH = 10.0  # times the goal: from there on patches of another size are not w
 _MISFIT = 3.0
 # the same from which on other numbers and forms of new contacts are tried: right ones leave 1.05
 _LEFT_OVER = 1.1
-# chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
-# also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
-_TORN = 12.0
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
-_ROUNDS = 3  # of a fit that judges it
-_PAIRS = 4  # rows: fewer have no more equations than unknowns
 MOST = 12  # discs
 _FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
 _IN_MOTION = 10  # patches to the width of one that moves
@@ -389,7 +384,7 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return None
-        channels, *deviations = self._by_reciprocity(fit)
+        channels, *deviations = channels_alone(fit.rows, fit.prior)
         return self.detector.first_look(fit.rows.corrected(channels), *deviations)
 
     def _as_discs(self, seen: list[tuple[np.ndarray, float]], fit: Fit) -> Unknowns:
@@ -422,38 +417,12 @@ class Search:
             found = self._other_sizes(found, which)
         return found
 
-    def _by_reciprocity(self, fit: Fit) -> tuple[Unknowns, np.ndarray, np.ndarray]:
-        """What is expected, with gains and offsets as the rows tell them by themselves, and the
-        standard deviations (n,) of both, for a first look."""
-        among, found = _reciprocity(fit.rows, fit.prior, 1)
-        expected = fit.prior.gain, fit.prior.offset, *fit.prior.deviations[:2]
-        told = found.gain, found.offset, *np.sqrt(found.covariance.diagonal()).reshape(2, -1)
-        gain, offset, *deviations = (each.copy() for each in expected)
-        for each, known in zip((gain, offset, *deviations), told):
-            each[among] = known
-        return replace(fit.unknowns, gain=gain, offset=offset), *deviations
-
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
         which reciprocity holds."""
         if self._alike is None or self._alike[0] is not rows:
-            self._alike = rows, self._of_one_state(rows, prior)
+            self._alike = rows, of_one_state(rows, prior)
         return self._alike[1]
-
-    def _of_one_state(self, rows: Rows, prior: Prior) -> int:
-        whole = len(rows.grounded)
-
-        def holds(count: int) -> bool:
-            part = rows.part(slice(whole - count, None))
-            return _reciprocity(part, prior, _ROUNDS)[1].misfit[0] < _TORN
-
-        if whole <= _PAIRS or holds(whole):
-            return whole
-        least, most = _PAIRS, whole - 1
-        while least < most:
-            count = (least + most + 1) // 2
-            least, most = (count, most) if holds(count) else (least, count - 1)
-        return least
 
     def is_torn(self, fit: Fit) -> bool:
         """Whether the rows of a fit that leaves much over are of several states, which no contacts
@@ -750,20 +719,6 @@ class Search:
             keep = np.arange(len(strengths)) != weakest
             fit = self._solve(chosen(fit.unknowns, keep), fit)
         return fit
-
-
-def _reciprocity(rows: Rows, prior: Prior, steps: int) -> tuple[np.ndarray, Gains]:
-    """Electrodes that are grounded, which alone have equations; their gains and offsets, and how far
-    reciprocity is violated, of rows alone."""
-    among, at = np.unique(rows.grounded, return_inverse=True)
-    frame = np.full((len(among),) * 2, np.nan)
-    frame[at] = np.where(rows.weights > 0, rows.readings, np.nan)[:, among]
-    noise = float(np.median(rows.weights[rows.weights > 0])) ** -0.5
-    gain, offset, gain_deviation, offset_deviation = (
-        each[among] for each in (prior.gain, prior.offset, *prior.deviations[:2])
-    )
-    expected = (gain, gain_deviation), (offset, offset_deviation)
-    return among, fit_gains(frame[None], 1.0, noise, *expected, steps)
 
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
