@@ -273,7 +273,7 @@ def test_report_names_what_is_off_and_what_is_not_known():
     text = "\n".join(findings.lines(learned()))
     worst = int(np.abs(truth().gain / truth().gain.mean() - 1).argmax())
     assert f"electrode {worst} " in text.splitlines()[2]
-    assert "common factor" in text and "learned from 8 different touches in 8 frames" in text
+    assert "common factor" in text and "learned from 8 distinct touches in 8 frames" in text
 
 
 def test_what_modes_do_not_show_counts_as_far_as_the_sheet_is_uneven():

@@ -137,9 +137,12 @@ def _measure(args):
     store = Store(out.with_suffix(f".{mode}.part.json"))
     count = len(parts(mode))
     if store.parts:
-        print(f"{store.path}: goes on, {len(store.parts)} of {count} parts done", file=sys.stderr)
+        print(
+            f"{store.path}: continued, {len(store.parts)} of {count} parts are done",
+            file=sys.stderr,
+        )
     elif store.path.exists():
-        print(f"{store.path}: of other code or another machine, begun anew", file=sys.stderr)
+        print(f"{store.path}: is from other code or another machine, started over", file=sys.stderr)
     store.save()  # a folder that takes no file is told now, not after the first part
     try:
         result = plain(measure(mode, store))

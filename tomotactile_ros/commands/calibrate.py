@@ -78,7 +78,7 @@ def _told(fit: Fit) -> str:
     """How far a law is off the presses that it was fitted to; with one press there is nothing to
     compare it with."""
     if fit.presses == 1:
-        return "from one press: how well it fits others is not told"
+        return "from one press: how well it fits others is not known"
     return f"forces within {fit.error:.1%} rms of {fit.presses} presses"
 
 

@@ -97,7 +97,7 @@ def add_grid(parser: ArgumentParser) -> None:
         help="width and height of the sheet, m (default: 0.2 0.2)",
     )
     parser.add_argument(
-        "--unusual-size", action="store_true", help="the sheet is above 5 m or below 5 mm indeed"
+        "--unusual-size", action="store_true", help="the sheet really is above 5 m or below 5 mm"
     )
 
 

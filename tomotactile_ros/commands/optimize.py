@@ -47,7 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--method",
         choices=(*METHODS, *ALIASES, *_SCANS),
         default=METHODS[0],
-        help="touch (default): contacts known best; equalize (or paper): the paper's; free: least "
+        help="touch (default): contacts best known; equalize (or paper): the paper's; free: least "
         "blur; scan (or grounding): which electrodes to ground, and in which order",
     )
     parser.add_argument("--out", required=True, help="layout file (.yaml) to write")
@@ -68,7 +68,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--frame-time",
         type=float,
-        help="of scan: time for a frame, s, in the place of --conditions; of --explore: the longest",
+        help="of scan: time for a frame, s, instead of --conditions; of --explore: the longest",
     )
     parser.add_argument(
         "--row-period",
@@ -270,7 +270,7 @@ def _choose_scan(args, layout, report):
     rows = min(FEW, len(taken))
     in_turn, order = (1e3 * chooser.after(each) for each in (np.sort(taken), taken))
     print(
-        f"place expected from any {rows} successive rows: {order:.2f} mm, {in_turn:.2f} mm with these "
+        f"place error expected from any {rows} successive rows: {order:.2f} mm, {in_turn:.2f} mm with these "
         "electrodes in turn"
     )
     grounding = {str(len(scan.grounded)): scan.grounded.tolist() for scan in found}
@@ -311,7 +311,7 @@ def _explore(args, start, report):
     save_exploration(report, found, args.place, args.frame_time, best)
     if best is None:
         raise InputError(
-            f"--explore: none of these numbers of electrodes is expected to come to {wanted}; {report} "
+            f"--explore: none of these numbers of electrodes is expected to reach {wanted}; {report} "
             "shows what they come to"
         )
     scan = best.rows if len(best.rows) < best.layout.electrodes else ()
@@ -320,7 +320,7 @@ def _explore(args, start, report):
     replace(best.layout, name=name, scan=order, surface=start.surface).save(args.out)
     print(
         f"{args.out}, {report}: {best.layout.electrodes} electrodes, {len(best.rows)} rows are the "
-        f"fewest that are expected to come to {wanted}"
+        f"fewest that are expected to reach {wanted}"
     )
 
 

@@ -25,7 +25,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--frames", required=True, type=int, help="number of frames")
     parser.add_argument("--out", required=True, help="file to write (.npz)")
     parser.add_argument(
-        "--rate", type=float, help="frames per second (default: one behind the other)"
+        "--rate", type=float, help="frames per second (default: one right after the other)"
     )
     parser.add_argument(
         "--row-period",

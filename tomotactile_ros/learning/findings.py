@@ -86,11 +86,11 @@ def lines(learned: Learned) -> Iterator[str]:
     """The whole report."""
     state = learned.state
     yield (
-        f"learned from {count(state.touches, 'different touch', 'es')} in {count(state.frames, 'frame')} "
+        f"learned from {count(state.touches, 'distinct touch', 'es')} in {count(state.frames, 'frame')} "
         f"and {count(learned.untouched, 'untouched frame')}"
     )
     if learned.alike:
-        yield f"  {count(learned.alike, 'frame')} like others, which say no more"
+        yield f"  {count(learned.alike, 'frame')} like others, which add nothing"
     if learned.exchanged:
         first, second = learned.exchanged.pair
         yield (
@@ -109,7 +109,7 @@ def lines(learned: Learned) -> Iterator[str]:
     for electrode, fault in sorted(learned.faults.items()):
         yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
     if learned.asymmetry is not None:
-        yield f"reciprocity: {learned.asymmetry:.2f} of what noise allows, with the gains found"
+        yield f"reciprocity: {learned.asymmetry:.2f} times what noise explains, with the gains found"
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
     if _is_told(state, "gain", good):
         yield from _gains(state, good)
@@ -130,8 +130,9 @@ def _is_told(state, part, good):
 def _gains(state, good):
     gain, spread = state["gain"][good], relative_gain_deviation(state)
     apart = gain / gain.mean() - 1
-    yield f"gains: {_percent(apart.std())} rms apart, each known to {_percent(spread)}" + _extremes(
-        apart, good, _percent
+    yield (
+        f"gains: {_percent(apart.std())} rms from their mean, each known to {_percent(spread)}"
+        + _extremes(apart, good, _percent)
     )
     common = float(np.sqrt(_block(state, "gain")[np.ix_(good, good)].mean()))
     yield f"  all of them {_signed(gain.mean() - 1)} (known to {_percent(common)})"
@@ -191,7 +192,7 @@ def _undetermined(learned, good):
     yield "not determined:"
     yield (
         "  the common factor of all conductances (sheet resistance, contact law): touches of unknown force do not "
-        "tell; one press of known force does (calibrate)"
+        "show it; one press of known force does (calibrate)"
     )
     if not state.touches:
         told = [part for part in ("gain", "offset") if _is_told(state, part, good)]

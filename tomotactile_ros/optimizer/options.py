@@ -102,7 +102,7 @@ START = (
     Option("radius", float, "Of its electrodes, m (default: as in the paper, where there is room)"),
     Option("inset", float, "From its rim to the outermost centres, m", 0.0, high=1e3),
     Option("sheet_resistance", float, "Of its sheet, ohm/sq", 1e4),
-    Option("unusual_size", bool, "Its sheet is above 5 m or below 5 mm indeed", False),
+    Option("unusual_size", bool, "Its sheet really is above 5 m or below 5 mm", False),
 )
 SEARCH = (
     Option(

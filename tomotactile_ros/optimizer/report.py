@@ -177,7 +177,7 @@ def save_scans(path: str | os.PathLike, found: Sequence[Scan]) -> None:
         values = [1e3 * scan.quality.metrics[group][key] for scan in found]
         images.plot(counts, values, style, label=label)
     contacts.set_ylabel("expected place error of a contact / mm")
-    images.set_ylabel("images / mm")
+    images.set_ylabel("width and position error of images / mm")
     for axes in (contacts, images):
         _by_rows(axes, counts)
     _ranks(which, found)

@@ -44,9 +44,7 @@ def save_fit(
     off = 100 * (found / force - 1)
     right.plot(force, off, "o")
     most = max(1.0, 1.1 * float(np.abs(off).max()))  # rounding alone is not blown up
-    right.set(
-        ylim=(-most, most), xlabel="force that pressed / N", ylabel="force by the law, off / %"
-    )
+    right.set(ylim=(-most, most), xlabel="true force / N", ylabel="error of the law's force / %")
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
     presses = "one press" if len(force) == 1 else f"{len(force)} presses"
