@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.at_rest import at_rest
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -64,3 +65,15 @@ def test_missing_readings_are_left_out_and_nothing_but_them_is_refused():
     assert rest.noise == pytest.approx(NOISE, rel=0.1)
     with pytest.raises(InputError, match="no valid reading"):
         at_rest(np.full((3, 16, 16), np.nan), DRIVE)
+
+
+@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate", "paper"])
+@pytest.mark.parametrize("level", [3.3, 0.4])
+def test_a_channel_that_stands_away_from_zero_is_named_while_nothing_touches(profile, level):
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+    pipeline = Pipeline(layout, Settings(profile, noise=1e-3))
+    frame = np.abs(np.random.default_rng(1).normal(0.0, 1e-3, (64, 64)))
+    frame[:, 20] = level
+    result = pipeline.process(frame, np.arange(64), 3.3)
+    assert result.state == "valid" and result.idle and not result.contacts
+    assert result.faults == {20: "its reading never changes"}

@@ -179,7 +179,9 @@ class Estimator:
         valid[own] = False
         for electrode in np.flatnonzero(dead_channels(read)):
             left_out.setdefault(int(electrode), "no readings")
-        for electrode in np.flatnonzero(stuck_channels(voltages, valid, noise)):
+        everything = tuple(range(self.layout.electrodes))
+        without = voltages - self.offsets(everything)
+        for electrode in np.flatnonzero(stuck_channels(without, valid, noise)):
             left_out.setdefault(int(electrode), "its reading never changes")
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
         if len(used) < 2:

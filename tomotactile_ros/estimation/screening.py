@@ -11,6 +11,7 @@ import numpy as np
 
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
+_RAISED = 0.02  # V: offsets of converters and amplifiers are a few mV, and where learned, taken off
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
 # of the largest share of the drive voltage that is typically left at an electrode in a row
@@ -24,14 +25,18 @@ def dead_channels(valid: np.ndarray) -> np.ndarray:
 
 
 def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
-    """(E,) channels whose readings (L, E), V, stay the same while most others change."""
+    """(E,) channels whose readings (L, E), V, stay the same while most others change, or far from 0
+    while nothing drives the others: contacts raise the readings of all electrodes."""
     if len(readings) < 4:
         return np.zeros(readings.shape[1], bool)
     low = np.where(valid, readings, np.inf).min(axis=0)
     high = np.where(valid, readings, -np.inf).max(axis=0)
-    span = np.where(np.isfinite(high - low), high - low, 0.0)
+    read = np.isfinite(high - low)
+    span = np.where(read, high - low, 0.0)
     alive = np.median(span) > _ALIVE * _STUCK * noise
-    return (span < _STUCK * noise) & alive
+    level = np.abs(np.where(read, high + low, 0.0)) / 2
+    idle = np.median(level) < _ALIVE * noise
+    return (span < _STUCK * noise) & (alive | (idle & (level > max(_RAISED, _ALIVE * noise))))
 
 
 def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:

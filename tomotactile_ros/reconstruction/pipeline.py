@@ -250,6 +250,7 @@ class Pipeline:
         rows[:, self._excluded] = np.nan
         if self.sensor is not None:
             rows -= self.sensor["offset"]
+        rows[:, stuck_channels(rows, ~np.isnan(rows), self.settings.noise)] = np.nan
         places = self.layout.positions
         return ground_is_doubtful(rows, places[chosen], places, drive_voltage, self.settings.noise)
 
@@ -551,9 +552,9 @@ class Pipeline:
         if np.count_nonzero(missing) > len(frame):
             bad |= dead_channels(~missing)
         noise = self.settings.noise
+        bad |= stuck_channels(frame, ~missing, noise)
         if is_idle(frame, missing, bad, self.settings.threshold * noise):
             return frame, bad, None, None
-        bad |= stuck_channels(frame, ~missing, noise)
         read = ~missing & ~bad & ~bad[:, None]
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
         bad |= open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)

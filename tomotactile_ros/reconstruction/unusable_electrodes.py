@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 
+from tomotactile_ros.estimation import screening
 from tomotactile_ros.reconstruction.admittance import (
     AdmittanceMeter,
     Grounded,
@@ -48,7 +49,9 @@ def why_left_out(
     `excluded` (E,) are those that the settings leave out; `noise` of a reading, V rms.
     """
     dead = dead_channels(np.isfinite(frame))
-    stuck = stuck_channels(frame, noise)
+    stuck = stuck_channels(frame, noise) | screening.stuck_channels(
+        frame, np.isfinite(frame), noise
+    )
     found = {}
     for electrode in np.flatnonzero(bad).tolist():
         if excluded[electrode]:
