@@ -69,3 +69,18 @@ def test_every_command_that_is_printed_has_the_options_that_it_names():
         parser = Parser(prog=command)
         importlib.import_module(f"tomotactile_ros.commands.{name}").add_arguments(parser)
         parser.parse_args([word for word in words if word != "..."])  # SystemExit for a wrong one
+
+
+def test_only_commands_that_say_that_they_take_minutes_are_left_out_for_it(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "Text:\n\n    tomotactile bench   # takes minutes: all of it\n    tomotactile inspect a  # a file\n\nEnd.\n"
+    )
+    listed = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "run_documented", "--list", page],
+        check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    assert listed.splitlines() == [
+        f"{page}: tomotactile bench   -- left out, takes minutes",
+        f"{page}: tomotactile inspect a",
+    ]

@@ -36,7 +36,7 @@ def save_front(path: str | Path, result: dict) -> None:
         _draw_front(axes, rows, fronts[-1])
         axes.set_title(f"{electrodes} electrodes")
         axes.set_xlabel("time of one frame, median / ms")
-    all_axes[0].set_xlim(left=all_axes[0].get_xlim()[0] / 2)
+    all_axes[0].set_xlim(left=all_axes[0].get_xlim()[0] / 4)
     for axes, best in zip(all_axes, fronts):
         _name_front(axes, best)
     all_axes[0].set_ylabel("blur of a contact's image, mean / mm")
