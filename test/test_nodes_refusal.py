@@ -284,3 +284,14 @@ def test_the_quality_of_service_can_be_overridden(probe, start):
     probe.wait_for(ContactArray, "/contacts", qos=best_effort)
     (publisher,) = probe.node.get_publishers_info_by_topic("/contacts")
     assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def test_readings_that_scatter_more_than_was_said_are_a_warning(probe, start, tmp_path):
+    """The scene has 6 mV rms, the reconstruction is told 1 mV: places stay right, and it says so."""
+    scene = tmp_path / "noisy.yaml"
+    scene.write_text(ros_checks.SCENE.replace("rms: 0.001", "rms: 0.006"))
+    start("driver", {"scene": str(scene), "rate": 10})
+    reconstruction = start("reconstruction", {"noise": 0.001, "profile": "accurate"})
+    text = " mV rms, not 1 mV (noise)"
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, text)
+    ros_checks.has_logged(probe, reconstruction, "WARN", text)

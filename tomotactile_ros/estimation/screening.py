@@ -31,10 +31,10 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
         return np.zeros(readings.shape[1], bool)
     low = np.where(valid, readings, np.inf).min(axis=0)
     high = np.where(valid, readings, -np.inf).max(axis=0)
-    read = np.isfinite(high - low)
-    span = np.where(read, high - low, 0.0)
+    read = valid.any(axis=0)
+    low, high = np.where(read, low, 0.0), np.where(read, high, 0.0)
+    span, level = high - low, np.abs(high + low) / 2
     alive = np.median(span) > _ALIVE * _STUCK * noise
-    level = np.abs(np.where(read, high + low, 0.0)) / 2
     idle = np.median(level) < _ALIVE * noise
     return (span < _STUCK * noise) & (alive | (idle & (level > max(_RAISED, _ALIVE * noise))))
 
