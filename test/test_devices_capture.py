@@ -12,8 +12,9 @@ from devices_support import E, Watch, connected, plugged, sensor
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.devices import capture as capture_module
-from tomotactile_ros.devices.capture import FORMAT, Capture, Relived, relive
+from tomotactile_ros.devices.capture import FORMAT, Capture, Relived
 from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
+from tomotactile_ros.devices.relive import relive
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.support.errors import InputError

@@ -5,8 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from tomotactile_ros.devices.base import Frame
-from tomotactile_ros.devices.capture import relive
 from tomotactile_ros.devices.recording import frames_writer
+from tomotactile_ros.devices.relive import relive
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.files import check_out
 

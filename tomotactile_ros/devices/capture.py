@@ -7,23 +7,17 @@ alone (devices/world.py): living it again gives the same frames, to the bit.
 from __future__ import annotations
 
 import json
-import math
 import os
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
-from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.line import Line, LineFault
 from tomotactile_ros.devices.world import Settings, World
-from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError, complaints_at
+from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import open_regular
-
-if TYPE_CHECKING:
-    from tomotactile_ros.devices.serial import SerialDevice
 
 FORMAT = b"tomotactile-raw/1\n"
 MAX_BYTES = 16_000_000_000
@@ -237,81 +231,6 @@ class Relived:
         return InputError(
             f"{self._path}: at byte {at} the device {what}: captured by another version?"
         )
-
-
-def relive(
-    path: str | os.PathLike,
-    on_frame: Callable[[Frame], None],
-    on_rows: Callable[[Frame], None] | None = None,
-) -> SerialDevice:
-    """Let a device live a capture again, as fast as it can; return it as it is then.
-
-    Raises
-    ------
-    InputError
-        It is no capture, or the device does something else than it did then; also whatever the
-        callbacks raise.
-    """
-    from tomotactile_ros.devices.serial import SerialDevice
-
-    world = Relived(path)
-    header = world.header
-    run_length = _setting(path, header, "run_length", int)
-    device = SerialDevice(
-        _setting(path, header, "port", str),
-        _setting(path, header, "electrodes", int),
-        baud=_setting(path, header, "baud", int),
-        partial_frames=_setting(path, header, "partial_frames", bool),
-        address=_setting(path, header, "address", int),
-    )
-    device.max_age = _setting(path, header, "max_age", float) or math.inf
-    device.run_length = max(1, run_length)
-    device.usual_order = _usual_order(path, header)
-    raised: list[Exception] = []
-
-    def guarded(receive: Callable[[Frame], None]) -> Callable[[Frame], None]:
-        def call(frame: Frame) -> None:
-            try:
-                receive(frame)
-            except Exception as error:  # noqa: BLE001 - a device goes on, whatever it does
-                raised.append(error)
-
-        return call
-
-    rows = guarded(on_rows or _nobody) if run_length else None
-    try:
-        device.relive(world, guarded(on_frame), rows)
-    except EndOfCapture:
-        pass
-    except InputError:
-        raise
-    except Exception as error:  # noqa: BLE001 - what the file says steers all of it
-        raise InputError(f"{path}: is damaged: {type(error).__name__}: {error}") from None
-    if raised:
-        raise raised[0]
-    return device
-
-
-def _nobody(rows: Frame) -> None:
-    """Rows were handed on then, and nobody wants them now."""
-
-
-def _setting(path: str | os.PathLike, header: dict, name: str, kind: type):
-    value = header.get(name)
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if type(value) is not kind:
-        raise InputError(f"{path}: line 2: {name}: {checks.show(value)} is not what it should be")
-    return value
-
-
-def _usual_order(path: str | os.PathLike, header: dict) -> tuple[int, ...]:
-    """The order of the header; none where it names none, as those before there was one."""
-    found = header.get("usual_order", [])
-    if found == []:
-        return ()
-    with complaints_at(f"{path}: line 2: "):
-        return tuple(checks.order(found, "usual_order", header["electrodes"]).tolist())
 
 
 @dataclass(frozen=True)
