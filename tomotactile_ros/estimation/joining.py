@@ -6,7 +6,7 @@ strong for its area as both, is tried. To first order what it may conduct follow
 equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
 an estimate so large lies within the deviation, both are one. Where first order says no and the gap is narrow, all
 else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Discs that
-touch are one anyway, and two alone were compared with one ellipse before.
+touch at some time are one anyway, and two alone were compared with one ellipse before.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit], bool]) -> np.ndarray:
     readings of a fit allow other contacts as well."""
     contacts = fit.unknowns.contacts
     radii = np.exp(contacts[:, RADIUS])
-    apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
-    touching = apart < TOUCHING * np.add.outer(radii, radii)
+    apart = _apart(contacts)
+    touching = _nearest(fit) < TOUCHING * np.add.outer(radii, radii)
     gaps = apart - np.add.outer(radii, radii)
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
@@ -46,6 +46,21 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit], bool]) -> np.ndarray:
             if group[i] != group[j] and allows(_with_fillings(fit, np.array([[i, j]])), fit):
                 touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
+
+
+def _apart(contacts: np.ndarray) -> np.ndarray:
+    """(k, k) distances of contacts (k, 6), m."""
+    return np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
+
+
+def _nearest(fit: Fit) -> np.ndarray:
+    """(k, k) distances of the contacts of a fit, m: the least of those before, amid and after the
+    rows, if they move. Discs that come to touch each other have never been two things."""
+    u, times = fit.unknowns, fit.rows.times
+    if times is None or not u.moving.any():
+        return _apart(u.contacts)
+    moments = float(times.min()), 0.0, float(times.max())
+    return np.min([_apart(u.after(each).contacts) for each in moments], axis=0)
 
 
 def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:

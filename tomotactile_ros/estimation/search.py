@@ -254,7 +254,8 @@ class Search:
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
         self._left = FIRST_LOOK
-        return self._one_more(fit) or fit
+        more = self._one_more(fit)
+        return fit if more is None else self._simplified(more)
 
     def allows(self, contacts: Unknowns, fit: Fit) -> bool:
         """Whether the readings of a fit allow other contacts as well, all that is free fitted
@@ -271,7 +272,8 @@ class Search:
         ):
             return fit
         rest = self._solve(fit.unknowns.in_motion(False), fit)
-        return rest if rest.cost < fit.cost + self._threshold * fit.doubt else fit
+        rests = rest.cost < fit.cost + self._threshold * fit.doubt
+        return self._simplified(rest) if rests else fit
 
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for
