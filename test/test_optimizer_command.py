@@ -303,6 +303,7 @@ def running(pid):
         return False
 
 
+NOT_UNDER_NOHUP = "import signal\nsignal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
 STEADY = """
 import sys
 from tomotactile_ros.cli import main
@@ -326,7 +327,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_stopped_optimizer_writes_its_best_and_leaves_nobody_behind(tmp_path, number):
     out, program = tmp_path / "best.yaml", tmp_path / "program.py"
-    program.write_text(STEADY)
+    program.write_text(NOT_UNDER_NOHUP + STEADY)
     command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--steps", "100000"]
     command += ["--resolution", "6", "--starts", "2", "--workers", "2", "--out", str(out)]
     process = subprocess.Popen(

@@ -488,9 +488,8 @@ class Search:
 
     def _looks_like(self, like: Fit) -> Start | None:
         """Where a fit of the rows of `like`, of no contacts, begins, the sensor being as expected: near
-        discs where points explain the currents, if these explain the readings too or lie apart, or
-        else near the likeliest of them and of what looks like something wide. None where noise
-        explains all."""
+        discs where points explain the currents, or else near the likeliest of them and of what
+        looks like something wide. None where noise explains all."""
         look = self._seen(like)
         if look is None:
             return None
@@ -498,12 +497,26 @@ class Search:
         if points is not None:
             seen = self._as_discs(points, like)
             discs = self._approached(self._begun(seen, like, len(seen.contacts)))
-            count = len(seen.contacts)
-            apart = count > 1 and len(clustered(seen, self.operator.pitch).contacts) == count
-            if apart or discs.chi_squared < _MISFIT * discs.rows.count:
+            if self._is_near(discs):
                 return Start(look, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
+
+    def _is_near(self, fit: Fit) -> bool:
+        """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
+        readings, or contacts near its own would with a likely sensor, to first order. Three near
+        each other may be parts of something long or wide, whatever they explain."""
+        if fit.chi_squared < _MISFIT * fit.rows.count:
+            return True
+        contacts = fit.unknowns.contacts
+        most = 1
+        if len(contacts) > 1:
+            most = int(np.bincount(clusters(contacts, self.operator.pitch)).max())
+        if most != 2:
+            return most == 1 < len(contacts)
+        linear = Linear(fit, self._known)
+        self._known = linear.equations
+        return fit.cost - linear.promise < _LEFT_OVER * fit.rows.count
 
     def _looks_wide(self, seen: Unknowns, like: Fit) -> Fit:
         """Near the likeliest of a disc, an ellipse or two discs for each cluster of contacts `seen`,
