@@ -285,9 +285,9 @@ def save_plot(path, rows: list[dict]) -> None:
     from tomotactile_ros.support.files import save_figure
 
     parts = (
-        ("gain", 100, "gains / %"),
-        ("resistance", 1, "to ground / Ω"),
-        ("sheet", 100, "sheet / %"),
+        ("gain", 100, "error of gains / %"),
+        ("resistance", 1, "error of resistances to ground / Ω"),
+        ("sheet", 100, "error of the sheet's conductance / %"),
     )
     colours = colormaps["tab20"]
     figure = Figure(figsize=(13, 5.6), layout="constrained")
@@ -309,5 +309,7 @@ def save_plot(path, rows: list[dict]) -> None:
         axes.set(xscale="log", yscale="log", xlabel="touches", title=label)
         axes.grid(alpha=0.3, which="both")
     figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    figure.suptitle("rms error after each touch (solid) and what is said of it (dotted)")
+    figure.suptitle(
+        "Root mean square error after each touch (solid) and its stated deviation (dotted)"
+    )
     save_figure(figure, path)

@@ -63,8 +63,9 @@ def save_touch_report(
 def save_comparison(path: str | os.PathLike, found: Sequence[tuple[Layout, Posterior]]) -> None:
     """Write a picture: ellipses of layouts side by side, all with the factor of the first."""
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(5.6 * len(found), 5.8), layout="constrained")
+    figure = Figure(figsize=(5.6 * len(found), 6.2), layout=ConstrainedLayoutEngine(h_pad=0.15))
     figure.supxlabel(_LEGEND, fontsize=8.5)
     factor = _factor(found[0][1])
     axes = np.atleast_1d(figure.subplots(1, len(found)))
@@ -106,7 +107,7 @@ def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, wor
     axes.set(xlabel="x / mm", ylabel="y / mm")
     mean, tenth = 1e6 * posterior.place.mean(), 1e6 * worst(posterior.place)
     axes.set_title(
-        f"{words}: mean {mean:.0f} µm, worst tenth {tenth:.0f} µm (ellipses x {factor:.3g})",
+        f"{words}\nmean {mean:.0f} µm, worst tenth {tenth:.0f} µm; ellipses × {factor:.3g}",
         fontsize=10,
     )
 
