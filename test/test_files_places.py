@@ -2,6 +2,8 @@
 
 import io
 import os
+import subprocess
+import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -276,3 +278,31 @@ def test_names_from_files_reach_terminals_and_logs_escaped(tmp_path, capsys):
 
 def test_every_complaint_is_one_printable_line():
     assert str(InputError("a\nb\x1b[2Jµ")) == "a\\nb\\x1b[2Jµ"
+
+
+@pytest.mark.parametrize("entries", [1, 4000])
+def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path, entries):
+    """Sizes of files are limited in a process of its own; what is buffered fails when it is closed."""
+    program = f"""
+import resource, signal, sys
+import numpy as np
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.npz_writer import npz_writer
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
+try:
+    with npz_writer("out.npz") as writer:
+        for number in range({entries}):
+            writer.append(values=np.full(16, number, float))
+except InputError as error:
+    sys.exit(str(error))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stderr == "out.npz: cannot be written: File too large\n"
+    assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -74,10 +74,17 @@ class NpzWriter:
     def close(self) -> None:
         """Remove what was kept on the way."""
         for grown in self._grown.values():
-            grown.file.close()
+            with suppress(OSError):  # what a full disk does not take is thrown away here anyway
+                grown.file.close()
 
     def finish(self) -> None:
         """Write the file."""
+        try:
+            self._finish()
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
+
+    def _finish(self) -> None:
         with (
             atomic_file(self._path) as file,
             zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
