@@ -299,6 +299,7 @@ except InputError as error:
 """
     done = subprocess.run(
         [sys.executable, "-c", program],
+        check=False,
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
