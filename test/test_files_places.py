@@ -307,3 +307,30 @@ except InputError as error:
     )
     assert done.stderr == "out.npz: cannot be written: File too large\n"
     assert not list(tmp_path.iterdir())
+
+
+def test_results_that_do_not_fit_on_the_disk_are_not_a_mistake_of_the_frames(tmp_path):
+    from tomotactile_ros.cli import main
+
+    frames, limits = tmp_path / "frames.npz", 4096
+    scene = ["--layout", "equal-4x4", "--scene", "default", "--frames", "2"]
+    assert main(["simulate", *scene, "--out", str(frames)]) == 0
+    program = f"""
+import resource, signal, sys
+from tomotactile_ros.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limits}, {limits}))
+sys.exit(main(["reconstruct", "frames.npz", "--layout", "equal-4x4", "--out", "out.npz"]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        check=False,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    told = "tomotactile reconstruct: out.npz: cannot be written: File too large"
+    assert done.stderr.rstrip().splitlines()[-1] == told, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["frames.npz"]

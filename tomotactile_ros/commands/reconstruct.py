@@ -95,13 +95,12 @@ def run(args: Namespace) -> None:
     with results_writer(args.out, images=not args.every_row, law=law) as take:
         frames = zip(recorded.voltages, stamps)
         doing = track(frames, "reconstructing frames", len(recorded.voltages))
-        with complaints_at(f"{args.frames}: "):
-            for result, lasted, holds in process(pipeline, recorded, doing):
-                latency.append(lasted)
-                left_out.update(result.faults)
-                withheld.update([result.reason] * bool(result.reason))
-                noise += [result.noise] * bool(np.isfinite(result.noise))
-                take(result, lasted, holds)
+        for result, lasted, holds in process(pipeline, recorded, doing, args.frames):
+            latency.append(lasted)
+            left_out.update(result.faults)
+            withheld.update([result.reason] * bool(result.reason))
+            noise += [result.noise] * bool(np.isfinite(result.noise))
+            take(result, lasted, holds)
     each = "row" if args.every_row else "frame"
     print(
         f"{args.out}: {len(latency)} {each}s, {pipeline.report}, "
@@ -136,26 +135,28 @@ def _contact_law(calibration: str | None, recorded: FramesFile) -> tuple[Contact
     )
 
 
-def _every_frame(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
+def _every_frame(pipeline, recorded, frames, path) -> Iterator[tuple[Result, float, float]]:
     """Result, time that it took, s, and time for which it holds, s, of each frame."""
-    for voltages, stamp in frames:
-        start = time.perf_counter()
-        result = pipeline.process(
-            voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
-        )
-        lasted = time.perf_counter() - start
-        yield result, lasted, stamp + result.holds
-
-
-def _every_row(pipeline, recorded, frames) -> Iterator[tuple[Result, float, float]]:
-    """The same of each row."""
-    state = pipeline.rows()
-    for voltages, stamp in frames:
-        for i, (row, ground) in enumerate(zip(voltages, recorded.grounded)):
-            holds = stamp + i * recorded.row_period
+    with complaints_at(f"{path}: "):
+        for voltages, stamp in frames:
             start = time.perf_counter()
-            result = pipeline.process_row(row, ground, recorded.drive_voltage, holds, state)
-            yield result, time.perf_counter() - start, holds
+            result = pipeline.process(
+                voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
+            )
+            lasted = time.perf_counter() - start
+            yield result, lasted, stamp + result.holds
+
+
+def _every_row(pipeline, recorded, frames, path) -> Iterator[tuple[Result, float, float]]:
+    """The same of each row."""
+    with complaints_at(f"{path}: "):
+        state = pipeline.rows()
+        for voltages, stamp in frames:
+            for i, (row, ground) in enumerate(zip(voltages, recorded.grounded)):
+                holds = stamp + i * recorded.row_period
+                start = time.perf_counter()
+                result = pipeline.process_row(row, ground, recorded.drive_voltage, holds, state)
+                yield result, time.perf_counter() - start, holds
 
 
 def _stamps(recorded) -> tuple[np.ndarray, str]:
