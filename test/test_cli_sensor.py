@@ -137,6 +137,8 @@ def test_a_tare_is_taken_off_and_never_under_load(tmp_path, capsys):
         (["record", "--port", "/etc/passwd", "--out", "x.npz"], "/etc/passwd is no device"),
         (["record", "--frames", "0", "--out", "x.npz"], "0 is not a whole number above 0"),
         (["record", "--scene", "idle", "--port", "x", "--out", "x.npz"], "not allowed with"),
+        (["watch", "--port", ""], "argument --port: is empty; leave it out"),
+        (["tare", "--scene", "idle", "--out", ""], "argument --out: is empty"),
         (["watch", "--recording", "nowhere.npz"], "nowhere.npz: no such recording"),
         (["run", "--out", "x.txt"], "x.txt: this file is written as .png"),
         (["tare", "--out", "tare"], "tare: this file is written as .npz; call it tare.npz"),

@@ -28,10 +28,29 @@ def positive(text: str) -> float:
 
 
 class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong with a command line."""
+    """Says in one line what is wrong with a command line.
+
+    An empty value, as of a shell's variable that is not set, is refused: it would be taken for an
+    option that was left out.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self.register("type", None, _given)
+
+    def add_subparsers(self, **kwargs: Any) -> Any:
+        """The same, values are looked at by the parsers of the commands."""
+        self.register("type", None, str)
+        return super().add_subparsers(**kwargs)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
+
+
+def _given(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("is empty; leave it out, or give a value")
+    return text
 
 
 def stop_like_ctrl_c() -> None:
