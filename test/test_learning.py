@@ -521,3 +521,20 @@ def test_touches_that_move_while_rows_are_read_teach_nothing():
     assert (found.moved, found.state.touches) == (4, 0)
     assert found.state.known("gain").max() < 1e-9
     assert "hold each touch still" in "\n".join(findings.lines(found))
+
+
+def test_two_touches_at_once_are_not_one_on_a_sensor_that_nobody_would_believe():
+    """Where electrodes lie, gains and the sheet bend far enough together to explain two discs by one
+    in the middle, with gains that are half of what they should be and known to 0.04 %."""
+    wide = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+    discs = (
+        Contact("disc", center=(-0.07, 0.05), radius=0.008, pressure=2e4),
+        Contact("disc", center=(0.07, -0.05), radius=0.005, pressure=3e4),
+    )
+    scene = Scene("two", DRIVE, discs, LAW, noise=Noise(NOISE), adc=Adc(12, DRIVE))
+    simulator = Simulator(wide, scene, "closed_form")
+    frames = np.array([simulator.frame(0.1 * i) for i in range(2)])
+    found = learn(wide, frames, simulator.grounded, DRIVE, noise=NOISE)
+    assert found.unexplained == 0
+    assert rms(found.state["gain"] - 1) < 2e-3
+    assert rms(found.state["offset"]) < 5e-3

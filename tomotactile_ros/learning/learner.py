@@ -29,7 +29,7 @@ from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
 from tomotactile_ros.learning.state import PARTS, SensorState
 
-EXPLAINED = 1.5  # chi-squared a reading: one contact, and noise is all that is left
+EXPLAINED = 1.5  # `left_over`: one contact, and noise is all that is left
 DOUBTFUL = 15.0  # the same: with more, contacts are not what the fit takes them for
 _HELD = 1e-4  # of what was expected: as good as fixed
 _STEPS = 20
@@ -93,14 +93,14 @@ class Learner:
         return self.state.prior(self.operator, self.drive, self.like)
 
     def look(self, rows: Rows, enough: float = DOUBTFUL) -> Fit:
-        """Contacts of a frame: one if it leaves chi-squared a reading below `enough`, else what the
+        """Contacts of a frame: one if it leaves less than `enough` (`left_over`), else what the
         search finds."""
         prior = self.prior()
         one = self._relinearised(self._single(rows, prior))
-        if one is not None and one.chi_squared < enough * rows.count:
+        if one is not None and left_over(one) < enough:
             return one
         found = self.search.contacts(rows, prior)
-        return found if one is None or found.chi_squared < one.chi_squared / 2 else one
+        return found if one is None or left_over(found) < left_over(one) / 2 else one
 
     def exchanged(self, fit: Fit) -> tuple[tuple[int, int], Fit] | None:
         """Two electrodes whose wires are exchanged, if that explains far more than `fit`, and the
@@ -123,9 +123,9 @@ class Learner:
         if not tried:
             return None
         _, pair, found = min(tried, key=lambda each: each[0])
-        if found.chi_squared > DOUBTFUL * rows.count:  # more than one contact, maybe
+        if left_over(found) > DOUBTFUL:  # more than one contact, maybe
             found = self.search.contacts(_with_exchanged(rows, pair), prior)
-        if found.chi_squared > min(DOUBTFUL * rows.count, _SWAPPED * fit.chi_squared):
+        if left_over(found) > min(DOUBTFUL, _SWAPPED * left_over(fit)):
             return None
         first, second = self.operator.used[list(pair)].tolist()
         return (first, second), found
@@ -163,10 +163,9 @@ class Learner:
         """Take what a frame says of the sensor, once its contacts are explained; whether it was
         taken."""
         rows, contacts = fit.rows, fit.unknowns.contacts
-        by_reading = fit.chi_squared / max(rows.count, 1)
-        if not len(contacts) or by_reading > DOUBTFUL:
+        if not len(contacts) or left_over(fit) > DOUBTFUL:
             return False
-        weight = self.ledger.weight(contacts, by_reading, time)
+        weight = self.ledger.weight(contacts, fit.chi_squared / max(rows.count, 1), time)
         found = self.information(fit)
         self._add([(found, weight)], self._theta(fit.unknowns))
         self.about()
@@ -241,7 +240,7 @@ class Learner:
             start = self._one(prior, place, strength, size * prior.radius)
             fit = solve(self.operator, start, rows, prior, _STEPS)
             best = fit if best is None or fit.cost < best.cost else best
-            if best.chi_squared < EXPLAINED * rows.count:
+            if left_over(best) < EXPLAINED:
                 break
         return best
 
@@ -265,6 +264,13 @@ class Learner:
         free = np.array([[True] * 4 + [False] * 2])
         across = [patches_for(radius, self.operator.pitch)]
         return resting(self.operator, prior).with_contacts(contact, across, free)
+
+
+def left_over(fit: Fit) -> float:
+    """Chi-squared a reading that contacts leave; what the prior of the sensor takes of the cost counts
+    as well, because a sensor that nobody would believe explains nothing: one contact in the place of
+    two is explained by gains that are half of what they should be."""
+    return (fit.chi_squared + fit.of_sensor) / max(fit.rows.count, 1)
 
 
 def surprise(fit: Fit) -> float:

@@ -21,7 +21,13 @@ from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.learning.learner import DOUBTFUL, EXPLAINED, Exchanged, Learner
+from tomotactile_ros.learning.learner import (
+    DOUBTFUL,
+    EXPLAINED,
+    Exchanged,
+    Learner,
+    left_over,
+)
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
 from tomotactile_ros.learning.state import SensorState
@@ -334,7 +340,7 @@ def _together(learner, start, fits, watch):
         ledger, parts = Ledger(learner.operator.pitch), []
         for fit in fits:
             contacts, misfit = fit.unknowns.contacts, _by_reading(fit)
-            if len(contacts) and misfit < max(DOUBTFUL, enough):
+            if len(contacts) and left_over(fit) < max(DOUBTFUL, enough):
                 parts.append((learner.information(fit), ledger.weight(contacts, misfit)))
                 ledger.add(contacts)
         learner.again(start, parts)
@@ -351,10 +357,10 @@ def _settled(learner, fits):
     """Fits with the sensor held, looked for anew where others explain far more; and chi-squared a
     reading that tells these."""
     settled = [learner.settle(fit.unknowns, fit.rows) for fit in fits]
-    enough = max(EXPLAINED, _ODD * float(np.median([_by_reading(fit) for fit in settled])))
+    enough = max(EXPLAINED, _ODD * float(np.median([left_over(fit) for fit in settled])))
     after = []
     for now in settled:
-        if _by_reading(now) > enough:
+        if left_over(now) > enough:
             again = learner.settle(learner.look(now.rows, enough).unknowns, now.rows)
             now = again if again.chi_squared < now.chi_squared else now
         after.append(now)
@@ -366,4 +372,4 @@ def _by_reading(fit: Fit) -> float:
 
 
 def _is_good(fit: Fit) -> bool:
-    return len(fit.unknowns.contacts) > 0 and _by_reading(fit) < DOUBTFUL
+    return len(fit.unknowns.contacts) > 0 and left_over(fit) < DOUBTFUL
