@@ -227,6 +227,16 @@ def test_electrodes_are_marked_in_the_terminal_picture_where_they_are():
     assert lines[0].count(f"38;2;{light}") == 3 and lines[9].count(f"48;2;{light}") == 3
 
 
+def test_axes_of_a_flat_terminal_picture_name_its_ends():
+    """A sheet ten times as wide as high has two lines; the upper one was named 0 mm, not +30."""
+    lines = picture(np.zeros((4, 40)), (-0.3, -0.03, 0.3, 0.03), 5e4, 80, 20)
+    text = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in lines]
+    assert [(line[:4].strip(), line.split()[-2]) for line in text[:2]] == [
+        ("+30", "50"),
+        ("-30", "0"),
+    ]
+
+
 def test_the_scale_of_a_live_picture_is_steady():
     assert [round_up(x) for x in (0.0, 1.0, 1.01, 4.9, 5.0, 5.1, 2e3)] == [0, 1, 2, 5, 5, 10, 2e3]
     scale = SteadyScale(1e3, hold=5.0)

@@ -94,10 +94,14 @@ def _blocks(upper: np.ndarray, lower: np.ndarray) -> str:
 
 
 def _spread(words: list[str], lines: int) -> list[str]:
-    """Words at the first, middle and last of so many lines."""
+    """Words at the first, middle and last of so many lines; where these are fewer than three, without
+    the middle, and of one line at the first."""
+    first, middle, last = words
     spread = [""] * lines
-    for place, word in zip((0, (lines - 1) // 2, lines - 1), words, strict=True):
-        spread[place] = word
+    if lines > 2:
+        spread[(lines - 1) // 2] = middle
+    spread[-1] = last
+    spread[0] = first
     return spread
 
 
