@@ -383,7 +383,7 @@ def test_electrodes_that_lie_aside_are_learned_and_kept(tmp_path):
     assert rms(error) < 0.7 * 5e-4
     deviation = np.array([found.state.std("aside_x"), found.state.std("aside_y")]).T
     assert rms(error / deviation) < 2
-    assert "mm rms beside the layout's places" in "\n".join(findings.lines(found))
+    assert "mm rms from their places" in "\n".join(findings.lines(found))
     save_sensor(tmp_path / "sensor.yaml", inner(), found.operator, found.state)
     back = load_sensor(tmp_path / "sensor.yaml", inner())
     assert back["aside_x"] == pytest.approx(found.state["aside_x"], rel=1e-6)

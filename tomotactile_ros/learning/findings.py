@@ -162,7 +162,7 @@ def _places(state, good):
     known = 1e3 * float(np.sqrt((spread**2).mean()))
     far = np.hypot(*ways)
     yield (
-        f"electrodes: {np.sqrt((ways**2).mean()):.2f} mm rms beside the layout's places in x and in y, each known to "
+        f"electrodes: {np.sqrt((ways**2).mean()):.2f} mm rms from their places in the layout, in x and in y, each known to "
         f"{known:.2f} mm; most: electrode {good[far.argmax()]} {far.max():.2f} mm"
     )
 

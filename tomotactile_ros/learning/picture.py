@@ -56,7 +56,7 @@ def _maps(figure, above, below, layout, learned):
     )
     title = f"conductance of the sheet, {way}"
     _map(
-        figure, above, layout, grid.fill(values), "RdBu_r", (-most, most), title, "off the mean / %"
+        figure, above, layout, grid.fill(values), "RdBu_r", (-most, most), title, "deviation from the mean / %"
     )
     _map(
         figure, below, layout, grid.fill(spread), "viridis", (0, max(spread.max(), 0.1)),
@@ -91,7 +91,7 @@ def _map(figure, axes, layout, values, colours, limits, title, label):
 
 def _channels(figure, learned):
     parts = (
-        ("gain", 100.0, "gain off 1 / %", -1.0),
+        ("gain", 100.0, "gain minus 1 / %", -1.0),
         ("offset", 1e3, "offset / mV", 0.0),
         ("resistance", 1.0, "resistance to ground / Ω", 0.0),
     )
@@ -112,7 +112,7 @@ def _channels(figure, learned):
         axes.margins(x=0.01)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("electrode")
-    for colour, name in ((_LEARNED, "learned"), (_EXPECTED, "hardly told from what was expected")):
+    for colour, name in ((_LEARNED, "learned"), (_EXPECTED, "hardly more than what was expected")):
         figure.axes[0].plot([], [], "o", color=colour, markersize=4, label=name)
     figure.legend(
         loc="outside upper left",
