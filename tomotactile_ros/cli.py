@@ -35,7 +35,7 @@ COMMANDS = (
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; 0 when it worked, 2 for bad input with one line on stderr."""
-    sys.stdout.reconfigure(errors="replace")  # a terminal that knows no µ or · shows a ?
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr] # a terminal that knows no µ or · shows a ?
     # blocks of a hundred unknowns: threads of the linear algebra only wait for each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = Parser(prog="tomotactile", description=__doc__)

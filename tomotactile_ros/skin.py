@@ -39,10 +39,10 @@ class Member:
 
     def problem(self, now: float, timeout: float) -> str:
         """Why nothing is known of it now, or nothing."""
-        if self.is_silent(now, timeout):
-            return f"no contacts for {now - self.arrival:.1f} s"
         if self.arrival is None:
             return self.complaint or "no contacts yet"
+        if self.is_silent(now, timeout):
+            return f"no contacts for {now - self.arrival:.1f} s"
         return self.complaint
 
     def is_silent(self, now: float, timeout: float) -> bool:
@@ -89,7 +89,8 @@ class Skin:
         if self.problems(now):
             return np.full(3, np.nan), np.full(3, np.nan)
         members = self.members.values()
-        return sum(m.force for m in members), sum(m.torque for m in members)
+        forces, torques = ([getattr(m, part) for m in members] for part in ("force", "torque"))
+        return np.sum(forces, axis=0), np.sum(torques, axis=0)
 
 
 def load_poses(path: Path, frame_id: str) -> Mapping[str, Pose]:

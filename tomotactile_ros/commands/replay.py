@@ -28,7 +28,12 @@ def run(args: Namespace) -> None:
         device = relive(args.raw, counted)
     else:
         with frames_writer(args.out, layout.id if layout else None) as take:
-            device = relive(args.raw, lambda frame: (counted(frame), take(frame)))
+
+            def count_and_take(frame: Frame) -> None:
+                counted(frame)
+                take(frame)
+
+            device = relive(args.raw, count_and_take)
     status = device.status()
     identity = device.identity
     who = (

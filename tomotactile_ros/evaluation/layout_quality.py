@@ -84,7 +84,7 @@ class LayoutQuality:
         """Figures in m, plain types: statistics of HWHM, position error and blur, noise gain."""
         quality = self.quality
         worst_region = float(self.region_hwhm[self.on_sheet].max())
-        out = {
+        out: dict[str, object] = {
             "hwhm": {**statistics(quality.hwhm), "worst_region": worst_region},
             "position_error": statistics(quality.position_error),
             "blur": statistics(quality.blur),

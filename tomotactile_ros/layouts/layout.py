@@ -88,8 +88,8 @@ class Layout:
         sheet is bent changes none, and which rows there are stands in each frame.
         """
         outline = self.outline
-        rim = [outline.radius] if outline.kind == "circle" else outline.shell
-        lengths = [rim, *outline.holes, self.positions, self.radius]
+        rim = np.array([outline.radius]) if outline.kind == "circle" else outline.shell
+        lengths = [rim, *outline.holes, self.positions, np.array(self.radius)]
         return make_id(self.name, outline.kind, lengths)
 
     @cached_property
@@ -212,7 +212,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     electrodes = reader.section("electrodes")
     electrodes.only("radius", "positions")
     outline = _read_outline(reader.section("outline"))
-    surface = Flat()
+    surface: Surface = Flat()
     if "surface" in reader:
         surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
     scan: tuple[int, ...] = ()

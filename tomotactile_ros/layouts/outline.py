@@ -47,7 +47,7 @@ class Outline(Region):
     @classmethod
     def polygon(cls, points: Sequence | np.ndarray, holes: Sequence = ()) -> "Outline":
         """A simple polygon (V, 2), m, whose bounding box is centred on the origin."""
-        outline = cls(points, tuple(holes), "polygon")
+        outline = cls(points, tuple(holes), "polygon")  # type: ignore[arg-type] # checked there
         xmin, ymin, xmax, ymax = outline.bounds
         shift = np.array([-(xmin + xmax) / 2, -(ymin + ymax) / 2])
         if np.any(np.abs(shift) > _CENTRED * max(outline.size)):
@@ -105,6 +105,7 @@ class Outline(Region):
 
     def to_dict(self) -> dict:
         """The outline as in a layout file."""
+        content: dict[str, object]
         if self.kind == "rectangle":
             content = {"rectangle": list(self.size)}
         elif self.kind == "circle":

@@ -30,7 +30,7 @@ def save_picture(path: str | os.PathLike, layout: Layout, learned: Learned) -> N
         f"{findings.count(learned.untouched, 'untouched frame')}",
         fontsize=12,
     )
-    left, right = figure.subfigures(1, 2, width_ratios=[1, 1.35])
+    left, right = figure.subfigures(1, 2, width_ratios=[1, 1.35])  # type: ignore[misc] # an array
     above, below = left.subplots(2, 1)
     _maps(left, above, below, layout, learned)
     _channels(right, learned)
@@ -56,7 +56,14 @@ def _maps(figure, above, below, layout, learned):
     )
     title = f"conductance of the sheet, {way}"
     _map(
-        figure, above, layout, grid.fill(values), "RdBu_r", (-most, most), title, "deviation from the mean / %"
+        figure,
+        above,
+        layout,
+        grid.fill(values),
+        "RdBu_r",
+        (-most, most),
+        title,
+        "deviation from the mean / %",
     )
     _map(
         figure, below, layout, grid.fill(spread), "viridis", (0, max(spread.max(), 0.1)),

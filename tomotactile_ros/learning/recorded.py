@@ -121,7 +121,7 @@ def learn(
     state = state or SensorState.unknown(operator, WIDE)
     like = Prior.unknown(operator, WIDE, radius, drive)
     learner = Learner(Search(operator), like, drive, state)
-    ended = ()
+    ended: tuple[int, ...] = ()
     if idle.any():
         found = offsets(frames[idle], grounded, noise, state["offset"], state.std("offset"))
         learner.untouched(found, int(idle.sum()))

@@ -133,4 +133,5 @@ def load_calibration(path: str | Path) -> ContactLaw:
             except ValueError:
                 pass
         values.append(checks.positive(value, f"{path}: {NODE}.ros__parameters.{key}", "number"))
-    return ContactLaw(*values)
+    coefficient, exponent = values
+    return ContactLaw(coefficient, exponent)

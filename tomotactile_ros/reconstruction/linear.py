@@ -38,8 +38,8 @@ class LinearImage:
         if len(missing):
             analysis = analysis.copy()
             analysis[:, missing] = 0.0
-            directions, factor = np.linalg.qr(analysis.T)
-            analysis, sensitivity = directions.T, factor @ sensitivity
+            directions, triangle = np.linalg.qr(analysis.T)
+            analysis, sensitivity = directions.T, triangle @ sensitivity
         stacked = np.vstack([sensitivity.T, np.sqrt(level) * np.eye(count)])
         factor = np.linalg.qr(stacked, mode="r")
         self._type = np.float32 if basis.square <= _SINGLE * level else np.float64

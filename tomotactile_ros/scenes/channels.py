@@ -142,7 +142,8 @@ class ChannelNumbers:
 
     def settled(self, rows: np.ndarray) -> np.ndarray:
         """(L, E) V of (L + 1, E) potentials, the first of which are those of the row before."""
-        return (1 - self.settling) * rows[1:] + self.settling * rows[:-1]
+        kept = 0.0 if self.settling is None else self.settling
+        return (1 - kept) * rows[1:] + kept * rows[:-1]
 
     def amplify(self, voltages: np.ndarray) -> None:
         """Put the gains and offsets into (L, E) voltages, V."""
@@ -219,7 +220,7 @@ def _part(value, key, kind):
 def _drawn(value, electrodes: int, draw: Callable | None = None) -> np.ndarray | None:
     if value is None:
         return None
-    if isinstance(value, (Rms, Uniform)):
+    if draw is not None and isinstance(value, (Rms, Uniform)):
         return draw(value)
     return np.broadcast_to(np.asarray(value, float), electrodes)
 

@@ -119,7 +119,7 @@ class ContactLaw:
             g = self.coefficient * np.maximum(pressure, 0.0) ** self.exponent
         return np.minimum(g, checks.LARGEST)
 
-    def pressure(self, conductance: np.ndarray | float) -> np.ndarray:
+    def pressure(self, conductance: np.ndarray | float) -> np.ndarray | float:
         """Pressure in Pa that belongs to g in S/m²; 0 where g is not above 0."""
         if isinstance(conductance, float):  # rows ask a thousand times a second
             return self._pressure(conductance)
@@ -136,7 +136,10 @@ class ContactLaw:
 
     def to_dict(self) -> dict:
         """The law as in a scene file."""
-        content = {"coefficient": self.coefficient, "exponent": self.exponent}
+        content: dict[str, object] = {
+            "coefficient": self.coefficient,
+            "exponent": self.exponent,
+        }
         for key in ("hysteresis", "creep"):
             if getattr(self, key) is not None:
                 content[key] = dict(vars(getattr(self, key)))
@@ -146,7 +149,7 @@ class ContactLaw:
 def read_contact_law(reader: Reader) -> ContactLaw:
     """The contact law in a mapping of a scene file."""
     reader.only("coefficient", "exponent", "hysteresis", "creep")
-    memory = {}
+    memory: dict[str, Hysteresis | Creep] = {}
     if "hysteresis" in reader:
         section = reader.section("hysteresis")
         section.only("relative")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tomotactile_ros.scenes.course import HOLD, Course
 from tomotactile_ros.scenes.force_signal import Signal
@@ -29,6 +29,7 @@ class Load:
     force: float | None = None
     profile: str = "even"
     course: Course | None = None
+    _signal: Signal = field(init=False, repr=False, default=HOLD)
 
     def __post_init__(self):
         if self.profile not in PROFILES:
@@ -65,4 +66,4 @@ class Load:
     @property
     def signal(self) -> Signal:
         """The force in time, in parts of its nominal value."""
-        return HOLD if self.course is None else self._signal
+        return self._signal

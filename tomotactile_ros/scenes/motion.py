@@ -7,7 +7,7 @@ keeps its direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,7 @@ class Motion:
     speed: float
     loop: bool = False
     endless: bool = False
+    _at: np.ndarray = field(init=False, repr=False)  # (C,) way to each corner, m
 
     def __post_init__(self):
         corners = self.corners

@@ -97,7 +97,8 @@ def make_mesh(
     used = np.zeros(len(points), bool)
     used[triangles[kept]] = True
     points, corners = points[used], (np.cumsum(used) - 1)[triangles[kept]]
-    return Mesh(points, corners, *_electrode_nodes(layout, points), size.ring, last, locate)
+    electrodes, rims = _electrode_nodes(layout, points)
+    return Mesh(points, corners, electrodes, rims, size.ring, last, locate)
 
 
 def _electrode_nodes(layout, points):

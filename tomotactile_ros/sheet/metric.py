@@ -22,7 +22,9 @@ class Metric:
 
     def __init__(self, anisotropy: Anisotropy | None, electrode_radius: float):
         self.isotropic = anisotropy is None or anisotropy.ratio == 1
-        self._stretch = np.eye(2) if self.isotropic else anisotropy.stretch
+        self._stretch = np.eye(2)
+        if anisotropy is not None and not self.isotropic:
+            self._stretch = anisotropy.stretch
         sizes, directions = np.linalg.eigh(self._stretch)
         self.mean = 1.0 if self.isotropic else float(sizes.mean())
         self.least = float(sizes[0])

@@ -63,7 +63,9 @@ def moving_rows(
         key = there[:, row].tobytes() if together and np.isfinite(to_ground[row]) else b""
         alike.setdefault(key, []).append(row)
     for key, rows in alike.items():
-        chosen = [track.states(rows) for track in tracks if not key or track.there[rows[0]]]
+        chosen = [
+            track.states(np.array(rows)) for track in tracks if not key or track.there[rows[0]]
+        ]
         solve = _few_states if key else _one_by_one
         out[rows] = solve(sheet, chosen, grounded[rows], drive_voltage, to_ground[rows])
     return out

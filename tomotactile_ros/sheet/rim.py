@@ -52,7 +52,7 @@ class Arc:
 def curves(outline: Outline) -> list[Segment | Arc]:
     """The rim of `outline` as segments and arcs, holes included."""
     polygons = list(outline.holes)
-    found = []
+    found: list[Segment | Arc] = []
     if outline.kind == "circle":
         found = [Arc(outline.radius, quarter) for quarter in range(4)]
     else:

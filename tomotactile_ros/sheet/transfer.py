@@ -130,4 +130,4 @@ def electrode_of(points: np.ndarray, layout: Layout, radius: ArrayLike = 0.0) ->
     With a `radius` (scalar or (K,), m): the electrode that a disc around the point overlaps.
     """
     distance, nearest = layout.nearest(points)
-    return np.where(distance < layout.radius + radius, nearest, -1)
+    return np.where(distance < layout.radius + np.asarray(radius), nearest, -1)

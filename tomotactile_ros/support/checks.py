@@ -6,6 +6,7 @@ raises :class:`InputError` with a line like ``radius: -0.1 is not a positive len
 
 import math
 from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 
@@ -69,10 +70,11 @@ def not_negative(value: object, key: str, kind: str) -> float:
 
 def integer(value: object, key: str, least: int, most: int) -> int:
     """A whole number from ``least`` to ``most``."""
-    whole = isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
-    if not whole or not least <= value <= most:
-        raise InputError(f"{key}: {show(value)} is not a whole number from {least} to {most}")
-    return int(value)
+    if isinstance(value, Integral) and not isinstance(value, (bool, np.bool_)):
+        whole = int(value)
+        if least <= whole <= most:
+            return whole
+    raise InputError(f"{key}: {show(value)} is not a whole number from {least} to {most}")
 
 
 def points(value: object, key: str, least: int = 1) -> np.ndarray:
@@ -95,7 +97,7 @@ def points(value: object, key: str, least: int = 1) -> np.ndarray:
     return array
 
 
-def pair(value: object, key: str, kind: str) -> tuple[float, float]:
+def pair(value: Any, key: str, kind: str) -> tuple[float, float]:
     """Two finite numbers."""
     try:
         first, second = value

@@ -22,7 +22,7 @@ def track(
     items: Iterable[Item], label: str, total: int | None = None, stream: TextIO | None = None
 ) -> Iterator[Item]:
     """Hand `items` through, with progress on `stream` (standard error) once it takes long."""
-    total = len(items) if total is None else total
+    total = len(items) if total is None else total  # type: ignore[arg-type] # or it is given
     with Progress(label, total, stream) as progress:
         for done, item in enumerate(items, 1):
             yield item

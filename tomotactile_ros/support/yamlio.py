@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 import yaml
@@ -39,7 +39,7 @@ class _SlowParser(yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser):
         yaml.parser.Parser.__init__(self)
 
 
-_Parser = yaml.cyaml.CParser if yaml.__with_libyaml__ else _SlowParser
+_Parser: Any = yaml.cyaml.CParser if yaml.__with_libyaml__ else _SlowParser
 
 
 class _Loader(
@@ -104,7 +104,9 @@ def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
         content = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        problem = error.problem if ours else re.sub(r"'.*'", "'...'", error.problem)
+        problem = error.problem or "no reason is given"
+        if not ours:
+            problem = re.sub(r"'.*'", "'...'", problem)
         raise InputError(f"{path}: {line}not valid YAML: {problem}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply") from None
@@ -166,13 +168,13 @@ class Reader:
                     f"allowed are {', '.join(allowed)}"
                 )
 
-    def number(self, key: str, default: float | None = _REQUIRED, infinite: bool = False) -> float:
-        """A finite number (or, if ``infinite``, also an infinite one)."""
+    def number(self, key: str, default: float | None = _REQUIRED, infinite: bool = False) -> Any:
+        """A finite number (or, if ``infinite``, also an infinite one), or the default."""
         value = self._value(key, default)
         return value if value is default else self._number(value, key, infinite)
 
-    def integer(self, key: str, default: int | None = _REQUIRED) -> int:
-        """A whole number."""
+    def integer(self, key: str, default: int | None = _REQUIRED) -> Any:
+        """A whole number, or the default."""
         value = self._value(key, default)
         return value if value is default else self._integer(value, key)
 
@@ -259,7 +261,7 @@ class Reader:
         with complaints_at(self.place):
             return make(*args, **kwargs)
 
-    def refuse(self, key: str, value: object, reason: str) -> None:
+    def refuse(self, key: str, value: object, reason: str) -> NoReturn:
         """Raise the InputError for a value."""
         raise InputError(f"{self.place}{key}: {show(value)} {reason}")
 
@@ -271,7 +273,7 @@ class Reader:
             raise InputError(f"{self.place}{key}: is missing")
         return default
 
-    def _number(self, value: object, key: str, infinite: bool = False) -> float:
+    def _number(self, value: Any, key: str, infinite: bool = False) -> float:
         is_text = isinstance(value, str) and _NUMBER.fullmatch(value)  # YAML 1.1 on 1e-3
         if not (is_text or isinstance(value, (int, float))) or isinstance(value, bool):
             self.refuse(key, value, "is not a number")

@@ -215,7 +215,7 @@ def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         raise InputError("mesh.file: three triangles share an edge; one surface is needed")
     order = np.argsort(kind, kind="stable")
     pairs = order[np.flatnonzero(kind[order][1:] == kind[order][:-1])[:, None] + [0, 1]]
-    other = np.full(len(edges), -1)
+    other: np.ndarray = np.full(len(edges), -1)
     other[pairs[:, 0]], other[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
     other = other.reshape(-1, 3)
     return np.where(other >= 0, other // 3, -1), other % 3

@@ -64,10 +64,10 @@ class Display:
         calibrated: bool | None = None,
     ):
         self._layout, self._scene = layout, scene
-        self._source = source or f"scene {scene.name}"
-        self._calibrated = calibrated
+        self._source = source or (f"scene {scene.name}" if scene is not None else "")
         if calibrated is None:
-            self._calibrated = scene is None or scene.contact_law is not None
+            calibrated = scene is None or scene.contact_law is not None
+        self._calibrated = calibrated
         self._scale = SteadyScale(_LEAST_SCALE)
         self._out = sys.stdout
         self._pictures = _shows_pictures(self._out)
@@ -92,10 +92,19 @@ class Display:
     def save(self, path: str) -> None:
         """Write the last shot as a PNG."""
         last = self.last
+        assert last is not None, "nothing was shown that could be saved"
         title = f"{self._source} on {self._layout.name}, {last.scene_time:.2f} s"
         truth = self._truth(last.scene_time)
-        shown = last.pressure, self._layout, last.contacts, truth, title, self._calibrated
-        save_pressure(path, *shown, reason=last.reason)
+        save_pressure(
+            path,
+            last.pressure,
+            self._layout,
+            last.contacts,
+            truth,
+            title,
+            self._calibrated,
+            reason=last.reason,
+        )
         self.say(f"{path} written")
 
     def close(self) -> None:
