@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
 import os
 import signal
@@ -39,9 +40,18 @@ class Parser(argparse.ArgumentParser):
         self.register("type", None, _given)
 
     def add_subparsers(self, **kwargs: Any) -> Any:
-        """The same, values are looked at by the parsers of the commands."""
+        """The same; values are checked by the parsers of the commands."""
         self.register("type", None, str)
         return super().add_subparsers(**kwargs)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            names = [str(choice) for choice in action.choices or ()]
+            close = difflib.get_close_matches(str(value), names, n=1)
+            error.message += f"; did you mean {close[0]}?" if close else ""
+            raise
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
