@@ -1,4 +1,4 @@
-"""Files of arrays (`.npz`): recorded or simulated frames, and what the commands make of them."""
+"""Files of arrays (`.npz`): recorded or simulated frames, and the results of the commands."""
 
 from __future__ import annotations
 

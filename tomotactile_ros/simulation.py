@@ -1,4 +1,4 @@
-"""Frames of a scene on a layout, with everything that the scene says is wrong.
+"""Frames of a scene on a layout, with all the defects that the scene names.
 
 Rows are taken one after another, each of the sheet as it is at its own time. Physics first
 (`sheet`), then the measurement in the order in which hardware does it: wiring, what a row keeps of

@@ -1,4 +1,4 @@
-"""Several sensors as one skin: what each felt last, in one frame; who is silent is named.
+"""Several sensors as one skin: what each felt last, in one frame; silent sensors are named.
 
 Times are stamps where they belong to data, and times of arrival (s, monotonic) where it is asked
 who still sends.
@@ -38,7 +38,7 @@ class Member:
     torque: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
 
     def problem(self, now: float, timeout: float) -> str:
-        """Why nothing is known of it now, or nothing."""
+        """Why its contacts are not known now; empty where they are."""
         if self.arrival is None:
             return self.complaint or "no contacts yet"
         if self.is_silent(now, timeout):
@@ -64,7 +64,7 @@ class Skin:
         self.timeout = timeout
 
     def problems(self, now: float) -> dict[str, str]:
-        """Why nothing is known of a sensor, of those for which it is so."""
+        """Why contacts are not known, for each sensor of which they are not."""
         found = {name: m.problem(now, self.timeout) for name, m in self.members.items()}
         return {name: problem for name, problem in found.items() if problem}
 

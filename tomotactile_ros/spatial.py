@@ -1,8 +1,8 @@
 """Contacts in space: from places on the flat sheet to positions, normals and forces in a frame.
 
-What lies on the sheet is taken along by the surface's Jacobian J (`tomotactile_ros.surfaces`):
-a velocity v becomes J v, a covariance C becomes B J C (B J)^T on the tangent and the bitangent,
-whose rows B has.
+Quantities on the sheet are transformed by the surface's Jacobian J (`tomotactile_ros.surfaces`): a
+velocity v becomes J v, and a covariance C becomes B J C (B J)^T along the tangent and the bitangent,
+which are the rows of B.
 """
 
 from __future__ import annotations

@@ -1,2 +1,2 @@
-"""The measured trade of speed for accuracy, on the user's own machine; behind `tomotactile
+"""Speed against accuracy, measured on the user's own machine: behind `tomotactile
 bench`."""

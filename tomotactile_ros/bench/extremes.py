@@ -1,4 +1,4 @@
-"""Errors of voltages, places and forces where one thing of an ordinary set-up is extreme.
+"""Errors of voltages, places and forces where one property of an ordinary set-up is extreme.
 
 Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;

@@ -1,4 +1,4 @@
-"""How other libraries are put to the same problem. Electrodes are nodes in both.
+"""How other libraries are applied to the same problem. Electrodes are nodes in both.
 
 pyEIT images the conductivity of triangles between electrodes that carry currents in pairs: a
 contact that feeds current in is outside its model. Its speed is that of its own Jacobian on the

@@ -1,4 +1,4 @@
-"""How long a frame takes here: what the time that is left of a benchmark is reckoned by."""
+"""How long a frame takes on this machine; from it the remaining time of a benchmark is estimated."""
 
 from __future__ import annotations
 

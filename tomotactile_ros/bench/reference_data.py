@@ -83,7 +83,7 @@ class ReferenceData:
 def make(
     family: Family, h: float | None = None, progress: Callable[[int], None] = lambda done: None
 ) -> ReferenceData:
-    """Solve all states of a family; `progress` is told how many are done."""
+    """Solve all states of a family; `progress` gets the number of those done."""
     models = [
         ReferenceSheet(family.layout, conductance_of(family.layout, s.field, s.variation), h=h)
         for s in family.sheets

@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--topic", help="of a bag with frames of several sensors")
     parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
-    parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
+    parser.add_argument("--sensor", help="file of 'learn': what is known about this sensor")
     parser.add_argument("--foot-radius", type=float, help="of the round foot that pressed, m")
     parser.add_argument("--picture", help="picture (.png) of the fit")
 

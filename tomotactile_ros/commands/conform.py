@@ -8,7 +8,7 @@ from tomotactile_ros.devices.conformance import BROKEN, KEPT, Broken, LineFault,
 from tomotactile_ros.devices.line import open_line
 from tomotactile_ros.support.errors import InputError
 
-HELP = "try whether a device keeps the wire protocol (docs/protocol.md)"
+HELP = "check whether a device keeps to the wire protocol (docs/protocol.md)"
 
 
 def add_arguments(parser: ArgumentParser) -> None:

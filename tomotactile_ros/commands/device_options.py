@@ -1,4 +1,4 @@
-"""Options that all commands share which take frames from a sensor: real, recorded or simulated."""
+"""Options shared by all commands that take frames from a sensor: real, recorded or simulated."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from tomotactile_ros.devices import emulator
 
-HELP = "be a sensor without hardware, on a pseudo-terminal or a TCP port"
+HELP = "act as a sensor without hardware, on a pseudo-terminal or a TCP port"
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""`tomotactile evaluate`: how sharp and how true a layout images single contacts."""
+"""`tomotactile evaluate`: how sharply and how accurately a layout images single contacts."""
 
 from __future__ import annotations
 

@@ -206,7 +206,7 @@ def _note(step):
 def _summary(start, best):
     if best.posterior is not None:
         yield from _expected(start.posterior, best.posterior)
-        yield "images of eq. 1, which this method does not look at:"
+        yield "images of eq. 1, which this method does not optimize:"
     for label, group, key in (
         ("mean HWHM", "hwhm", "mean"),
         ("HWHM of the worst tenth", "hwhm", "worst_tenth"),

@@ -36,7 +36,7 @@ from tomotactile_ros.support.files import check_out
 from tomotactile_ros.support.npz_writer import npz_writer
 from tomotactile_ros.support.progress import track
 
-HELP = "make pressure images and contacts of frames"
+HELP = "reconstruct pressure images and contacts from frames"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -52,7 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--contact-radius", type=float, default=0.005, help="typical, m")
     add_tare_argument(parser)
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
-    parser.add_argument("--sensor", help="file of 'learn': what is known of this sensor")
+    parser.add_argument("--sensor", help="file of 'learn': what is known about this sensor")
     parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
     parser.add_argument(
         "--every-row",

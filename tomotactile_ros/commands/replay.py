@@ -1,4 +1,4 @@
-"""`tomotactile replay`: lets the driver live a raw capture again."""
+"""`tomotactile replay`: runs the driver on a raw capture again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tomotactile tare`: what a sensor reads with nothing on it, for all that follow to take off."""
+"""`tomotactile tare`: the readings of an untouched sensor, which later commands subtract."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tomotactile watch`: how a sensor is, a line a second: rate, losses, readings, dead channels."""
+"""`tomotactile watch`: the state of a sensor, one line per second: rate, losses, readings, dead channels."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.support.command_line import positive
 
-HELP = "say every second how a sensor is"
+HELP = "print the state of a sensor every second"
 _EVERY = 1.0  # s
 _PRESSED = 0.01  # of the drive voltage: a median reading above it shows a contact
 

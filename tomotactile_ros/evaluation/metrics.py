@@ -1,4 +1,4 @@
-"""How sharp and how true an image of one contact is.
+"""How sharp and how accurate the image of one contact is.
 
 For a contact at p and its image f (Kojima et al. 2023, section 2.2): h is half of the maximum, c
 the centre of mass of all pixels with f >= h, HWHM the largest distance from c to the contour f = h,

@@ -1,4 +1,4 @@
-"""`sensor.yaml`: what was learned of one sensor, format tomotactile-sensor/1 (docs/learning.md).
+"""`sensor.yaml`: what was learned about one sensor, format tomotactile-sensor/1 (docs/learning.md).
 
 Numbers that people read stand in plain lists with their deviations. Correlations and the modes of
 the sheet are packed: float32, little endian, zlib, base64. Modes are kept as values at places on
@@ -44,7 +44,7 @@ def geometry(layout: Layout) -> str:
 def save_sensor(
     path: str | os.PathLike, layout: Layout, operator: SheetOperator, state: SensorState
 ) -> None:
-    """Write what is known of a sensor with `layout`, whole or not at all."""
+    """Write what is known about a sensor with `layout`, whole or not at all."""
     field = operator.field
     values = field.modes @ state["sheet"][:-2]
     deviations = _field_deviation(field.modes, state)

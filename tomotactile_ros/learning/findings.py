@@ -123,7 +123,7 @@ def lines(learned: Learned) -> Iterator[str]:
 
 
 def _is_told(state, part, good):
-    """Whether anything is known of a part that was not expected before."""
+    """Whether anything was learned about a part, beyond what was expected before."""
     return bool(state.known(part)[good].max(initial=0.0) > _TOLD)
 
 

@@ -52,7 +52,7 @@ class Finding:
 
 
 class Health:
-    """Watches what is known of one sensor; `operator` of all its electrodes."""
+    """Watches what is known about one sensor; `operator` of all its electrodes."""
 
     def __init__(self, operator: SheetOperator):
         self._operator = operator

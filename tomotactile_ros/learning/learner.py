@@ -1,4 +1,4 @@
-"""The recursion: one frame after the other into what is known of the sensor.
+"""The recursion: one frame after another is added to what is known about the sensor.
 
 Kept is the precision (inverse covariance) of theta and its mean. A frame with contacts is fitted
 with what is known; its information, contacts marginal, is taken where the fit ended (iterated

@@ -1,4 +1,4 @@
-"""What has been learned from before: how often a touch counts.
+"""Touches that were learned from already: how often a touch counts.
 
 Noise differs from frame to frame. What the model lacks (elements, patches, the shape of a finger)
 does not: the same touch errs in the same way each time. Where the model's error has m times the

@@ -1,4 +1,4 @@
-"""What is known of one sensor: a normal distribution of all that makes it differ from its layout.
+"""What is known about one sensor: a normal distribution of all that makes it differ from its layout.
 
     theta = (sheet (J,), gain (E,), offset (E,) V, resistance (E,) ohm, aside x and y (E,) m)
 

@@ -19,8 +19,8 @@ _LEGEND = (
     "Less is better everywhere. White discs: electrodes, to scale"
 )
 _SCAN_LEGEND = (
-    "Place error: expected by the estimator's own model, of contacts all over the sheet; by it the rows are "
-    "chosen. Images: eq. 1, which the choice does not look at. Less is better.\n"
+    "Place error: expected from the estimator's own model for contacts all over the sheet; the rows are chosen "
+    "by it. Images: eq. 1, which plays no part in the choice. Less is better.\n"
     "Number at an electrode: the smallest of these scans that still grounds it; dots: in none of them."
 )
 

@@ -1,4 +1,4 @@
-"""What a sensor reads while nothing touches it, or why frames do not show that.
+"""The readings of a sensor while nothing touches it, or why frames do not show them.
 
 A tare is taken off all that follows, and a contact in it with it: nothing would be seen of what
 presses on, and of later contacts something false. The readings themselves tell the two apart. At

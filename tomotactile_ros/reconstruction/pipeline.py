@@ -182,7 +182,7 @@ class Pipeline:
         self._forget()
 
     def use_sensor(self, sensor: SensorState | None) -> None:
-        """Go on with what is known of the sensor by now."""
+        """Go on with what is known about the sensor by now."""
         self.sensor = sensor
         if self._estimator is not None:
             self._estimator.sensor = sensor

@@ -1,4 +1,4 @@
-"""What the reconstruction is told and what it returns."""
+"""The settings of the reconstruction, and its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The law of the contact between the layers: conductance per area against pressure, its memory.
+"""The law of the contact between the layers: conductance per area against pressure, and its memory.
 
 Without memory it is the power law of Holm, g = c p^m. Hysteresis and creep make the same law see
 another pressure than the true one,

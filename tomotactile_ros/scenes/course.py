@@ -1,4 +1,4 @@
-"""How the force of a contact goes on in time: ramp, tap, sine; as in a scene file.
+"""How the force of a contact varies in time: ramp, tap, sine; as in a scene file.
 
 Each makes a `Signal` in parts of the contact's nominal force; its time begins with the contact's.
 """

@@ -1,4 +1,4 @@
-"""With what a contact presses: a pressure or a force, its profile, its course in time."""
+"""How a contact presses: its pressure or force, its profile, and its course in time."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Where contacts meet a sheet in many states at once: `contact_points` for rows in time.
 
-A contact that moves, moves as a whole: what its patches are to each other is the same in all
-states, and only where it comes near an electrode, the rim or another contact are they looked at.
+A moving contact moves as a whole: its patches keep their relations to each other in all states, and
+only near an electrode, the rim or another contact do they have to be examined.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all programs with a command line do alike."""
+"""What all programs with a command line have in common."""
 
 from __future__ import annotations
 

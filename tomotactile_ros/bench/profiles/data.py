@@ -47,7 +47,7 @@ def simulate(layout, groups, variation):
 
 
 def disc(position, pressure=20e3, radius=0.005):
-    """What `Contact` is told of a disc."""
+    """The arguments of `Contact` for a disc."""
     return {"shape": "disc", "center": tuple(position), "radius": radius, "pressure": pressure}
 
 

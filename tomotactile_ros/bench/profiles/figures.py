@@ -111,7 +111,7 @@ def matched(contacts, group):
 
 
 def least_distance(told):
-    """The least distance from which on 9 of 10 pairs are told apart; nan if there is none."""
+    """The smallest distance from which 9 of 10 pairs are told apart; nan if there is none."""
     best = np.nan
     for distance in sorted(told, reverse=True):
         if told[distance] < 0.9:
