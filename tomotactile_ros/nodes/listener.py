@@ -66,7 +66,7 @@ class Listener(Node):
         """What the nodes say is wrong."""
         silent = [f"{name} is still starting" for name in NODES if name not in self._heard]
         said = [f"{name}: {message}" for name, message in self._complaints.items()]
-        return "; ".join(silent + said) or "driver and reconstruction are well, it must be near"
+        return "; ".join(silent + said) or "driver and reconstruction report nothing wrong"
 
     def _on_frame(self, message: VoltageFrame) -> None:
         frame = self._frame(message.header)

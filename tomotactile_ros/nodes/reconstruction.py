@@ -177,7 +177,7 @@ class Reconstruction:
         }
         complaint = self._watch.complaint()
         if complaint and self._lock.locked():  # a thread of its own makes the images
-            complaint = "an image takes seconds: profile or resolution are too much here"
+            complaint = "an image takes seconds: profile or resolution ask too much of this machine"
         if complaint:
             self._complain(complaint)
             return Report(diagnostics.ERROR, complaint, figures)

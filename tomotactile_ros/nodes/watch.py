@@ -100,7 +100,7 @@ class FrameWatch:
             found.append(Trouble("stamps", back > _MANY * processed, text))
         age = float(np.median(self._latencies)) if self._latencies else 0.0
         if age > _OLD:
-            text = f"frames are {age:.3g} s old: clocks differ, or the way is slow"
+            text = f"frames are {age:.3g} s old: clocks differ, or messages take long"
             found.append(Trouble("old", 0 < max_age < age, text))
         elif age < -_OLD:
             text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
