@@ -44,6 +44,7 @@ def test_a_file_of_that_name_here_comes_before_an_installed_one(tmp_path, monkey
     [
         ("", "'': no such file, and none of the installed layouts: .*equal-4x4"),
         ("/", "'/': no such file"),
+        ("equal8x8", "'equal8x8': no such file, .*; did you mean equal-8x8[?]$"),
         ("x" * 5000, "'xxx.*…: cannot be read: File name too long"),
     ],
 )

@@ -1,5 +1,6 @@
 """Files: where those of the package are, and how others are written, whole or not at all."""
 
+import difflib
 import errno
 import io
 import os
@@ -229,7 +230,9 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
     except OSError as error:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
     installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
+    close = difflib.get_close_matches(Path(text).stem, installed, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
     raise InputError(
         f"{show(text)}: no such file, and none of the installed {kind}: "
-        f"{', '.join(installed) or '-'}"
+        f"{', '.join(installed) or '-'}{hint}"
     )
