@@ -422,6 +422,32 @@ def test_rows_that_show_no_grounded_electrode_are_withheld():
         assert set(said[32 if at_once else 47 :]) == {("withheld", 0)}, name
 
 
+@pytest.mark.parametrize("profile", PROFILES)
+def test_rows_that_are_not_read_now_and_then_do_not_hide_a_touch(pipelines, frame, profile):
+    """The last row read 0 V: nothing touched, valid. A touch that ends is no such thing."""
+    for seed in range(3):
+        unread = np.random.default_rng(seed).permutation(63)[:13]
+        rows = frame.copy()
+        rows[[*unread, 63]] = 0.0
+        result = pipelines[profile].process(rows, GROUNDED, DRIVE)
+        assert result.state == "withheld" and "come in turn" in result.reason
+    rows = frame.copy()
+    rows[40:] = 0.0
+    result = pipelines[profile].process(rows, GROUNDED, DRIVE, 1e-3)
+    assert result.state == "valid" and not result.contacts
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("offset", [0.02, 0.03])
+def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
+    """An offset of all channels was a touch of 1 mN in a corner, give or take half a metre."""
+    layout = load_layout("equal-4x4")
+    scene = Scene("idle", DRIVE, noise=Noise(1e-3), adc=Adc(12, DRIVE))
+    voltages = Simulator(layout, scene).frame(0.0) + offset
+    result = Pipeline(layout, Settings(profile)).process(voltages, GROUNDED[:16], DRIVE)
+    assert result.state == "withheld" and "too little to tell where" in result.reason
+
+
 def test_rows_go_on_when_a_channel_is_left_out():
     """What is read changes its length then, which ended the node."""
     layout, pipeline = (

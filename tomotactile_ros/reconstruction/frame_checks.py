@@ -12,6 +12,9 @@ LARGEST_VOLTAGE = 1e3  # V; beyond, a reading is no reading
 # V rms, in parts of the drive voltage: the converter cuts off what noise adds beyond its range, and
 # what is left is not noise around what is true
 MOST_NOISE = 0.2
+# times the noise: mean readings of a row that is plainly of an untouched sheet, or of a touched one
+_UNTOUCHED, _TOUCHED = 3.0, 30.0
+_CHANGES = 4  # from one to the other: a touch that begins and ends, and one row on its electrode
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
@@ -56,6 +59,20 @@ def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
     frame = np.full((layout.electrodes, layout.electrodes), np.nan)
     frame[grounded] = rows
     return frame
+
+
+def alternates(rows: np.ndarray, noise: float) -> bool:
+    """Whether rows (L, E), V, show a touch and none in turn, more often than a touch comes and goes
+    within a frame: some of them were not read, and what they say is 0 V.
+
+    A row is that of an untouched sheet, too, where all that presses lies on the grounded electrode.
+    """
+    read = ~np.isnan(rows)
+    counts = np.count_nonzero(read, axis=1)
+    means = np.where(read, np.abs(rows), 0.0).sum(axis=1) / np.maximum(counts, 1)
+    clear = (counts > 0) & ((means < _UNTOUCHED * noise) | (means > _TOUCHED * noise))
+    touched = means[clear] > _TOUCHED * noise
+    return np.count_nonzero(touched[1:] != touched[:-1]) > _CHANGES
 
 
 def last_of_each(voltages, grounded) -> tuple[np.ndarray, np.ndarray]:
