@@ -437,6 +437,16 @@ def test_rows_that_are_not_read_now_and_then_do_not_hide_a_touch(pipelines, fram
     assert result.state == "valid" and not result.contacts
 
 
+def test_readings_twice_too_high_are_withheld_without_a_warning(layout):
+    pressed = Contact("disc", center=(0.031, -0.022), radius=0.006, pressure=2e4)
+    scene = Scene("finger", DRIVE, [pressed], LAW, Noise(1e-3), Adc(12, DRIVE))
+    frame = 2.0 * Simulator(layout, scene).frame(0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = Pipeline(layout, Settings("fast")).process(frame, GROUNDED, DRIVE, 1e-3)
+    assert result.state == "withheld" and not result.contacts
+
+
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("offset", [0.02, 0.03])
 def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
