@@ -187,7 +187,9 @@ def check_contacts(contacts: list[Contact]) -> None:
         if not np.isfinite(values).all():
             raise InputError("a contact has a place, a direction or a force that is not finite")
         if not (0.0 <= c.force <= _STRONGEST and np.abs(_array(c.position)).max() <= LONGEST):
-            raise InputError(f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be")
+            raise InputError(
+                f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be"
+            )
         if not abs(math.hypot(*_array(c.normal)) - 1.0) <= _UNIT:
             raise InputError("the normal of a contact is no direction: its length is not 1")
 
