@@ -72,7 +72,7 @@ def alternates(rows: np.ndarray, noise: float) -> bool:
     means = np.where(read, np.abs(rows), 0.0).sum(axis=1) / np.maximum(counts, 1)
     clear = (counts > 0) & ((means < _UNTOUCHED * noise) | (means > _TOUCHED * noise))
     touched = means[clear] > _TOUCHED * noise
-    return np.count_nonzero(touched[1:] != touched[:-1]) > _CHANGES
+    return bool(np.count_nonzero(touched[1:] != touched[:-1]) > _CHANGES)
 
 
 def last_of_each(voltages, grounded) -> tuple[np.ndarray, np.ndarray]:
