@@ -437,6 +437,29 @@ def test_rows_that_are_not_read_now_and_then_do_not_hide_a_touch(pipelines, fram
     assert result.state == "valid" and not result.contacts
 
 
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("level", [0.0, 1.0, DRIVE])
+@pytest.mark.parametrize("dead", [33, 48, 60])
+def test_a_touch_that_few_channels_see_is_no_untouched_sheet(
+    pipelines, frame, profile, level, dead
+):
+    """Three of four multiplexers without supply: `fast` said that nothing touches; at the drive
+    voltage there were contacts 20 mm off."""
+    rows = frame.copy()
+    rows[:, np.random.default_rng(dead).permutation(64)[:dead]] = level
+    result = pipelines[profile].process(rows, GROUNDED, DRIVE)
+    assert result.state == "withheld" and not result.contacts
+    assert result.reason.startswith(f"{dead} of 64 channels never change while others do")
+
+
+def test_wires_that_hum_on_an_untouched_sheet_are_no_touch(pipelines):
+    random = np.random.default_rng(1)
+    rows = 1e-3 * random.standard_normal((64, 64))
+    rows[:, [5, 9, 40]] += 0.2 * np.maximum(np.sin(np.arange(64)), 0.0)[:, None]
+    result = pipelines["fast"].process(rows, GROUNDED, DRIVE)
+    assert result.state == "valid" and result.idle
+
+
 def test_readings_twice_too_high_are_withheld_without_a_warning(layout):
     pressed = Contact("disc", center=(0.031, -0.022), radius=0.006, pressure=2e4)
     scene = Scene("finger", DRIVE, [pressed], LAW, Noise(1e-3), Adc(12, DRIVE))

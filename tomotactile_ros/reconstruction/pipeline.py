@@ -34,6 +34,7 @@ from tomotactile_ros.reconstruction.frame_checks import (
     ordered,
     ordered_row,
     rows_of,
+    standing_still,
 )
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.mistakes import Doubts
@@ -64,6 +65,7 @@ IN_TURN = (
     "rows of a touched sheet and of an untouched one come in turn: some rows are not read (a contact "
     "that is loose, the supply, the electronics)"
 )
+STILL = "a multiplexer, a converter or its supply is broken or not connected"
 ANYWHERE = (
     "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
     "of the channels, which a tare takes off"
@@ -259,6 +261,8 @@ class Pipeline:
         rows[:, self._excluded] = np.nan
         if self.sensor is not None:
             rows -= self.sensor["offset"]
+        if still := standing_still(rows, self.settings.noise):
+            return f"{still} of {rows.shape[1]} channels never change while others do: {STILL}"
         rows[:, stuck_channels(rows, ~np.isnan(rows), self.settings.noise)] = np.nan
         if alternates(rows, self.settings.noise):
             return IN_TURN
