@@ -86,7 +86,8 @@ def standing_still(rows: np.ndarray, noise: float) -> int:
     """
     read = ~np.isnan(rows)
     counts = np.count_nonzero(read, axis=0)
-    span = np.where(read, rows, -np.inf).max(axis=0) - np.where(read, rows, np.inf).min(axis=0)
+    highest = np.where(read, rows, -np.inf).max(axis=0, initial=-np.inf)
+    span = highest - np.where(read, rows, np.inf).min(axis=0, initial=np.inf)
     raised = np.where(read, rows, 0.0).sum(axis=0) > 10.0 * noise * np.maximum(counts, 1)
     seen = counts > 2
     still = int(np.count_nonzero(seen & (span < _STILL * noise)))
