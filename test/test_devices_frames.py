@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tomotactile_ros.devices import base, health, protocol
-from tomotactile_ros.devices.assembly import FrameAssembler, row_period
+from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler, row_period
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.health import DeadChannels, Health
 
@@ -47,6 +47,41 @@ def test_a_frame_holds_its_rows_and_times():
     assert (frame.sequence, frame.frame_time, frame.last_sample) == (7, 7000, 7040)
     assert (frame.drive_voltage, frame.missing) == (3.0, 0)
     assert frame.row_period == 10.0
+
+
+@pytest.mark.parametrize("rows", [E, 40])
+def test_rows_under_another_drive_voltage_are_brought_to_that_of_the_frame(rows):
+    """All that is read is proportional to what drives the sheet."""
+    drives = 3.0 * (1.0 - 0.4 * (np.arange(rows) % 3 == 2))
+    counts = 100 + np.arange(rows)[:, None] + np.arange(rows)
+    sent = [
+        protocol.Row(
+            rows, i, rows, 1, i, 1, 0.5, drives[i], i,
+            protocol.pack_counts(np.round(counts[i] * drives[i] / 3.0)),
+        )
+        for i in range(rows)
+    ]  # fmt: skip
+    (frame,) = feed(FrameAssembler(rows, rows), sent)
+    wanted = 0.5 * counts.astype(np.float32)
+    np.fill_diagonal(wanted, np.nan)
+    assert frame.drive_voltage == 3.0
+    assert np.allclose(frame.voltages, wanted, atol=0.5, equal_nan=True)
+    assert np.isclose(frame.drive_span, 1.2)
+    runs = RunAssembler(5)
+    found = [run for each in sent for run in runs.feed(each)]
+    for run in found:
+        share = run.drive_voltage / 3.0
+        assert np.allclose(run.voltages, share * wanted[run.grounded], atol=0.5, equal_nan=True)
+
+
+def test_impossible_drive_voltages_make_no_infinite_readings():
+    for drive in (0.0, 1e-44, 3e38):
+        rows = [row(0, 1), *(row(i, 1, drive_voltage=drive) for i in range(1, E))]
+        (frame,) = feed(FrameAssembler(E, E), rows)
+        assert not np.isinf(frame.voltages).any()
+        rows = [row(0, 1, drive_voltage=drive), *(row(i, 1) for i in range(1, E))]
+        (frame,) = feed(FrameAssembler(E, E), rows)
+        assert not np.isinf(frame.voltages).any()
 
 
 def test_a_late_row_or_a_lost_one_does_not_move_the_row_period():

@@ -387,3 +387,20 @@ def test_rows_take_up_the_noise_that_a_frame_shows():
             result = pipeline.after_row(state)
             assert (result.state, result.contacts) == ("valid", [])
     assert state.noise == pytest.approx(5e-3, rel=0.25)
+
+
+@pytest.mark.parametrize("read", [[], [3]])
+def test_frames_of_which_next_to_nothing_was_read_do_not_end_rows(read):
+    """One channel or none is no sheet: rows are withheld, and go on with the next good ones."""
+    layout = load_layout("equal-4x4")
+    scene = Scene("idle", 3.3, noise=Noise(0.001))
+    good = Simulator(layout, scene, row_period=ROW_PERIOD).frame(0.0)
+    bad = np.full_like(good, np.nan)
+    bad[:, read] = good[:, read]
+    pipeline = Pipeline(layout, Settings(profile="balanced"))
+    state = pipeline.rows()
+    for number, frame in enumerate([good, bad, bad, good, good]):
+        for row in range(16):
+            time = (16 * number + row) * ROW_PERIOD
+            result = pipeline.process_row(frame[row], row, 3.3, time, state)
+    assert result.state == "valid" and not result.contacts

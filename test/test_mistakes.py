@@ -142,6 +142,19 @@ def test_readings_that_cannot_be(own_frames, capsys, make, meant):
     assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default"))))
 
 
+def test_a_row_period_in_milliseconds(own_frames, capsys):
+    """Results would hold a minute after their frames."""
+    words = own_frames(frames_of(WIDE, "default"))
+    with np.load(words[1]) as file:
+        content = dict(file)
+    save_arrays(words[1], {**content, "stamps": [0.0, 0.06], "row_period": 1e-3})
+    assert cli.main(words) == 0
+    capsys.readouterr()
+    save_arrays(words[1], {**content, "stamps": [0.0, 0.06], "row_period": 1.0})
+    line = complaint(capsys, words)
+    assert "row_period: the rows of a frame would take 60 s" in line and "after 0.06 s" in line
+
+
 def test_electrodes_numbered_from_one(own_frames, capsys):
     words = own_frames(frames_of(WIDE, "default"), grounded=np.arange(1, 61))
     assert "electrodes are numbered from 0, not from 1" in complaint(capsys, words)

@@ -250,6 +250,31 @@ def test_stamps_that_go_back_or_lie_ahead_are_told(probe, start):
     )
 
 
+def test_rows_that_take_longer_than_their_frames_are_told(domain):
+    """A row_period in ms: contacts would hold, as their stamps say, a minute after their frames."""
+    rclpy.init(args=[], domain_id=domain)
+    watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
+    for lasts, expected in ((0.064, []), (64.0, ["row period"])):
+        watch.restart()
+        for sequence in range(20):
+            watch.accepted(sequence, 0.064 * sequence, 0.0, 0.0, lasts)
+        assert [trouble.name for trouble in watch.troubles() if trouble.serious] == expected
+    rclpy.shutdown()
+
+
+def test_contacts_do_not_wait_for_pictures(domain, monkeypatch):
+    """A picture of 4096 x 4096 pixels takes most of a second, and anybody may ask for one."""
+    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
+    node = PlainNode(DirectReconstruction)
+    said, outputs = [], node.part._outputs
+    monkeypatch.setattr(outputs, "publish", lambda *words: said.append("image"))
+    monkeypatch.setattr(outputs, "publish_contacts", lambda *words: said.append("contacts"))
+    node.part.accept(a_frame(time.time()), node.part._layout.id, Header())
+    node.destroy_node()
+    rclpy.shutdown()
+    assert said == ["contacts", "image"]
+
+
 def test_missed_frames_are_counted_across_the_wrap_of_their_numbers(domain):
     rclpy.init(args=[], domain_id=domain)
     watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")

@@ -19,7 +19,7 @@ from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.conversions import make_header
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode
-from tomotactile_ros.nodes.skin import SkinPart
+from tomotactile_ros.nodes.skin import SkinPart, check_contacts
 from tomotactile_ros.support.errors import InputError
 
 POSES = """
@@ -52,11 +52,13 @@ class Lines:
 
 
 class Sensor:
-    """Publishes the same contact over and over, until it is told to be silent."""
+    """Publishes the same contact over and over, from now or the time `begin`, s, until it is told to
+    be silent."""
 
-    def __init__(self, probe, name, frame_id, **changes):
+    def __init__(self, probe, name, frame_id, begin=None, **changes):
         self._publisher = probe.node.create_publisher(ContactArray, f"/{name}/contacts", 2)
         self._frame_id, self._changes, self._numbers = frame_id, changes, itertools.count()
+        self._begin = time.time() if begin is None else begin
         self._contact = Contact(
             position=Point(x=0.01, y=0.02),
             normal=Vector3(z=1.0),
@@ -68,7 +70,7 @@ class Sensor:
         self.timer = probe.node.create_timer(0.05, self._publish)
 
     def _publish(self):
-        header = make_header(1000.0 + 0.05 * next(self._numbers), self._frame_id)
+        header = make_header(self._begin + 0.05 * next(self._numbers), self._frame_id)
         message = ContactArray(header=header, contacts=[self._contact])
         for key, value in self._changes.items():
             setattr(message, key, value)
@@ -142,6 +144,36 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     ros_checks.check_diagnostics(
         probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish /left/contacts"
     )
+
+
+def test_contacts_that_are_old_by_their_stamps_are_not_known(probe, start, poses):
+    """They may have waited on a slow way, and come one after the other."""
+    Sensor(probe, "left", "left_link", begin=1000.0)
+    skin = start("skin", {"sensors": "[left]", "poses": poses})
+    message = merged(probe, lambda m: "left: its contacts are too old" in m.reason)
+    assert message.state == ContactArray.STALE and not message.contacts
+    probe.wait_for(WrenchStamped, "/skin/wrench", lambda m: np.isnan(m.wrench.force.z))
+    assert probe.set_parameter("/skin", "max_age", 0.0).successful
+    merged(probe, lambda m: m.state == ContactArray.VALID and len(m.contacts) == 1)
+    ends_cleanly(skin)
+
+
+@pytest.mark.parametrize(
+    "changes, complaint",
+    [
+        ({"force": -1.0}, "a contact of -1 N at"),
+        ({"force": 3e38}, "a contact of 3e+38 N at"),
+        ({"position": Point(x=1e300)}, "a contact of 2 N at"),
+        ({"normal": Vector3()}, "the normal of a contact is no direction"),
+        ({"normal": Vector3(z=1e308)}, "the normal of a contact is no direction"),
+    ],
+)
+def test_contacts_that_cannot_be_are_refused(changes, complaint):
+    """The wrench of a contact without a normal was 0."""
+    fields = {"normal": Vector3(z=1.0), "tangent": Vector3(x=1.0), "force": 2.0}
+    check_contacts([Contact(**fields)])
+    with pytest.raises(InputError, match=complaint.replace("+", r"\+")):
+        check_contacts([Contact(**{**fields, **changes})])
 
 
 @pytest.mark.parametrize(
@@ -231,7 +263,7 @@ def test_a_sensors_place_comes_from_tf2(probe, start):
 
 def test_a_sensor_whose_transforms_have_stopped_is_nowhere(probe, start):
     tf2_ros = pytest.importorskip("tf2_ros", reason="tf2_ros comes with a full ROS 2")
-    Sensor(probe, "left", "left_link")  # its stamps begin at 1000 s, and go on
+    Sensor(probe, "left", "left_link")
     start("skin", {"sensors": "[left]"})
     transform = TransformStamped(header=make_header(1e3, "base_link"), child_frame_id="left_link")
     transform.transform.rotation = Quaternion(w=1.0)

@@ -95,6 +95,21 @@ def test_a_named_tare_is_kept_from_start_to_start(probe, start, scene, tmp_path)
     assert file.exists()
 
 
+def test_a_file_that_is_no_tare_is_never_replaced_nor_removed(probe, start, tmp_path):
+    """Whoever names a recording by mistake must not lose it to a service that anybody may call."""
+    recording = tmp_path / "frames.npz"
+    np.savez(recording, voltages=np.zeros((2, 64, 64)), grounded=np.arange(64))
+    before = recording.read_bytes()
+    start("driver", {"scene": "idle", "rate": 30})
+    start("reconstruction", {"tare_file": recording})
+    pressed(probe, False)
+    answer = probe.call(Trigger, "/reconstruction/tare")
+    assert answer.success and "is no file of a tare and stays as it is" in answer.message
+    tare_is(probe, "frames at")
+    assert probe.call(Trigger, "/reconstruction/untare").success
+    assert recording.read_bytes() == before
+
+
 def test_a_tare_of_stale_frames_is_refused(probe, start, scene):
     driver = start("driver", {"scene": scene})
     start("reconstruction")

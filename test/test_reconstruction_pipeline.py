@@ -422,6 +422,65 @@ def test_rows_that_show_no_grounded_electrode_are_withheld():
         assert set(said[32 if at_once else 47 :]) == {("withheld", 0)}, name
 
 
+@pytest.mark.parametrize("profile", PROFILES)
+def test_rows_that_are_not_read_now_and_then_do_not_hide_a_touch(pipelines, frame, profile):
+    """The last row read 0 V: nothing touched, valid. A touch that ends is no such thing."""
+    for seed in range(3):
+        unread = np.random.default_rng(seed).permutation(63)[:13]
+        rows = frame.copy()
+        rows[[*unread, 63]] = 0.0
+        result = pipelines[profile].process(rows, GROUNDED, DRIVE)
+        assert result.state == "withheld" and "come in turn" in result.reason
+    rows = frame.copy()
+    rows[40:] = 0.0
+    result = pipelines[profile].process(rows, GROUNDED, DRIVE, 1e-3)
+    assert result.state == "valid" and not result.contacts
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("level", [0.0, 1.0, DRIVE])
+@pytest.mark.parametrize("dead", [33, 48, 60])
+def test_a_touch_that_few_channels_see_is_no_untouched_sheet(
+    pipelines, frame, profile, level, dead
+):
+    """Three of four multiplexers without supply: `fast` said that nothing touches; at the drive
+    voltage there were contacts 20 mm off."""
+    rows = frame.copy()
+    rows[:, np.random.default_rng(dead).permutation(64)[:dead]] = level
+    result = pipelines[profile].process(rows, GROUNDED, DRIVE)
+    assert result.state == "withheld" and not result.contacts
+    assert result.reason.startswith(f"{dead} of 64 channels never change while others do")
+
+
+def test_wires_that_hum_on_an_untouched_sheet_are_no_touch(pipelines):
+    random = np.random.default_rng(1)
+    rows = 1e-3 * random.standard_normal((64, 64))
+    rows[:, [5, 9, 40]] += 0.2 * np.maximum(np.sin(np.arange(64)), 0.0)[:, None]
+    result = pipelines["fast"].process(rows, GROUNDED, DRIVE)
+    assert result.state == "valid" and result.idle
+
+
+def test_readings_twice_too_high_are_withheld_without_a_warning(layout):
+    pressed = Contact("disc", center=(0.031, -0.022), radius=0.006, pressure=2e4)
+    scene = Scene("finger", DRIVE, [pressed], LAW, Noise(1e-3), Adc(12, DRIVE))
+    frame = 2.0 * Simulator(layout, scene).frame(0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = Pipeline(layout, Settings("fast")).process(frame, GROUNDED, DRIVE, 1e-3)
+    assert result.state == "withheld" and not result.contacts
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("offset", [0.02, 0.03])
+def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
+    """An offset of all channels was a touch of 1 mN in a corner, give or take half a metre."""
+    layout = load_layout("equal-4x4")
+    scene = Scene("idle", DRIVE, noise=Noise(1e-3), adc=Adc(12, DRIVE))
+    voltages = Simulator(layout, scene).frame(0.0) + offset
+    result = Pipeline(layout, Settings(profile)).process(voltages, GROUNDED[:16], DRIVE)
+    assert result.state == "withheld" and "too little to tell where" in result.reason
+
+
 def test_rows_go_on_when_a_channel_is_left_out():
     """What is read changes its length then, which ended the node."""
     layout, pipeline = (

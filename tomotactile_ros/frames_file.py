@@ -31,6 +31,7 @@ MAX_STREAMED = 1_000_000_000_000  # the same where frames are read one after the
 MAX_GROWTH = 100  # times the size of the file; measured readings hardly compress at all
 HARMLESS_BYTES = 256_000_000  # however much they were compressed
 _INFINITE = "infinite; NaN is what marks an invalid reading"
+_OVERLONG = 2.0  # times the distance between stamps, which may be those of arrivals
 _LONGEST_HEADER = 10_000  # bytes, of numpy's arrays
 
 
@@ -143,14 +144,16 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
             f"{rows} rows; voltages of shape {voltages.shape} are (frames, rows, electrodes), are the "
             "axes exchanged?"
         )
+    stamps, row_period = _stamps(path, arrays, len(voltages)), _row_period(path, arrays)
+    _check_times(path, stamps, row_period * rows)
     return FramesFile(
         voltages,
         grounded.astype(np.uint16),
         _drive_voltage(path, arrays),
-        _stamps(path, arrays, len(voltages)),
+        stamps,
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
-        _row_period(path, arrays),
+        row_period,
         "contact_law" in arrays and not arrays["contact_law"].size,
     )
 
@@ -322,6 +325,17 @@ def _row_period(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> float
         return 0.0
     (seconds,) = _numbers(path, "row_period", arrays["row_period"], 1)
     return checks.not_negative(seconds, f"{path}: row_period", "time in s")
+
+
+def _check_times(path: str | os.PathLike, stamps: np.ndarray | None, lasts: float) -> None:
+    """Refuse rows that take far longer, s, than from one frame to the next: they are not in s."""
+    steps = np.diff(np.empty(0) if stamps is None else stamps.astype(float))
+    if not (steps > 0).any() or lasts <= _OVERLONG * (step := np.median(steps[steps > 0])):
+        return
+    raise InputError(
+        f"{path}: row_period: the rows of a frame would take {lasts:.3g} s, and frames follow one another "
+        f"after {step:.3g} s: row_period and stamps are in s"
+    )
 
 
 def _stamps(

@@ -16,6 +16,7 @@ from tomotactile_ros.devices.protocol import NO_READING, OWN_ORDER, Row, unpack_
 
 _RECENT = 16
 _ORDERS = 64  # commanded orders that are remembered
+_HIGHEST = 1e30  # V, of readings that were brought to another drive voltage
 _BLOCK = 16  # rows converted at a time: one by one costs more, all at the end takes longer then
 
 
@@ -25,7 +26,8 @@ class RowsOfFrame:
 
     `frame_time` is when the first of the rows began. `row_period` (µs) is the median time from the
     end of one row to the end of the next, so that a row that was late or a counter that slipped
-    does not move it; 0 where no row tells.
+    does not move it; 0 where no row tells.  `drive_voltage` is that of the first row, and what was
+    read under another one is told in proportion; `drive_span` (V) is from the lowest to the highest.
     """
 
     voltages: np.ndarray
@@ -36,6 +38,7 @@ class RowsOfFrame:
     drive_voltage: float
     missing: int
     row_period: float
+    drive_span: float = 0.0
 
 
 @dataclass
@@ -187,15 +190,15 @@ class FrameAssembler:
         self._missing = rows
         self._block: list[Row] = []
         self._ends = np.full(rows, -1)
-        self._drive_voltage = 0.0
+        self._drives: list[float] = []
 
     def _convert(self) -> None:
         """Make voltages of the rows that wait; few are left to do when the last one comes."""
         rows, self._block = self._block, []
         places = [row.row for row in rows]
-        self._voltages[places] = voltages_of(rows)
+        self._drives += [row.drive_voltage for row in rows]
+        self._voltages[places] = voltages_of(rows, self._drives[0])
         self._ends[places] = [row.row_end for row in rows]
-        self._drive_voltage = rows[-1].drive_voltage
 
     def _finish(self) -> None:
         self._finished, self._key = self._key, None
@@ -210,9 +213,10 @@ class FrameAssembler:
             sequence,
             frame_time,
             frame_time + int(self._ends.max()),
-            self._drive_voltage,
+            self._drives[0],
             self._missing,
             row_period(self._ends),
+            max(self._drives) - min(self._drives),
         )
 
 
@@ -259,22 +263,23 @@ class RunAssembler:
     def _finish(self) -> RowsOfFrame:
         rows, self._run = self._run, []
         ends = np.array([row.row_end for row in rows])
-        last = rows[-1]
+        last, drive_voltage = rows[-1], rows[0].drive_voltage
         return RowsOfFrame(
-            voltages_of(rows),
+            voltages_of(rows, drive_voltage),
             np.array([row.grounded for row in rows], np.uint16),
             last.sequence,
             last.frame_time + self._begin,
             last.frame_time + int(ends.max()),
-            last.drive_voltage,
+            drive_voltage,
             0,
             row_period(np.maximum(ends - self._begin, 0)),
         )
 
 
-def voltages_of(rows: Sequence[Row]) -> np.ndarray:
-    """(L, E) float32 voltages of rows of one scan, V; NaN: no valid reading.
+def voltages_of(rows: Sequence[Row], drive_voltage: float) -> np.ndarray:
+    """(L, E) float32 voltages of rows of one scan under one drive voltage, V; NaN: no valid reading.
 
+    All that is read is proportional to what drives the sheet, and a supply may sag from row to row.
     Version 1 has no reading of the grounded electrode itself, whatever stands in its place.
     """
     counts = unpack_counts(b"".join(row.readings for row in rows)).reshape(len(rows), -1)
@@ -284,6 +289,12 @@ def voltages_of(rows: Sequence[Row]) -> np.ndarray:
         voltages = (counts - zeros) * scales
     else:
         voltages = counts * scales
+    drives = np.array([row.drive_voltage for row in rows])[:, None]
+    if drive_voltage > 0 and (drives != drive_voltage).any():
+        factors = np.divide(drive_voltage, drives, out=np.ones_like(drives), where=drives > 0)
+        brought = voltages * factors
+        brought[np.abs(brought) > _HIGHEST] = np.nan
+        voltages = brought.astype(np.float32)
     voltages[counts == NO_READING] = np.nan
     if rows[0].version == 1:
         voltages[np.arange(len(rows)), [row.grounded for row in rows]] = np.nan

@@ -31,6 +31,8 @@ class DeviceClock:
     ----------
     late_since : float or None
         Host time since when every arrival has been late.
+    late : float
+        How late the last arrival was, s; below 0 where it was early.
     """
 
     MAX_DRIFT = 2e-3
@@ -44,6 +46,7 @@ class DeviceClock:
         self._slope = self._intercept = 0.0
         self._last_mapped = -np.inf
         self.late_since: float | None = None
+        self.late = 0.0
 
     @property
     def drift(self) -> float:
@@ -55,7 +58,7 @@ class DeviceClock:
         if self._device0 is None:
             self._begin(device, host)
             return
-        late = host - self.to_host(device)
+        late = self.late = host - self.to_host(device)
         if self._has_jumped(device, late):
             self.jumps += 1
             self._begin(device, host)
@@ -115,6 +118,7 @@ class DeviceClock:
         self._device0 = self._last_device = device
         self._host0 = host
         self.late_since = None
+        self.late = 0.0
         self._slope = self._intercept = 0.0
         self._minima.clear()
         self._least = (0.0, 0.0)

@@ -13,6 +13,7 @@ from tomotactile_ros.devices.health import Recent, Trouble
 
 FRAMES, MORE = 3.0, 1.0  # a row ends within so many frames and so many s behind its frame's begin
 OFTEN = 0.1  # of the frames
+VARIES = 0.1  # of the drive voltage: readings are brought to one, which lifts offsets with them
 TOO_OFTEN = 5  # beginnings anew within 10 s
 
 
@@ -20,15 +21,22 @@ class Doubts:
     """Looks at rows and frames of one device; its troubles are those of the last 10 s."""
 
     def __init__(self) -> None:
-        # frames, whose numbers do not rise, whose rows have no times, are mistaken; beginnings anew
-        self._recent = Recent(5)
+        # frames, whose numbers do not rise, whose rows have no times, are mistaken; beginnings anew,
+        # and after a delay that nothing else told of; whose drive voltage varies
+        self._recent = Recent(7)
+        self._delay = 0.0  # s, of the last of those
         self._rates = (1.0, 1.0)
         self._last: RowsOfFrame | None = None
 
     def begin(self, again: bool) -> None:
         """The device has told who it is, for the first time or `again`."""
         self._last = None
-        self._recent.add(0, 0, 0, 0, again)
+        self._recent.add(0, 0, 0, 0, again, 0, 0)
+
+    def waited(self, seconds: float) -> None:
+        """Rows have waited so long on the line, and their times did not tell."""
+        self._delay = seconds
+        self._recent.add(0, 0, 0, 0, 0, 1, 0)
 
     def rate_is(self, rate: float) -> None:
         """The device has told its rate, frames/s; a frame of the one before may be under way."""
@@ -46,11 +54,12 @@ class Doubts:
         stands = last is not None and rows.frame_time > last.frame_time and not jumped
         if stands:
             stands = not 0 < (rows.sequence - last.sequence) & 0xFFFFFFFF < 1 << 31
-        self._recent.add(1, stands, timeless, rows_are_mistaken(rows), jumped)
+        varies = rows.drive_span > VARIES * rows.drive_voltage
+        self._recent.add(1, stands, timeless, rows_are_mistaken(rows), jumped, 0, varies)
 
     def troubles(self) -> list[Trouble]:
         """What is to be said."""
-        frames, stands, timeless, mistaken, anew = self._recent.sums()
+        frames, stands, timeless, mistaken, anew, waited, varies = self._recent.sums()
         found = []
         if stands:
             text = f"the numbers of {stands:.0f} frames do not rise, though their times do"
@@ -64,9 +73,21 @@ class Doubts:
                 "the device tells wrong rows or grounded electrodes"
             )
             found.append(Trouble("rows", True, text))
+        if varies > OFTEN * frames:
+            text = (
+                f"the drive voltage changes by more than {100 * VARIES:.0f} % within frames: the device's "
+                "supply sags, or what it tells of it is wrong"
+            )
+            found.append(Trouble("drive", False, text))
         if anew:
             text = f"device or line have begun anew {anew:.0f} times within 10 s"
             found.append(Trouble("anew", anew >= TOO_OFTEN, text))
+        if waited:
+            text = (
+                f"frames had waited {self._delay:.2g} s on the line, and their times did not tell: the "
+                "line is a little slower than the sensor (lower its rate), or the device's clock is fast"
+            )
+            found.append(Trouble("delay", False, text))
         return found
 
 

@@ -20,6 +20,7 @@ from tomotactile_ros.devices.base import Frame, ThreadedDevice
 from tomotactile_ros.devices.capture import Capture
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.conversation import ANSWER_TIME, Conversation, check_identity
+from tomotactile_ros.devices.delay import RoundTrips
 from tomotactile_ros.devices.doubts import Doubts
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.line import Line, LineFault, open_line
@@ -254,7 +255,8 @@ class SerialDevice(ThreadedDevice):
         self._empty(talk)
         self._anchored = self._restarted = False
         self._apply_settings(talk)
-        self._alive = self._told
+        self._trips = RoundTrips()
+        self._alive = self._told + ANSWER_TIME - KEEP_ALIVE_PERIOD
         counters = self._parser.counters
         bytes_then = counters.bytes
         while not self._stopped():
@@ -273,7 +275,9 @@ class SerialDevice(ThreadedDevice):
             elif arrival - self._heard > self._patience(talk):
                 self._report_silence(counters.bytes - bytes_then)
                 return
-            if self._is_behind(arrival):
+            if self._trips.wait:
+                self._doubts.waited(self._trips.hidden)
+            if self._trips.wait or self._is_behind(arrival):
                 self._empty(talk)
                 return
         talk.command(protocol.STOP)
@@ -287,9 +291,10 @@ class SerialDevice(ThreadedDevice):
         elif self._address and self._started:
             if talk.arrival - max(self._heard, self._told) > self._frame_patience():
                 self._ask_frame(talk)  # the end of one was lost
-        elif talk.version > 1 and talk.arrival - self._alive > KEEP_ALIVE_PERIOD:
+        elif talk.arrival - self._alive > KEEP_ALIVE_PERIOD and (talk.version > 1 or self._started):
             self._alive = talk.arrival
-            talk.command(protocol.KEEP_ALIVE)
+            kind = protocol.KEEP_ALIVE if talk.version > 1 else protocol.IDENTIFY
+            self._trips.ask(talk.command(kind), talk.arrival)
 
     def _empty(self, talk: Conversation) -> None:
         """Stop the device, and throw away what is still on the way: it would be taken for new.
@@ -442,8 +447,11 @@ class SerialDevice(ThreadedDevice):
         elif isinstance(packet, protocol.Error) and (not packet.tag or self._is_answered(packet)):
             self._note = f"device: {packet}"
             self._faulty = self._faulty or not packet.tag
-        elif isinstance(packet, protocol.Status):
-            self._take_status(packet, talk.arrival)
+        elif isinstance(packet, (protocol.Status, protocol.Identity)):
+            period = 1.0 / self._device_rate
+            self._trips.answer(packet.tag, talk.arrival, self._clock.late, period)
+            if isinstance(packet, protocol.Status):
+                self._take_status(packet, talk.arrival)
             return not self._started
         return True
 
@@ -496,6 +504,8 @@ class SerialDevice(ThreadedDevice):
 
         A repeated command is answered by the answer to any of its repetitions.
         """
+        if self._trips.asked(answer.tag):  # a device that refuses a sign of life is not in trouble
+            return False
         if self._asked.get(answer.tag) != answer.command:
             self._answers_ignored += 1
             return False

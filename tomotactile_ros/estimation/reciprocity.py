@@ -77,11 +77,12 @@ def fit_gains(
     for form in (_logarithms, _differences):  # the first converges from afar, the second is right
 
         def at(now, scale, form=form):
-            """One term for each frame, and the cost of all."""
-            terms = [
-                _Terms(m, *form(v, m, n, now, noise / drive))
-                for v, m, n in zip(readings, both, scale)
-            ]
+            """One term for each frame, and the cost of all; no number where steps are far too long."""
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+                terms = [
+                    _Terms(m, *form(v, m, n, now, noise / drive))
+                    for v, m, n in zip(readings, both, scale)
+                ]
             return terms, sum(t.cost for t in terms) + (((now - mean) / deviation) ** 2).sum()
 
         terms, cost = at(now, scale)
@@ -98,7 +99,7 @@ def fit_gains(
                 if reached <= cost:
                     break
             gained = cost - reached
-            if gained <= 0:
+            if not gained > 0:
                 break
             now, scale, terms, cost = now + part * change, scale + part * follow, tried, reached
             if gained < _SETTLED:

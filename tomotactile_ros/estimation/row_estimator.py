@@ -259,6 +259,9 @@ class RowEstimator:
             return
         state.looked, state.passed = seen.ended, False
         left_out = {e: why for e, why in estimate.left_out.items() if why != EXCLUDED}
+        left = len(self.estimator.layout.positions) - len({*left_out, *self.estimator.excluded})
+        if left < 2:  # nothing to follow with; the estimate says so, and the next one may find more
+            left_out = state.left_out
         if set(left_out) != set(state.left_out):  # other electrodes: what rows told was of others
             state.left_out = left_out
             now = state.rows.time

@@ -246,16 +246,17 @@ class Reconstruction:
         elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
             raise InputError("the voltages are too extreme for an image")
         else:
-            self._outputs.publish(result.pressure, result.contacts, header)
-            if not followed:
+            if not followed:  # before the pictures, which may take long
                 self._outputs.publish_contacts(result.contacts, holds)
+            self._outputs.publish(result.pressure, result.contacts, header)
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start
-        self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took)
+        lasts = frame.row_period * len(frame.grounded)
+        self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took, lasts)
         if tells:
             self._rows.correct(self._pipeline, frame)
 

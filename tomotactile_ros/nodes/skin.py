@@ -3,6 +3,7 @@
 It publishes with every message of a sensor, and goes on to say who is silent when none come.
 """
 
+import math
 import time
 from copy import copy
 
@@ -19,6 +20,7 @@ from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
+from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.parameters import Parameters, Spec
@@ -27,6 +29,7 @@ from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.skin import Skin
 from tomotactile_ros.spatial import Pose, wrench_of
+from tomotactile_ros.support.checks import LONGEST
 from tomotactile_ros.support.errors import InputError, printable
 
 SPECS = (
@@ -34,8 +37,17 @@ SPECS = (
     Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True, frame=True),
     Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
     Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
+    Spec(
+        "max_age",
+        2.0,
+        "s; contacts of longer ago, by their stamps, are not known; 0: any age",
+        low=0.0,
+        high=3600.0,
+    ),
 )
 _ID_BITS = 24
+_STRONGEST = 1e6  # N: whatever a sensor feels is far below
+_UNIT = 0.01  # of a direction's length
 _QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 _HEARING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -124,8 +136,10 @@ class SkinPart:
         member.complaint = ""
         if message.state != ContactArray.VALID:
             member.complaint = printable(message.reason) or "its contacts are not valid"
+        elif self._too_old(message.header):
+            member.complaint = "its contacts are too old, by their stamps (max_age)"
         try:
-            _check(message.contacts)
+            check_contacts(message.contacts)
             member.contacts = moved(message.contacts, self._locate(message.header))
             member.force, member.torque = wrench_of(
                 [_array(c.position) for c in member.contacts],
@@ -136,6 +150,11 @@ class SkinPart:
             member.complaint = str(error)
             self._log.warning(f"{name}: {error}", throttle_duration_sec=5.0)
         self._publish(message.header.stamp)
+
+    def _too_old(self, header: Header) -> bool:
+        """Whether contacts hold for a time that is too long ago: they may have waited on the way."""
+        age = self._node.get_clock().now().nanoseconds * 1e-9 - stamp_of(header)
+        return 0 < self.parameters["max_age"] < age
 
     def _go_on(self) -> None:
         """Say who is silent while nobody sends."""
@@ -161,12 +180,18 @@ class SkinPart:
         self._skin.timeout = values["timeout"]
 
 
-def _check(contacts: list[Contact]) -> None:
-    """Refuse contacts that are nowhere or press with no finite force."""
+def check_contacts(contacts: list[Contact]) -> None:
+    """Refuse contacts that are nowhere, pull, or press with no finite force in no direction."""
     for c in contacts:
         values = (*_array(c.position), *_array(c.normal), *_array(c.tangent), c.force)
         if not np.isfinite(values).all():
             raise InputError("a contact has a place, a direction or a force that is not finite")
+        if not (0.0 <= c.force <= _STRONGEST and np.abs(_array(c.position)).max() <= LONGEST):
+            raise InputError(
+                f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be"
+            )
+        if not abs(math.hypot(*_array(c.normal)) - 1.0) <= _UNIT:
+            raise InputError("the normal of a contact is no direction: its length is not 1")
 
 
 def moved(contacts: list[Contact], pose: Pose) -> list[Contact]:

@@ -21,7 +21,7 @@ from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.at_rest import at_rest
 from tomotactile_ros.reconstruction.frame_checks import ordered
-from tomotactile_ros.reconstruction.tare_file import Tare, load_tare, this_boot
+from tomotactile_ros.reconstruction.tare_file import Tare, is_tare, load_tare, this_boot
 from tomotactile_ros.support.errors import InputError
 
 SPECS = (
@@ -169,11 +169,24 @@ class Taring:
         self._lost = self._note = ""
         self._tare = Tare(pipeline.layout.id, pipeline.baseline, frames, time.time(), this_boot())
         try:
+            self._spare_others()
             self._tare.save(self._file)
         except InputError as error:
             self._note = f"the tare would not survive a crash: {error}"
 
+    def _spare_others(self) -> None:
+        """InputError where the file that somebody named holds anything else than a tare."""
+        if self._named and self._file.exists() and not is_tare(self._file):
+            raise InputError(
+                f"{self._file}: is no file of a tare and stays as it is; remove it, or name another"
+            )
+
     def _remove(self) -> None:
+        try:
+            self._spare_others()
+        except InputError as error:
+            self._log.warning(str(error))
+            return
         try:
             self._file.unlink(missing_ok=True)
         except OSError as error:

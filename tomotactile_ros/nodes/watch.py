@@ -13,6 +13,7 @@ _RESTART = 2**16
 _SOME, _MANY = 0.01, 0.1  # of the frames
 _WINDOW = 10  # s
 _OLD = 1.0  # s from a frame's stamp to its image, or the other way round
+_OVERLONG = 2.0  # times the distance between stamps: stamps of other drivers may jitter
 _PATIENCE = 2.0  # s without a frame before it is said
 
 
@@ -40,19 +41,28 @@ class FrameWatch:
         """Begin to wait anew."""
         self._since = self._begun = time.monotonic()
         self._refusal = self._incompatible = ""
-        # frames processed, missed, refused, stamped before the one before
-        self._recent = Recent(4, _WINDOW)
+        # frames processed, missed, refused, stamped before the one before, longer than from one to
+        # the next
+        self._recent = Recent(5, _WINDOW)
+        self._lasts = self._step = 0.0
 
-    def accepted(self, sequence: int, stamp: float, latency: float, duration: float) -> None:
-        """Note a processed frame: its stamp, s, s from there to its image, s of work."""
+    def accepted(
+        self, sequence: int, stamp: float, latency: float, duration: float, lasts: float = 0.0
+    ) -> None:
+        """Note a processed frame: its stamp, s, s from there to its image, s of work, and s that its
+        rows took."""
         gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
         # a simulated clock goes back whenever a bag starts over
         back = stamp < self._stamp and not self._node.get_clock().ros_time_is_active
         self.stamps_back += back
+        step = stamp - self._stamp
+        overlong = gap == 0 and lasts > _OVERLONG * step > 0
+        if overlong:
+            self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
-        self._recent.add(1, missed, 0, back)
+        self._recent.add(1, missed, 0, back, overlong)
         self.processed += 1
         self._latencies.append(latency)
         self._durations.append(duration)
@@ -61,7 +71,7 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1, 0)
+        self._recent.add(0, 0, 1, 0, 0)
         self._refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
@@ -73,7 +83,7 @@ class FrameWatch:
 
         Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        processed, missed, refused, back = self._recent.sums()
+        processed, missed, refused, back, overlong = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
@@ -98,6 +108,13 @@ class FrameWatch:
                 "over, or several publish"
             )
             found.append(Trouble("stamps", back > _MANY * processed, text))
+        if overlong > _MANY * processed:
+            text = (
+                f"the rows of a frame take {self._lasts:.3g} s by its row_period, and frames follow one "
+                f"another after {self._step:.3g} s: times and velocities of contacts are wrong (row_period "
+                "is in s)"
+            )
+            found.append(Trouble("row period", True, text))
         age = float(np.median(self._latencies)) if self._latencies else 0.0
         if age > _OLD:
             text = f"frames are {age:.3g} s old: clocks differ, or messages take long"
@@ -109,7 +126,7 @@ class FrameWatch:
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""
-        processed, missed, _, _ = self._recent.sums()
+        processed, missed, *_ = self._recent.sums()
         figures = {
             "frames_processed": self.processed,
             "frames_refused": self.refused,

@@ -12,6 +12,11 @@ LARGEST_VOLTAGE = 1e3  # V; beyond, a reading is no reading
 # V rms, in parts of the drive voltage: the converter cuts off what noise adds beyond its range, and
 # what is left is not noise around what is true
 MOST_NOISE = 0.2
+# times the noise: mean readings of a row that is plainly of an untouched sheet, or of a touched one
+_UNTOUCHED, _TOUCHED = 3.0, 30.0
+_CHANGES = 4  # from one to the other: a touch that begins and ends, and one row on its electrode
+_STILL = 6.0  # times the noise, that a channel spans which never changes; ten times as much does
+_MOVING = 2, 0.05  # channels, and share of them, that a touch is taken from and not broken wires
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
@@ -56,6 +61,39 @@ def ordered(layout: Layout, voltages, grounded) -> np.ndarray:
     frame = np.full((layout.electrodes, layout.electrodes), np.nan)
     frame[grounded] = rows
     return frame
+
+
+def alternates(rows: np.ndarray, noise: float) -> bool:
+    """Whether rows (L, E), V, show a touch and none in turn, more often than a touch comes and goes
+    within a frame: some of them were not read, and what they say is 0 V.
+
+    A row is that of an untouched sheet, too, where all that presses lies on the grounded electrode.
+    """
+    read = ~np.isnan(rows)
+    counts = np.count_nonzero(read, axis=1)
+    means = np.where(read, np.abs(rows), 0.0).sum(axis=1) / np.maximum(counts, 1)
+    clear = (counts > 0) & ((means < _UNTOUCHED * noise) | (means > _TOUCHED * noise))
+    touched = means[clear] > _TOUCHED * noise
+    return bool(np.count_nonzero(touched[1:] != touched[:-1]) > _CHANGES)
+
+
+def standing_still(rows: np.ndarray, noise: float) -> int:
+    """How many channels of rows (L, E), V, never change though others are raised and do, where that
+    is more than half of them; otherwise 0.
+
+    Every channel sees a touch, by about as much as the others, so that these tell nothing, and whether
+    something touches is not to be judged by them.
+    """
+    read = ~np.isnan(rows)
+    counts = np.count_nonzero(read, axis=0)
+    highest = np.where(read, rows, -np.inf).max(axis=0, initial=-np.inf)
+    span = highest - np.where(read, rows, np.inf).min(axis=0, initial=np.inf)
+    raised = np.where(read, rows, 0.0).sum(axis=0) > 10.0 * noise * np.maximum(counts, 1)
+    seen = counts > 2
+    still = int(np.count_nonzero(seen & (span < _STILL * noise)))
+    moving = np.count_nonzero(seen & raised & (span > 10.0 * _STILL * noise))
+    enough = max(_MOVING[0], _MOVING[1] * rows.shape[1])
+    return still if moving >= enough and still > np.count_nonzero(seen) / 2 else 0
 
 
 def last_of_each(voltages, grounded) -> tuple[np.ndarray, np.ndarray]:

@@ -27,12 +27,14 @@ from tomotactile_ros.reconstruction.estimate import (
     disc_cells,
 )
 from tomotactile_ros.reconstruction.frame_checks import (
+    alternates,
     check_drive_voltage,
     is_idle,
     last_of_each,
     ordered,
     ordered_row,
     rows_of,
+    standing_still,
 )
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.mistakes import Doubts
@@ -59,6 +61,15 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
+IN_TURN = (
+    "rows of a touched sheet and of an untouched one come in turn: some rows are not read (a contact "
+    "that is loose, the supply, the electronics)"
+)
+STILL = "a multiplexer, a converter or its supply is broken or not connected"
+ANYWHERE = (
+    "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
+    "of the channels, which a tare takes off"
+)
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -244,13 +255,17 @@ class Pipeline:
         return result if settings.contact_law is not None else result.without_law(settings.law)
 
     def _no_ground(self, voltages, grounded, drive_voltage) -> str:
-        """What is wrong where readings do not depend on what is grounded."""
+        """What is wrong where readings do not depend on what is grounded, or whole rows on nothing."""
         chosen = np.asarray(grounded, int)
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
         rows[:, self._excluded] = np.nan
         if self.sensor is not None:
             rows -= self.sensor["offset"]
+        if still := standing_still(rows, self.settings.noise):
+            return f"{still} of {rows.shape[1]} channels never change while others do: {STILL}"
         rows[:, stuck_channels(rows, ~np.isnan(rows), self.settings.noise)] = np.nan
+        if alternates(rows, self.settings.noise):
+            return IN_TURN
         places = self.layout.positions
         return ground_is_doubtful(rows, places[chosen], places, drive_voltage, self.settings.noise)
 
@@ -378,6 +393,9 @@ class Pipeline:
             return replace(self._withheld(*why), noise=noise)
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
+        if any(_may_be_anywhere(contact, self.layout) for contact in contacts):
+            why = ANYWHERE, bad, estimate.left_out, estimate.misfit, lasts
+            return replace(self._withheld(*why), noise=noise)
         pressure, conductance = self._drawn(estimate.parts)
         level = self.settings.level
         if level is None or idle:
@@ -676,6 +694,14 @@ def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
         contact.velocity,
         contact.conductance,
     )
+
+
+def _may_be_anywhere(contact: ContactEstimate, layout: Layout) -> bool:
+    """Whether one standard deviation of a contact's place is more than half of the sheet."""
+    covariance = np.reshape(contact.position_covariance, (2, 2))
+    if np.isnan(covariance).any():  # not known, as of contacts read from an image
+        return False
+    return bool(np.trace(covariance) > (max(layout.outline.size) / 2) ** 2)
 
 
 def _numbers(bad) -> tuple[int, ...]:

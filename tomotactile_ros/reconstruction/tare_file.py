@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,14 @@ def this_boot() -> str:
         return _BOOT.read_text(encoding="ascii").strip()
     except OSError:
         return ""
+
+
+def is_tare(path: str | os.PathLike) -> bool:
+    """Whether it is a file of a tare, of whatever layout."""
+    try:
+        return {each.name for each in fields(Tare)} <= load_arrays(path).keys()
+    except InputError:
+        return False
 
 
 def load_tare(path: str | os.PathLike, layout_id: str, electrodes: int) -> Tare:

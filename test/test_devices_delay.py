@@ -1,0 +1,130 @@
+"""Lines that carry a little less than the sensor sends, in simulated time: no old data as fresh."""
+
+import math
+from collections import deque
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from devices_support import E, counted
+
+from tomotactile_ros.devices.firmware import EmulatedDevice
+from tomotactile_ros.devices.serial import SerialDevice
+from tomotactile_ros.devices.world import Settings
+
+RATE = 10.0  # frames/s
+STEP = 0.01  # s that a read takes
+
+
+class SlowWorld:
+    """A device behind a line that carries `speed` bytes/s and stores the rest, in simulated time.
+
+    `device_clock` is the device's time at a time, s; `answering` how long the device takes to hear
+    a command, s.
+    """
+
+    def __init__(self, versions, speed, seconds, device_clock=float, answering=0.0, sensor=None):
+        self.t, self._end, self._speed, self._answering = 0.0, seconds, speed, answering
+        self.begun: dict[int, float] = {}
+        self._line: deque[bytes] = deque()  # on the way to the host
+        self._commands: deque[tuple[float, bytes]] = deque()
+        self._room = 0.0
+        self.device = (sensor or EmulatedDevice)(
+            self._source, E, rate=RATE, versions=versions, clock=device_clock
+        )
+
+    def _source(self, elapsed, sequence, order):
+        self.begun[sequence] = self.device._start
+        return counted(elapsed, sequence, order)
+
+    def _goes_on(self, seconds):
+        self.t += seconds
+        while self._commands and self._commands[0][0] <= self.t:
+            self._line.append(self.device.receive(self._commands.popleft()[1], self.t))
+        self._line.append(self.device.rows_due(self.t))
+        waiting = b"".join(self._line)
+        self._room = min(self._room + seconds * self._speed, max(len(waiting), 1.0))
+        count = int(self._room)
+        self._room -= min(count, len(waiting))
+        self._line = deque([waiting[count:]])
+        return waiting[:count]
+
+    def now(self):
+        return self.t
+
+    def unix_time(self, monotonic):
+        return monotonic
+
+    def first_tag(self):
+        return 1
+
+    def stopped(self):
+        return self.t > self._end
+
+    def changed(self):
+        return False
+
+    def settings(self):
+        return Settings()
+
+    def wait(self, seconds):
+        self._goes_on(seconds)
+
+    def open(self, port, baud):
+        return SimpleNamespace(name=port, baud=baud, low_latency=False, close=lambda: None)
+
+    def read(self, line, timeout):
+        return self._goes_on(STEP), self.t
+
+    def write(self, line, data):
+        self._commands.append((self.t + self._answering, data))
+
+
+def bytes_per_second(versions):
+    """What a device sends in a second, so that a line can carry a part of it."""
+    world = SlowWorld(versions, math.inf, 10.0)
+    heard = []
+    read = world.read
+    world.read = lambda *words: heard.append(read(*words)) or heard[-1]
+    SerialDevice("/dev/null", E).relive(world, lambda frame: None)
+    return sum(len(data) for data, _ in heard) / 10.0
+
+
+def lived(world):
+    """The device afterwards; true age of each frame when it came, and what its stamp says, s; what
+    was told meanwhile."""
+    device = SerialDevice("/dev/null", E)
+    ages, told = [], set()
+
+    def take(frame):
+        ages.append((world.t - world.begun[frame.sequence], world.t - frame.stamp))
+        if len(ages) % 20 == 0:
+            told.update(trouble.text for trouble in device.status().troubles)
+
+    device.relive(world, take)
+    return device, np.array(ages).T, " ".join(told)
+
+
+@pytest.mark.parametrize("versions", [(1,), (2,)])
+@pytest.mark.parametrize("fast", [0.0, 0.002, 0.05])
+def test_a_delay_that_grows_as_the_devices_clock_gains_is_found(versions, fast):
+    """The clock hides what waits on the line: frames would be seconds old and stamped now."""
+    lack = max(fast, 0.0015)
+    speed = bytes_per_second(versions) * (1.0 - lack)
+    world = SlowWorld(versions, speed, 1.0 / lack, lambda t: t * (1.0 + fast))
+    device, (true, stamped), told = lived(world)
+    assert len(true) > 0.9 * RATE / lack
+    assert (true - stamped).max() < 0.6
+    assert device.status().counters["reconnects"] >= 1
+    assert "had waited 0." in told
+
+
+@pytest.mark.parametrize("versions", [(1,), (2,)])
+@pytest.mark.parametrize("answering", [0.0, 0.08])
+def test_a_line_that_is_fast_enough_is_left_alone(versions, answering):
+    world = SlowWorld(versions, 2.0 * bytes_per_second(versions), 60.0, answering=answering)
+    device, (true, stamped), told = lived(world)
+    assert len(true) > 0.99 * RATE * 59.0
+    assert np.abs(true - stamped).max() < 0.02
+    assert "waited" not in told
+    assert device.status().counters["reconnects"] == 0
