@@ -19,6 +19,7 @@ import json
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -40,6 +41,7 @@ DATA = ROOT / "build" / "layouts"
 JUDGES = ("bench", "estimation", "evaluation", "reconstruction", "sheet")  # what figures rest on
 SCALES = (0.95, 0.9, 0.86)
 SHIPPED = ("free", "optimized", "balanced", "touch")
+DRAWS = 4000  # of the bootstrap
 MOVED = 0.25  # of a spacing, uniform, of layouts at random
 AMOUNTS = {
     "4": Amount(40, 16, (0.04, 0.05)),
@@ -101,11 +103,13 @@ def words(name: str, kind: str) -> str:
 def figures(layout: Layout, kind: str, amount: Amount, profiles) -> dict:
     """What is expected and what is measured, as plain data."""
     found = expected(layout, Conditions(apart=usual_apart(layout)), PLACES[kind])
-    data = reference(layout, amount, DATA)
+    measured = list(measure(reference(layout, amount, DATA), profiles, layout.grounded))
     return {
         "expected": [*map(float, found.lengths), found.score],
-        "measured": {
-            each.profile: each.figures for each in measure(data, profiles, layout.grounded)
+        "measured": {each.profile: each.figures for each in measured},
+        "places": {
+            each.profile: {sheet: errors.tolist() for sheet, errors in each.place.items()}
+            for each in measured
         },
     }
 
@@ -141,6 +145,31 @@ def force_table(found: dict, profiles, kind) -> list[str]:
     for name, each in found.items():
         both = [each["measured"][p][sheet]["force"] for p in profiles for sheet in (EVEN, UNEVEN)]
         rows.append([words(name, kind), *(f"{100 * a:.1f}, {100 * b:.1f}" for a, b in both)])
+    return list(markdown(header, rows))
+
+
+def ratio_table(found: dict, profiles, kind) -> list[str]:
+    """Mean and p95 of the place relative to the first layout, on the same contacts: with intervals
+    of 95 % by the bootstrap over contacts, in pairs."""
+    first, *others = found
+    header = ["layout", *(f"{p}, {sheet}: mean, p95" for p in profiles for sheet in (EVEN, UNEVEN))]
+    rows = []
+    for name in others:
+        cells = [words(name, kind)]
+        for profile in profiles:
+            for sheet in (EVEN, UNEVEN):
+                errors = [np.array(found[k]["places"][profile][sheet]) for k in (name, first)]
+                drawn = np.random.default_rng(0).integers(
+                    len(errors[0]), size=(DRAWS, len(errors[0]))
+                )
+                parts = []
+                for figure in (np.mean, partial(np.percentile, q=95)):
+                    mine, its = (figure(each[drawn], axis=1) for each in errors)
+                    low, high = np.percentile(mine / its, (2.5, 97.5))
+                    ratio = figure(errors[0]) / figure(errors[1])
+                    parts.append(f"x {ratio:.2f} ({low:.2f} to {high:.2f})")
+                cells.append(", ".join(parts))
+        rows.append(cells)
     return list(markdown(header, rows))
 
 
@@ -220,7 +249,7 @@ def main():
         if args.only and name not in args.only and layout.name not in map(_stem, args.layout):
             continue
         which = "-".join([today, str(amount.singles), *args.profiles])
-        kept = DATA / f"{layout.id.replace('#', '-')}-figures-{which}.json"
+        kept = DATA / f"{layout.id.replace('#', '-')}-errors-{which}.json"
         if kept.exists():
             found[name] = json.loads(kept.read_text())
         else:
@@ -228,6 +257,8 @@ def main():
             kept.write_text(json.dumps(found[name]))
         print(name, json.dumps(found[name]), file=sys.stderr, flush=True)
     tables = [place_table, force_table]
+    if len(found) > 1:
+        tables.append(ratio_table)
     if amount.pairs:
         tables.append(pair_table)
     if len(found) > 2:
