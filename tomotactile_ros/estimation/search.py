@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.arrangement import (
     gathered,
     halved,
     merged,
+    one_of,
     overlaps,
     patches_of,
     resting,
@@ -41,6 +42,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.shape import Shapes, again, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -107,10 +109,12 @@ FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 @dataclass(frozen=True)
 class Start:
-    """What a first `look` at rows shows, and the `fit` near which the best one is looked for."""
+    """What a first `look` at rows shows, and the `fit` near which the best one is looked for; the
+    `shape` of cells that was fitted, if one was."""
 
     look: FirstLook
     fit: Fit
+    shape: Fit | None = None
 
 
 class Solver(Protocol):
@@ -125,7 +129,7 @@ class Search:
 
     def __init__(self, operator: SheetOperator, effort: Effort = FULL):
         self.operator, self.effort = operator, effort
-        self.detector = Detector(operator)
+        self.detector, self.shapes = Detector(operator), Shapes(operator)
         self._known, self._refused = None, 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
@@ -157,16 +161,29 @@ class Search:
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
-        if start is not None and len(start.unknowns.contacts):
+        if start is not None and start.unknowns.bond is not None:
+            fit = self._reshaped(start, usual)
+        elif start is not None and len(start.unknowns.contacts):
             fit = self._continued(start, usual)
         else:
             fit = self._first(start or self._at_rest(rows, prior))
+        if fit.unknowns.bond is not None:
+            return fit
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
             if more is None:
                 break
             fit = more
         return self._simplified(fit)
+
+    def _reshaped(self, start: Fit, usual: float) -> Fit:
+        """The fit of a shape from `start` on, or from the beginning if that is far off."""
+        excess = start.chi_squared - usual * start.rows.count
+        if start.covariance is not None and excess < self._threshold * start.doubt:
+            return start
+        if start.chi_squared > _MISFIT * usual * start.rows.count:
+            return self._first(self._at_rest(start.rows, start.prior))
+        return whole(again(start))
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -239,22 +256,25 @@ class Search:
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
-        there = None if start is None else Fit(self.operator, start.in_motion(), rows, prior)
+        gone = start is None or start.bond is not None
+        there = None if gone else Fit(self.operator, start.in_motion(), rows, prior)
         try:
             return self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
             self._changing = False
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
-        """The fit of the contacts of `start`, moving."""
+        """The fit of the contacts of `start`, moving; shapes do not."""
         self._left, self._known = FIRST_LOOK, None
+        if start.bond is not None:
+            return self._reshaped(Fit(self.operator, start, rows, prior), 1.0)
         like = Fit(self.operator, start.in_motion(), rows, prior)
         return self._simplified(self._solve(like.unknowns, like))
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
         self._left = FIRST_LOOK
-        more = self._one_more(fit)
+        more = None if fit.unknowns.bond is not None else self._one_more(fit)
         return fit if more is None else self._simplified(more)
 
     def allows(self, contacts: Unknowns, fit: Fit) -> bool:
@@ -267,7 +287,8 @@ class Search:
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""
         if (
-            not tells_speeds(fit)
+            not fit.unknowns.moving.any()
+            or not tells_speeds(fit)
             or (np.abs(fit.unknowns.rates[:, :2]) > _MOVES * _spread(fit)).any()
         ):
             return fit
@@ -278,7 +299,8 @@ class Search:
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for
         it."""
-        if fit.rows.times is None or not len(fit.unknowns.contacts):
+        u = fit.unknowns
+        if fit.rows.times is None or not len(u.contacts) or u.bond is not None:
             return fit
         tried = self._solve(fit.unknowns.in_motion(), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
@@ -403,8 +425,12 @@ class Search:
         if start is None:
             return fit
         first = start.fit
+        if first.unknowns.bond is not None:
+            return whole(first)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
+        if short and start.shape is not None and self._is_likelier(start.shape, found):
+            return whole(start.shape)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         if short and self._left > 0 and self._falls_short(found):
@@ -499,8 +525,40 @@ class Search:
             discs = self._approached(self._begun(seen, like, len(seen.contacts)))
             if self._is_near(discs):
                 return Start(look, discs)
+        shape = self.shapes.fitted(look, like) if discs is None and not self._changing else None
+        if shape is not None:
+            parts = self._parts(shape, like)
+            likely = not self._is_near(parts) and self._is_likelier(shape, parts)
+            return Start(look, shape if likely else parts, shape)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
+
+    def _parts(self, shape: Fit, like: Fit) -> Fit:
+        """Near the best fit of one disc or ellipse for each part of a shape, as many as may be or as
+        must be."""
+        most, least = groups(shape, 1.0), groups(shape)
+        found = self._parts_of(shape, most, like)
+        if least.max() < most.max():
+            found = self._likelier(found, self._parts_of(shape, least, like))
+        return found
+
+    def _parts_of(self, shape: Fit, group: np.ndarray, like: Fit) -> Fit:
+        """The same for cells that are parts of the contacts `group` (k,)."""
+        u = shape.unknowns
+        strengths = np.exp(u.contacts[:, CONDUCTANCE])
+        sums = np.bincount(group, strengths)
+        strong = np.flatnonzero(sums > _DYNAMIC * sums.max())
+        found = like.unknowns
+        for each in strong[np.argsort(-sums[strong])][:MOST]:
+            found = one_of(u, group == each, found, self.operator.pitch)
+        return self._approached(self._begun(found, like, len(found.contacts)))
+
+    def _is_likelier(self, shape: Fit, found: Fit) -> bool:
+        """Whether the evidence is for a shape of cells rather than for what was found."""
+        doubt = min(shape.doubt, found.doubt)
+        discs = found.chi_squared + found.of_sensor
+        discs = discs / doubt + self._threshold * len(found.unknowns.contacts)
+        return shape.cost / doubt + occam(shape, doubt) < discs
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
@@ -512,8 +570,8 @@ class Search:
         most = 1
         if len(contacts) > 1:
             most = int(np.bincount(clusters(contacts, self.operator.pitch)).max())
-        if most != 2:
-            return most == 1 < len(contacts)
+        if most != 2 and len(contacts) > 1:
+            return most == 1
         linear = Linear(fit, self._known)
         self._known = linear.equations
         return fit.cost - linear.promise < _LEFT_OVER * fit.rows.count
