@@ -109,12 +109,10 @@ FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 @dataclass(frozen=True)
 class Start:
-    """What a first `look` at rows shows, and the `fit` near which the best one is looked for; the
-    `shape` of cells that was fitted, if one was."""
+    """What a first `look` at rows shows, and the `fit` near which the best one is looked for."""
 
     look: FirstLook
     fit: Fit
-    shape: Fit | None = None
 
 
 class Solver(Protocol):
@@ -425,12 +423,13 @@ class Search:
         if start is None:
             return fit
         first = start.fit
-        if first.unknowns.bond is not None:
-            return whole(first)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
-        if short and start.shape is not None and self._is_likelier(start.shape, found):
-            return whole(start.shape)
+        if short and not self._changing:
+            found = self._of_any_shape(found, start.look, fit)
+            if found.unknowns.bond is not None:
+                return found
+            short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         if short and self._left > 0 and self._falls_short(found):
@@ -444,6 +443,20 @@ class Search:
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found
+
+    def _of_any_shape(self, found: Fit, look: FirstLook, rest: Fit) -> Fit:
+        """What was `found`, or what is likelier: a shape of cells, as a first `look` at the rows of
+        `rest`, of no contacts, shows it, or discs and ellipses in the place of its parts."""
+        shape = self.shapes.fitted(look, rest)
+        if shape is None:
+            return found
+        parts = self._parts(shape, rest)
+        if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
+            found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
+        if not self._falls_short(found):
+            return found
+        shape = whole(shape)
+        return shape if self._is_likelier(shape, found) else found
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
@@ -525,11 +538,6 @@ class Search:
             discs = self._approached(self._begun(seen, like, len(seen.contacts)))
             if self._is_near(discs):
                 return Start(look, discs)
-        shape = self.shapes.fitted(look, like) if discs is None and not self._changing else None
-        if shape is not None:
-            parts = self._parts(shape, like)
-            likely = not self._is_near(parts) and self._is_likelier(shape, parts)
-            return Start(look, shape if likely else parts, shape)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
 
@@ -558,7 +566,7 @@ class Search:
         doubt = min(shape.doubt, found.doubt)
         discs = found.chi_squared + found.of_sensor
         discs = discs / doubt + self._threshold * len(found.unknowns.contacts)
-        return shape.cost / doubt + occam(shape, doubt) < discs
+        return bool(shape.cost / doubt + occam(shape, doubt) < discs)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
