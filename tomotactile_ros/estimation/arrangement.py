@@ -130,6 +130,15 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
     return joined
 
 
+def one_of(cells: Unknowns, which: np.ndarray, others: Unknowns, pitch: float) -> Unknowns:
+    """`others` and a disc or an ellipse in the place of the `cells` `which` (k,) of a shape."""
+    contacts = cells.contacts[which]
+    discs = np.tile(_DISC, (len(contacts), 1))
+    part = cells.with_contacts(contacts, np.array(cells.across)[which].tolist(), discs)
+    one = gathered(part, np.arange(len(contacts)), pitch)
+    return others.joined_by(one.contacts[0], one.across[0], one.free[0])
+
+
 def patches_of(contact: np.ndarray, pitch: float) -> int:
     """Patches across a contact (6,), as its longer axis asks for."""
     return patches_for(float(np.exp(contact[RADIUS] + np.hypot(*contact[STRETCH:]))), pitch)

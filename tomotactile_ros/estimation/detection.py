@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tomotactile_ros.estimation.disc import PATCH
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.observation import Rows
@@ -24,8 +25,6 @@ from tomotactile_ros.layouts.grid import Grid
 
 _PER_PITCH = 4  # pixels to one spacing of the electrodes
 _PIXELS = 24, 60  # along the longer side, at least and at most
-# radius of the disc that acts like a square, in sides: its mean log distance to itself
-_PATCH = 0.447
 
 
 class Detector:
@@ -42,7 +41,7 @@ class Detector:
         grid = Grid.for_outline(outline, across)
         self.pixels = grid.pixels
         self.side = float(np.sqrt(grid.cell_area))
-        radii = np.full(len(self.pixels), _PATCH * self.side)
+        radii = np.full(len(self.pixels), PATCH * self.side)
         self.share, self.impedance = operator.points(self.pixels, radii)
 
     def gains(self, prediction: Prediction, rows: Rows, misfit: np.ndarray):

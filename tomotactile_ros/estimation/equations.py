@@ -86,7 +86,7 @@ class Contacts:
         self.free = len(contacts)
         self.flat = (contacts * fit.rows.weights).reshape(self.free, fit.misfit.size)
         curvature, pull = contact_priors(fit)
-        self.normal = self.flat @ contacts.reshape(self.flat.shape).T + np.diag(curvature)
+        self.normal = self.flat @ contacts.reshape(self.flat.shape).T + curvature
         self.right = self.flat @ fit.misfit.ravel() + pull
         self.beside = 0.0
 
@@ -186,7 +186,7 @@ class Equations:
         others = np.hstack([flat @ self.contacts.T, flat @ self.sheet.weighted.T])
         others -= mixed @ self.channels.back
         normal = weighted @ flat.T - mixed @ back
-        normal[np.diag_indices(count)] += curvature[:count]
+        normal += curvature[:count, :count]
         along = Linear(fit, self)
         right = weighted @ fit.misfit.ravel() + pull[:count] - mixed @ along.alone
         scale = 1 / np.sqrt(self.normal.diagonal())
@@ -218,8 +218,8 @@ class Linear(Contacts):
 
     def __init__(self, fit: Fit, known: Equations | None = None):
         self.fit = fit
-        curvature, pull = contact_priors(fit)
-        self.free = len(curvature)
+        pull = contact_priors(fit)[1]
+        self.free = len(pull)
         if known is None or not known.serves(fit):
             super().__init__(fit)
             known = Equations(self, None if known is None else known.sheet)
@@ -237,10 +237,14 @@ class Linear(Contacts):
         return (inverse * scale[:, None] * scale)[: self.free, : self.free]
 
     def _moved(self, step):
+        return self.followed(super()._moved(step), step)
+
+    def followed(self, unknowns: Unknowns, step: np.ndarray) -> Unknowns:
+        """`unknowns` with the sensor as it is after a `step` (F + J,) of contacts and sheet."""
         u = self.fit.unknowns
         gain, offset, resistance, *aside = self.equations.channels.step(self.alone, step)
         return replace(
-            super()._moved(step),
+            unknowns,
             sheet=u.sheet + step[self.free :],
             gain=u.gain + gain,
             offset=u.offset + offset,
@@ -250,9 +254,12 @@ class Linear(Contacts):
 
 
 def contact_priors(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) each: what the priors of the contacts' free parameters and rates add to the diagonal of
-    the normal matrix and to its right side."""
+    """What the priors of the contacts' free parameters and rates add to the normal matrix, (F, F), and
+    to its right side, (F,)."""
     u, prior = fit.unknowns, fit.prior
+    if u.bond is not None:  # a shape: its cells' conductances alone are free
+        strengths = np.exp(u.contacts[:, CONDUCTANCE])
+        return u.bond * np.outer(strengths, strengths), -strengths * (u.bond @ strengths)
     curvature = np.zeros(u.contacts.shape)
     pull = np.zeros(u.contacts.shape)
     curvature[:, X : Y + 1] = max(fit.operator.layout.outline.size) ** -2.0  # somewhere
@@ -263,7 +270,7 @@ def contact_priors(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     pull[:, STRETCH:] = -u.contacts[:, STRETCH:] / prior.stretch**2
     rates = np.broadcast_to(np.array(prior.rates) ** -2.0, u.rates[u.moving].shape)
     return (
-        np.concatenate([curvature[u.free], rates.ravel()]),
+        np.diag(np.concatenate([curvature[u.free], rates.ravel()])),
         np.concatenate([pull[u.free], (-u.rates[u.moving] * rates).ravel()]),
     )
 

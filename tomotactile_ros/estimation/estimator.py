@@ -26,6 +26,7 @@ from tomotactile_ros.estimation.reported import (
     contacts_of,
     joined,
 )
+from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
     clipped,
@@ -245,14 +246,14 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         state.fit = fit
-        parts, group = contacts_of(fit, self._groups(search, fit, state), self.law)
+        contacts, parts = self._reported(search, fit, state)
         if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
             state.forget()
             return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
-        return Estimate(joined(parts, group), parts, "valid", "", left_out, misfit, first), fit
+        return Estimate(contacts, parts, "valid", "", left_out, misfit, first), fit
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -422,6 +423,13 @@ class Estimator:
                 f"{left:.1%} of them is left over"
             )
         return ""
+
+    def _reported(self, search: Search, fit: Fit, state: State):
+        """Contacts of a fit, strongest first, and the discs or cells that they consist of."""
+        if fit.unknowns.bond is not None:
+            return contacts_of_shape(fit, self.law)
+        parts, group = contacts_of(fit, self._groups(search, fit, state), self.law)
+        return joined(parts, group), parts
 
     def _groups(self, search: Search, fit: Fit, state: State) -> np.ndarray:
         """(k,) the contact that each disc of a fit belongs to; asked anew where discs have

@@ -40,6 +40,7 @@ _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fit
 _INEXACT = 0.02  # of a current: points stand for contacts of any size
 _FILLING = 20  # steps that fill in missing readings from their neighbours
 _DEPENDENT = 1e-2  # of a column's square: what is less beside the others is rounding and errors
+_RIDGE = 1e-3  # of the diagonal of the normal matrix of a linear image
 _ROUNDING = 1e-10  # of the diagonal of a normal matrix
 
 
@@ -121,6 +122,11 @@ class FirstLook:
             strengths = _not_negative(columns[: len(picked)], self._currents.wanted)
             left = self._currents.wanted - strengths @ columns[: len(picked)]
         return self._gathered(self._pixels[picked], strengths)
+
+    def image(self, share: np.ndarray) -> np.ndarray:
+        """(K,) conductances, S, none below 0, with which contacts of `share` (n, K) explain most
+        together: a linear image."""
+        return self._currents.image_of(share)
 
     def _near(self, places: np.ndarray) -> np.ndarray:
         """(K,) which pixels lie at one of `places` (k, 2)."""
@@ -221,6 +227,19 @@ class _Currents:
             out = (self._ratio @ slope).T[..., None] * fed + driven * slope.T[:, None]
         out[:, self._at_ground[0], self._at_ground[1]] = 0.0
         return (out @ self._root).reshape(len(out), -1)
+
+    def image_of(self, share: np.ndarray) -> np.ndarray:
+        """(K,) see `FirstLook.image`."""
+        seen, local = self._ratio @ share, share[self._grounded]
+        weighted = self._metric @ share
+        own, fed = seen * local, seen * weighted[self._grounded]
+        normal = (seen.T @ seen) * (share.T @ weighted) - own.T @ fed - fed.T @ own
+        normal += (own.T * self._metric.diagonal()[self._grounded]) @ own
+        normal[np.diag_indices(len(normal))] *= 1 + _RIDGE
+        pulled = self.wanted.reshape(self._ratio.shape) @ self._root.T
+        along = seen * (pulled @ share - local * pulled[self._at_ground][:, None])
+        root = np.linalg.cholesky(normal)
+        return nnls(root.T, np.linalg.solve(root, along.sum(axis=0)), maxiter=30 * len(root))[0]
 
     def gains_of(self, share: np.ndarray):
         """How far the square of what is left of `wanted` falls with a contact at each pixel of `share`

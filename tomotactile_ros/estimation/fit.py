@@ -13,7 +13,7 @@ from tomotactile_ros.estimation.motion import predicted
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.touch import RADIUS, STRETCH
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH
 
 
 class Fit:
@@ -72,6 +72,15 @@ class Fit:
         )
         return Fit(self.operator, unknowns, rows, prior, known.freed(unknowns) if same else None)
 
+    def with_strengths(self, strengths: np.ndarray) -> Fit:
+        """A fit of the same rows by the same contacts at rest, which conduct `strengths` (k,), S."""
+        contacts = self.unknowns.contacts.copy()
+        contacts[:, CONDUCTANCE] = np.log(strengths)
+        unknowns = replace(self.unknowns, contacts=contacts)
+        touches = self.prediction.touches.stronger(contacts)
+        found = Prediction(self.operator, unknowns, self.rows.grounded, touches)
+        return Fit(self.operator, unknowns, self.rows, self.prior, found)
+
     @property
     def of_sensor(self) -> float:
         """What the prior of the sensor takes of the cost."""
@@ -82,6 +91,9 @@ class Fit:
         u, prior = self.unknowns, self.prior
         cost = self.of_sensor
         contacts = u.contacts
+        if u.bond is not None:
+            strengths = np.exp(contacts[:, CONDUCTANCE])
+            return float(cost + strengths @ u.bond @ strengths)
         cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
         cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
         cost += ((u.rates / prior.rates) ** 2).sum()

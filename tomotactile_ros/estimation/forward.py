@@ -36,6 +36,8 @@ class Unknowns:
         are estimated
     rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are
         estimated
+    bond (k, k) inverse covariance of the conductances c of contacts that are the cells of a shape
+        (`shape`), 1/S^2; None of discs
     sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R,
         ohm; aside (2, n) how far electrodes lie aside of where the layout has them, m
     """
@@ -50,6 +52,7 @@ class Unknowns:
     aside: np.ndarray
     rates: np.ndarray | None = None
     moving: np.ndarray | None = None
+    bond: np.ndarray | None = None
 
     def __post_init__(self):
         if self.rates is None:
@@ -59,9 +62,8 @@ class Unknowns:
 
     def with_contacts(self, contacts, across, free) -> Unknowns:
         """The same with other contacts, all at rest."""
-        return replace(
-            self, contacts=contacts, across=tuple(across), free=free, rates=None, moving=None
-        )
+        contacts = {"contacts": contacts, "across": tuple(across), "free": free}
+        return replace(self, **contacts, rates=None, moving=None, bond=None)
 
     def joined_by(self, contact: np.ndarray, across: int, free, moving: bool = False) -> Unknowns:
         """The same with one `contact` (6,) more, at the end, at rest; `moving` if its rates are
@@ -74,6 +76,7 @@ class Unknowns:
             free=np.vstack([self.free, free]),
             rates=np.vstack([self.rates, np.zeros(len(RATED))]),
             moving=np.append(self.moving, moving),
+            bond=None,
         )
 
     def in_motion(self, moving: bool = True) -> Unknowns:
@@ -113,6 +116,8 @@ class Unknowns:
 class Prediction:
     """Readings of the rows `rows` (L,) under `unknowns`, contacts at rest; derivatives on demand.
 
+    `touches` : of these contacts on this sheet, where they are known.
+
     Attributes
     ----------
     readings : (L, n) in parts of V0
@@ -120,13 +125,20 @@ class Prediction:
     conductances : (k,) g of each contact, S; means : (k,) mean D of each, ohm; covered : (k,) the part of each that lies on the sheet
     """
 
-    def __init__(self, operator: SheetOperator, unknowns: Unknowns, rows: np.ndarray):
+    def __init__(
+        self,
+        operator: SheetOperator,
+        unknowns: Unknowns,
+        rows: np.ndarray,
+        touches: Touches | None = None,
+    ):
         self.operator, self.unknowns, self.rows = operator, unknowns, rows
         admittance = operator.admittance_of(unknowns.sheet)
         self._by_parameter: dict[tuple[int, int], np.ndarray] = {}
-        self.touches = None
+        self.touches = touches
         if len(unknowns.contacts):
-            self.touches = Touches(operator, unknowns.contacts, unknowns.across, unknowns.sheet)
+            if touches is None:
+                self.touches = Touches(operator, unknowns.contacts, unknowns.across, unknowns.sheet)
             self._connect(self.touches)
             admittance = admittance + self.share @ self._fed.T
             admittance[np.diag_indices(len(admittance))] += self._direct
@@ -194,24 +206,23 @@ class Prediction:
         """(F, L, n) the same by the parameters that `free` (k, 6) names; each is worked out once."""
         wanted = [(int(i), int(which)) for i, which in np.argwhere(free)]
         missing = [each for each in wanted if each not in self._by_parameter]
-        if missing:
-            changes = np.array([self._contact_change(*each) for each in missing])
-            self._by_parameter.update(zip(missing, self._columns(changes)))
+        strengths = [each for each in missing if each[1] == CONDUCTANCE]
+        others = [each for each in missing if each[1] != CONDUCTANCE]
+        for each in strengths:
+            self._by_parameter[each] = self._strength_column(each[0])
+        if others:
+            changes = np.array([self._contact_change(*each) for each in others])
+            self._by_parameter.update(zip(others, self._columns(changes)))
         found = [self._by_parameter[each] for each in wanted]
         return np.array(found).reshape(len(wanted), *self.ratio.shape)
 
     def _contact_change(self, i: int, which: int) -> np.ndarray:
-        """(n, n) derivative of Y by the parameter `which` of contact i.
+        """(n, n) derivative of Y by the parameter `which` of contact i, but ln c.
 
         It is a change of D and H, A fed^T + fed A^T, and one of conductances.
         """
         touches, g, part = self.touches, self.conductances[i], self.touches.parts[i]
         inner, weight, direct = self._inner[:, part], touches.weight[part], touches.direct[i]
-        if which == CONDUCTANCE:
-            rate = self._rates[i] * g
-            change = (inner * (rate * weight)) @ inner.T
-            change[np.diag_indices(len(change))] += rate * direct
-            return change
         k = MOVING.index(which)
         d_weight, d_direct = (each[k] for each in touches.d_covered(i))
         by_mean = self._by_mean[i] * touches.mean_changes(i)[k]
@@ -223,6 +234,23 @@ class Prediction:
         change += (inner * (g * (by_mean * weight + d_weight))) @ inner.T
         change[np.diag_indices(len(change))] += g * (by_mean * direct + d_direct)
         return change
+
+    def _strength_column(self, i: int) -> np.ndarray:
+        """(L, n) derivative of the readings by ln c of contact i: Y changes by a matrix of the rank of
+        its patches."""
+        touches, part = self.touches, self.touches.parts[i]
+        rate = self._rates[i] * self.conductances[i]
+        driven, felt = self._driven
+        on = np.flatnonzero(touches.direct[i])
+        moved = (driven[:, part] * (rate * touches.weight[part])) @ felt[part]
+        moved += (self.ratio[:, on] * (rate * touches.direct[i, on])) @ self.impedance[on]
+        at_ground = moved[np.arange(len(self.rows)), self.rows]
+        return (moved - self.ratio * at_ground[:, None]) * self.unknowns.gain
+
+    @cached_property
+    def _driven(self) -> tuple[np.ndarray, np.ndarray]:
+        """(L, P) and (P, n): what drives each patch in each row, and what its current does."""
+        return self.ratio @ self._inner, self._inner.T @ self.impedance
 
     def strength_slope(self, i: int) -> np.ndarray:
         """(6,) derivatives of ln 1 / (1/g + mean D), of what contact i and the way to it conduct.

@@ -247,8 +247,10 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
 
 
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
-    """(k,) bool, contacts that are more than a small disc alone."""
+    """(k,) bool, contacts that are more than a small disc alone, or cells of a shape."""
     contacts = seen.contacts
+    if seen.bond is not None:
+        return np.ones(len(contacts), bool)
     radii = np.exp(contacts[:, RADIUS])
     out = (radii > _WIDE * pitch) | (np.hypot(*contacts[:, STRETCH:].T) > _STRETCHED)
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))

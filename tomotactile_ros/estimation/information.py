@@ -96,7 +96,7 @@ def _without_contacts(fit, normal, right, free) -> Information:
         nothing = np.zeros((0, len(normal))), np.zeros(0)
         return Information(normal, right, *nothing, fit.chi_squared, readings)
     curvature, pull = contact_priors(fit)
-    own = normal[:free, :free] + np.diag(curvature)
+    own = normal[:free, :free] + curvature
     scale = 1 / np.sqrt(own.diagonal())
     factor = cho_factor(own * scale[:, None] * scale)
     mixed, rest = normal[:free, free:], normal[free:, free:]

@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.arrangement import (
     gathered,
     halved,
     merged,
+    one_of,
     overlaps,
     patches_of,
     resting,
@@ -41,6 +42,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.shape import Shapes, again, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -125,7 +127,7 @@ class Search:
 
     def __init__(self, operator: SheetOperator, effort: Effort = FULL):
         self.operator, self.effort = operator, effort
-        self.detector = Detector(operator)
+        self.detector, self.shapes = Detector(operator), Shapes(operator)
         self._known, self._refused = None, 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
@@ -157,16 +159,29 @@ class Search:
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
-        if start is not None and len(start.unknowns.contacts):
+        if start is not None and start.unknowns.bond is not None:
+            fit = self._reshaped(start, usual)
+        elif start is not None and len(start.unknowns.contacts):
             fit = self._continued(start, usual)
         else:
             fit = self._first(start or self._at_rest(rows, prior))
+        if fit.unknowns.bond is not None:
+            return fit
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
             more = self._one_more(fit)
             if more is None:
                 break
             fit = more
         return self._simplified(fit)
+
+    def _reshaped(self, start: Fit, usual: float) -> Fit:
+        """The fit of a shape from `start` on, or from the beginning if that is far off."""
+        excess = start.chi_squared - usual * start.rows.count
+        if start.covariance is not None and excess < self._threshold * start.doubt:
+            return start
+        if start.chi_squared > _MISFIT * usual * start.rows.count:
+            return self._first(self._at_rest(start.rows, start.prior))
+        return whole(again(start))
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -239,22 +254,25 @@ class Search:
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
-        there = None if start is None else Fit(self.operator, start.in_motion(), rows, prior)
+        gone = start is None or start.bond is not None
+        there = None if gone else Fit(self.operator, start.in_motion(), rows, prior)
         try:
             return self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
             self._changing = False
 
     def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
-        """The fit of the contacts of `start`, moving."""
+        """The fit of the contacts of `start`, moving; shapes do not."""
         self._left, self._known = FIRST_LOOK, None
+        if start.bond is not None:
+            return self._reshaped(Fit(self.operator, start, rows, prior), 1.0)
         like = Fit(self.operator, start.in_motion(), rows, prior)
         return self._simplified(self._solve(like.unknowns, like))
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""
         self._left = FIRST_LOOK
-        more = self._one_more(fit)
+        more = None if fit.unknowns.bond is not None else self._one_more(fit)
         return fit if more is None else self._simplified(more)
 
     def allows(self, contacts: Unknowns, fit: Fit) -> bool:
@@ -267,7 +285,8 @@ class Search:
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""
         if (
-            not tells_speeds(fit)
+            not fit.unknowns.moving.any()
+            or not tells_speeds(fit)
             or (np.abs(fit.unknowns.rates[:, :2]) > _MOVES * _spread(fit)).any()
         ):
             return fit
@@ -278,7 +297,8 @@ class Search:
     def in_motion(self, fit: Fit) -> Fit:
         """The same or a fit of contacts that move while the rows are read, if the readings ask for
         it."""
-        if fit.rows.times is None or not len(fit.unknowns.contacts):
+        u = fit.unknowns
+        if fit.rows.times is None or not len(u.contacts) or u.bond is not None:
             return fit
         tried = self._solve(fit.unknowns.in_motion(), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
@@ -405,6 +425,11 @@ class Search:
         first = start.fit
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
+        if short and not self._changing:
+            found = self._of_any_shape(found, start.look, fit)
+            if found.unknowns.bond is not None:
+                return found
+            short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         if short and self._left > 0 and self._falls_short(found):
@@ -418,6 +443,20 @@ class Search:
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
         return found
+
+    def _of_any_shape(self, found: Fit, look: FirstLook, rest: Fit) -> Fit:
+        """What was `found`, or what is likelier: a shape of cells, as a first `look` at the rows of
+        `rest`, of no contacts, shows it, or discs and ellipses in the place of its parts."""
+        shape = self.shapes.fitted(look, rest)
+        if shape is None:
+            return found
+        parts = self._parts(shape, rest)
+        if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
+            found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
+        if not self._falls_short(found):
+            return found
+        shape = whole(shape)
+        return shape if self._is_likelier(shape, found) else found
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
@@ -502,6 +541,33 @@ class Search:
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
 
+    def _parts(self, shape: Fit, like: Fit) -> Fit:
+        """Near the best fit of one disc or ellipse for each part of a shape, as many as may be or as
+        must be."""
+        most, least = groups(shape, 1.0), groups(shape)
+        found = self._parts_of(shape, most, like)
+        if least.max() < most.max():
+            found = self._likelier(found, self._parts_of(shape, least, like))
+        return found
+
+    def _parts_of(self, shape: Fit, group: np.ndarray, like: Fit) -> Fit:
+        """The same for cells that are parts of the contacts `group` (k,)."""
+        u = shape.unknowns
+        strengths = np.exp(u.contacts[:, CONDUCTANCE])
+        sums = np.bincount(group, strengths)
+        strong = np.flatnonzero(sums > _DYNAMIC * sums.max())
+        found = like.unknowns
+        for each in strong[np.argsort(-sums[strong])][:MOST]:
+            found = one_of(u, group == each, found, self.operator.pitch)
+        return self._approached(self._begun(found, like, len(found.contacts)))
+
+    def _is_likelier(self, shape: Fit, found: Fit) -> bool:
+        """Whether the evidence is for a shape of cells rather than for what was found."""
+        doubt = min(shape.doubt, found.doubt)
+        discs = found.chi_squared + found.of_sensor
+        discs = discs / doubt + self._threshold * len(found.unknowns.contacts)
+        return bool(shape.cost / doubt + occam(shape, doubt) < discs)
+
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
         readings, or contacts near its own would with a likely sensor, to first order. Three near
@@ -512,8 +578,8 @@ class Search:
         most = 1
         if len(contacts) > 1:
             most = int(np.bincount(clusters(contacts, self.operator.pitch)).max())
-        if most != 2:
-            return most == 1 < len(contacts)
+        if most != 2 and len(contacts) > 1:
+            return most == 1
         linear = Linear(fit, self._known)
         self._known = linear.equations
         return fit.cost - linear.promise < _LEFT_OVER * fit.rows.count

@@ -18,13 +18,14 @@ part, so that all derivatives exist.
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from functools import wraps
 from itertools import pairwise
 
 import numpy as np
 
-from tomotactile_ros.estimation.disc import unit_patches
+from tomotactile_ros.estimation.disc import square_patches, unit_patches
 from tomotactile_ros.estimation.operator import Patches, SheetOperator
 
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
@@ -75,7 +76,9 @@ class Form:
 
     @classmethod
     def of(cls, contact: np.ndarray, across: int) -> Form:
-        unit, area, radius = unit_patches(across)
+        """Of a contact (6,), a disc or an ellipse `across` patches wide; below 0: a square cell of the
+        same area, so many patches wide."""
+        unit, area, radius = unit_patches(across) if across > 0 else square_patches(-across)
         shape, *changes = _shape(contact)
         moves = np.zeros((len(MOVING), len(unit), 2))
         moves[0, :, 0] = moves[1, :, 1] = 1.0
@@ -128,6 +131,12 @@ class Touches:
             [self.weight[p] @ self.impedance[p, p] @ self.weight[p] for p in self.parts]
         )
         self.mean = self.mean / self.covered**2
+
+    def stronger(self, contacts: np.ndarray) -> Touches:
+        """The same with contacts (k, 6) that differ in their conductance only."""
+        other = copy(self)
+        other.contacts = contacts
+        return other
 
     def _place(self, places, radii, area):
         """Places moved off electrodes and into the outline, and what part of each patch lies

@@ -261,7 +261,7 @@ class RowInformation:
             columns = columns.transpose(1, 0, 2)  # (E, k, n)
             rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
             sheet = linear.fit.prior.sheet_deviation**-2.0
-            prior = np.diag(np.concatenate([contact_priors(linear.fit)[0], sheet]))
+            prior = np.diag(np.concatenate([contact_priors(linear.fit)[0].diagonal(), sheet]))
             prior[[X, Y], [X, Y]] += expectation.on_electrode(linear)
             priors.append(prior)
             exponent = expectation.conditions.law.exponent

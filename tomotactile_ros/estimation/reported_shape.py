@@ -1,0 +1,116 @@
+"""What is reported of a shape: one contact for each of its parts, with standard deviations.
+
+Force is the sum over the cells, the place their centre of pressure, and pressure the mean over the
+force, sum p dF / F: the pressure of an even contact. Deviations follow from the joint covariance of the
+cells, as neighbours are known together far better than each is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.reported import (
+    FORCE_FLOOR,
+    IMPEDANCE_FLOOR,
+    MOST_RELATIVE,
+    PLACE_FLOOR,
+    Contact,
+    crowded,
+    told,
+)
+from tomotactile_ros.estimation.shape import groups
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS
+from tomotactile_ros.scenes.contact import ContactLaw
+
+CELL_FLOOR = 0.03  # sides of a cell: what cells err in places, standard deviation
+_CERTAIN = 3.0  # standard deviations of a force: below, it is not known that something presses
+_WEAK = 0.02  # of the strongest: weaker parts may be errors of its shape
+
+
+def contacts_of_shape(fit: Fit, law: ContactLaw) -> tuple[list[Contact], list[Contact]]:
+    """Contacts, strongest first, and the cells that they consist of, as discs."""
+    cells = _Cells(fit, law)
+    group = groups(fit)
+    found = [cells.together(np.flatnonzero(group == each)) for each in np.unique(group)]
+    most = max(contact.force for contact, _ in found)
+    kept = [each for each in found if each[0].force > _WEAK * most and each[0].probability > 0]
+    contacts = sorted((contact for contact, _ in kept), key=lambda each: -each.force)
+    return contacts, [cells.alone(i) for _, which in kept for i in which]
+
+
+class _Cells:
+    """Forces of cells with their covariance."""
+
+    def __init__(self, fit: Fit, law: ContactLaw):
+        self._fit, u, prediction = fit, fit.unknowns, fit.prediction
+        count = len(u.contacts)
+        self._sheet = fit.operator.resistance
+        self._area = np.pi * np.exp(2 * u.contacts[:, RADIUS]) * prediction.covered
+        most = [
+            told(g, mean, self._sheet)
+            for g, mean in zip(prediction.conductances, prediction.means)
+        ]
+        self._conductances = np.array([g for g, _ in most]) * prediction.covered
+        self._bare = np.array([bare for _, bare in most])
+        self._pressures = law.pressure(self._conductances / self._area)
+        self.forces = self._pressures * self._area
+        self._places = np.array([prediction.touches.centre(i) for i in range(count)])
+        slopes = [prediction.force_slope(i, law.exponent)[CONDUCTANCE] for i in range(count)]
+        self._slopes = self.forces * np.array(slopes)
+        by_ways = [prediction.force_by_impedance(i, law.exponent) for i in range(count)]
+        self._by_ways = self.forces * np.array(by_ways)
+        self._covariance = fit.covariance[:count, :count] * fit.doubt
+        self._ways = prediction.way_columns()
+
+    def together(self, which: np.ndarray) -> tuple[Contact, np.ndarray]:
+        """The contact that the cells `which` (m,) are, and those of them that press."""
+        fit, forces = self._fit, self.forces[which]
+        force = float(forces.sum())
+        share = forces / force
+        place = share @ self._places[which]
+        area = float(self._area[which].sum())
+        pressure = float(share @ self._pressures[which])
+        area = min(area, force / max(pressure, 1e-300))
+        slopes = np.zeros((3, len(self.forces)))  # of the force, and of the place
+        slopes[0, which] = self._slopes[which]
+        aside = (self._places[which] - place) / force
+        slopes[1:, which] = (self._slopes[which][:, None] * aside).T
+        # what is wrong with D of all its cells alike bends all that is fitted
+        bent = fit.equations.response(self._ways[which].sum(axis=0)[None])[:, 0]
+        bent = IMPEDANCE_FLOOR * bent[: len(self.forces)]
+        covariance = self._covariance + np.outer(bent, bent)
+        spread = slopes @ covariance @ slopes.T
+        ways = slopes[0] @ bent - IMPEDANCE_FLOOR * self._by_ways[which].sum()
+        noise = slopes[0] @ self._covariance @ slopes[0] + ways**2
+        conductance = float(self._conductances[which].sum())
+        unknown = FORCE_FLOOR**2 + crowded(conductance, self._sheet) ** 2
+        relative = float(np.sqrt(noise / force**2 + unknown))
+        certain = force / float(np.sqrt(noise)) if noise > 0 else np.inf
+        bare = share[self._bare[which]].sum() > 0.1
+        side = float(np.exp(fit.unknowns.contacts[which[0], RADIUS]) * np.sqrt(np.pi))
+        floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_FLOOR * side) ** 2
+        at = spread[1:, 1:] + floor * np.eye(2)
+        contact = Contact(
+            float(place[0]),
+            float(place[1]),
+            force,
+            pressure,
+            area,
+            float(np.sqrt(area / np.pi)),
+            conductance,
+            tuple(at.ravel().tolist()),
+            np.inf if bare else force * min(relative, MOST_RELATIVE),
+            side / 2,
+            float(1 - np.exp(-(certain**2) / 2)) if certain > _CERTAIN or bare else 0.0,
+        )
+        return contact, which[share > 1e-3]
+
+    def alone(self, i: int) -> Contact:
+        """One cell."""
+        radius = float(np.sqrt(self._area[i] / np.pi))
+        force, pressure = float(self.forces[i]), float(self._pressures[i])
+        place = tuple(self._places[i].tolist())
+        nothing = 0.0, 0.0, 0.0, 0.0
+        conductance = float(self._conductances[i])
+        return Contact(*place, force, pressure, float(self._area[i]), radius, conductance, nothing, 0.0, 0.0, 1.0)  # fmt: skip

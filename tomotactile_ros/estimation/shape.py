@@ -1,0 +1,264 @@
+"""Contacts of any shape: one conductance for each of many square cells.
+
+A palm, a plate or a ring is no disc. Its conductance is a field over the sheet, none of it below 0 and
+smooth within what presses: cells of a lattice have each a conductance c >= 0, a Gaussian prior whose
+covariance falls as exp(-d/l) with their distance (Tarantola 2005, chapter 5), and nothing else. Their
+places are fixed, so that H and D are computed once, and the readings are nearly linear in c:
+Gauss-Newton, each step a non-negative least-squares problem (Lawson and Hanson 1974), finds them from
+a linear image within ten steps. Sheet and channels are then fitted as well, as they are for discs
+(`equations`).
+
+What is one contact follows from the posterior: two peaks are two contacts where the readings say that
+less than half of the lower one presses on every way between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import nnls
+from scipy.spatial.distance import cdist
+
+from tomotactile_ros.estimation.equations import Contacts, Linear
+from tomotactile_ros.estimation.first_look import FirstLook
+from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS
+from tomotactile_ros.layouts.grid import Grid
+
+_PER_PITCH = 4, 3, 2  # cells a spacing: the most with which no more than `_MANY` are fitted
+_MANY = 160
+_MOST = 1000  # cells of a sheet
+_ACROSS = 2  # patches to the width of a cell
+_ALIKE = 0.5  # spacings: l, within which conductances are alike
+_LEVEL = 10.0  # deviation of a cell's conductance, in parts of their mean
+_SHOWN = 0.02  # of the strongest cell of a linear image: what may be touched
+_BESIDE = 0.5  # spacings around that, which may be, too
+_LEAST = 1e-6  # of the strongest: as good as nothing
+_MORE = 1.2  # conductance of a cell in parts of one over its mean D, at the most
+_STEPS, _WHOLE = 15, 3  # of the cells alone, and of sheet and channels as well
+_HALVINGS = 6  # of a step that does not lower the cost
+_POOR = 1.25  # chi-squared a reading, from which on sheet and channels are fitted
+_SETTLED = 1.0  # of the cost: a step that gains less is the last
+_ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
+_SADDLE = 0.5  # of the lower of two peaks: what presses at least between parts of one contact
+_SURE = 3.0  # standard deviations: what costs more is not there
+_ABOVE = 1e-3  # of the strongest: cells that conduct more are not at their bound
+
+
+class Shapes:
+    """Shapes on a sheet."""
+
+    def __init__(self, operator: SheetOperator):
+        self._pitch = operator.pitch
+        self._lattices = [Lattice(operator, each) for each in _PER_PITCH]
+        coarse = self._lattices[-1]
+        radii = np.full(len(coarse.cells), coarse.side / np.sqrt(np.pi))
+        self._share, _ = operator.points(coarse.cells, radii)
+
+    def fitted(self, look: FirstLook, like: Fit) -> Fit | None:
+        """The best fit of cells to the rows of `like`, of no contacts, with the sensor as expected; None
+        where a first `look` shows nothing."""
+        image = look.image(self._share)
+        if not image.any():
+            return None
+        shown = self._lattices[-1].cells[image > _SHOWN * image.max()]
+        for lattice in self._lattices:
+            near = cdist(lattice.cells, shown).min(axis=1) < _BESIDE * self._pitch
+            if np.count_nonzero(near) <= _MANY:
+                break
+        start = lattice.unknowns(near, float(image.sum()), like.unknowns)
+        return _descended(Fit(like.operator, start, like.rows, like.prior), _STEPS, Contacts)
+
+
+class Lattice:
+    """Cells that a sheet is cut into, about `per_pitch` to a spacing.
+
+    cells (K, 2) centres, m; side, m
+    """
+
+    def __init__(self, operator: SheetOperator, per_pitch: float):
+        self._pitch, outline = operator.pitch, operator.layout.outline
+        width, height = outline.size
+        side = max(operator.pitch / per_pitch, float(np.sqrt(width * height / _MOST)))
+        grid = Grid.for_outline(outline, max(int(round(max(outline.size) / side)), 2))
+        self.cells, self.side = grid.pixels, float(np.sqrt(grid.cell_area))
+
+    def unknowns(self, which: np.ndarray, total: float, like: Unknowns) -> Unknowns:
+        """Cells `which` (K,), all alike, that conduct `total`, S, together; the sensor of `like`."""
+        cells = self.cells[which]
+        count, mean = len(cells), total / np.count_nonzero(which)
+        contacts = np.zeros((count, PARAMETERS))
+        contacts[:, :2] = cells
+        contacts[:, RADIUS] = np.log(self.side / np.sqrt(np.pi))
+        contacts[:, CONDUCTANCE] = np.log(mean)
+        free = np.zeros(contacts.shape, bool)
+        free[:, CONDUCTANCE] = True
+        alike = np.exp(-cdist(cells, cells) / (_ALIKE * self._pitch))
+        bond = np.linalg.inv(alike) / (_LEVEL * mean) ** 2
+        return replace(like.with_contacts(contacts, (-_ACROSS,) * count, free), bond=bond)
+
+
+def whole(fit: Fit) -> Fit:
+    """The best fit of the cells of `fit` that conduct, with its covariance; of sheet and channels as well
+    where the cells alone leave more over than noise does."""
+    fit = _of_those_that_conduct(fit)
+    if fit.chi_squared > _POOR * fit.rows.count:
+        fit = _of_those_that_conduct(_descended(fit, _WHOLE, Linear))
+    linear = Linear(fit)
+    fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
+    return fit
+
+
+def again(fit: Fit) -> Fit:
+    """The best fit of the cells of `fit` from there on, with the sensor as it is."""
+    return _descended(fit, _STEPS, Contacts)
+
+
+def _of_those_that_conduct(fit: Fit) -> Fit:
+    """The same without cells that are at their bound."""
+    u = fit.unknowns
+    kept = _conduct(np.exp(u.contacts[:, CONDUCTANCE]))
+    if kept.all():
+        return fit
+    count = int(np.count_nonzero(kept))
+    bond = np.linalg.inv(np.linalg.inv(u.bond)[np.ix_(kept, kept)])
+    less = u.with_contacts(u.contacts[kept], u.across[:count], u.free[kept])
+    return Fit(fit.operator, replace(less, bond=bond), fit.rows, fit.prior)
+
+
+def _conduct(strengths: np.ndarray) -> np.ndarray:
+    """(k,) which of `strengths` are not at their bound, 0."""
+    return strengths > _ABOVE * strengths.max()
+
+
+def occam(fit: Fit, doubt: float) -> float:
+    """What the cells of a fit cost for what they might all have been: twice the logarithm of how much
+    narrower readings, doubted, make them (Laplace's approximation of the evidence; MacKay 2003,
+    chapter 28)."""
+    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    normal = Contacts(fit).normal / np.outer(strengths, strengths)
+    told = (normal - fit.unknowns.bond) / doubt
+    both = np.linalg.slogdet(told + fit.unknowns.bond)[1]
+    return float(both - np.linalg.slogdet(fit.unknowns.bond)[1])
+
+
+def _descended(fit: Fit, steps: int, linearised) -> Fit:
+    """The best fit from one of cells on, by steps of what `linearised` (a fit) has.
+
+    Of the cells alone what the sensor leaves over is doubted, as in `solver.approach`.
+    """
+    rows, work = fit.rows, fit.prediction.size
+    for _ in range(steps):
+        alone = linearised is Contacts
+        at = fit.weighed(replace(rows, weights=rows.weights / fit.doubt)) if alone else fit
+        better = _better(at, linearised(at))
+        if better is None:
+            break
+        work += better.prediction.size
+        gained = at.cost - better.cost
+        fit = better.weighed(rows)
+        if gained < _SETTLED * (1.0 if alone else fit.doubt):
+            break
+    fit.work = work
+    return fit
+
+
+def _better(fit: Fit, linear: Contacts) -> Fit | None:
+    """The fit after a step of `linear`, as much of it as lowers the cost; None if nothing does."""
+    before = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    step, others = _step(linear, before)
+    for _ in range(_HALVINGS):
+        after = before + step
+        most = _MORE / np.maximum(fit.prediction.means, 1e-9)
+        after = np.clip(after, _LEAST * max(after.max(), before.max()), np.maximum(most, before))
+        if isinstance(linear, Linear):
+            contacts = fit.unknowns.contacts.copy()
+            contacts[:, CONDUCTANCE] = np.log(after)
+            moved = replace(fit.unknowns, contacts=contacts)
+            moved = linear.followed(moved, np.concatenate([step / before, others]))
+            tried = Fit(fit.operator, moved, fit.rows, fit.prior)
+        else:
+            tried = fit.with_strengths(after)
+        if tried.cost < fit.cost:
+            return tried
+        step, others = step / 2, others / 2
+    return None
+
+
+def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of the cells' conductances `strengths` (k,), S, none of which ends below 0, and of the
+    sheet's coefficients, (J,), that minimise the linearised cost."""
+    count = len(strengths)
+    units = np.ones(len(linear.normal))
+    units[:count] = 1 / strengths
+    normal = linear.normal * np.outer(units, units)
+    right = linear.right * units
+    own, mixed, rest = normal[:count, :count], normal[:count, count:], normal[count:, count:]
+    along = right[:count]
+    if len(rest):
+        factor = cho_factor(rest)
+        own = own - mixed @ cho_solve(factor, mixed.T)
+        along = along - mixed @ cho_solve(factor, right[count:])
+    own = own + _ROUNDING * np.diag(own.diagonal())
+    root = cholesky(own, lower=True)
+    goal = solve_triangular(root, own @ strengths + along, lower=True)
+    step = nnls(root.T, goal, maxiter=30 * count)[0] - strengths
+    if not len(rest):
+        return step, np.empty(0)
+    return step, cho_solve(factor, right[count:] - mixed.T @ step)
+
+
+def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
+    """(k,) number of the contact that each cell of a fit belongs to; its sensor as it is there.
+
+    Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
+    where the readings contradict that it conducts half of what the lower peak does; `doubt` : in them,
+    None: that of the fit.
+    """
+    u, doubt = fit.unknowns, fit.doubt if doubt is None else doubt
+    strengths = np.exp(u.contacts[:, CONDUCTANCE])
+    costs = _costs_of_more(fit, strengths)
+    side = np.exp(u.contacts[:, RADIUS]) * np.sqrt(np.pi)
+    beside = cdist(u.contacts[:, :2], u.contacts[:, :2]) < 1.5 * side
+    group = np.full(len(strengths), -1)
+    peaks: list[int] = []
+    for cell in np.argsort(-strengths):
+        near = np.unique(group[beside[cell] & (group >= 0)])
+        if not len(near):
+            group[cell] = len(peaks)
+            peaks.append(int(cell))
+            continue
+        main = near[np.argmax(strengths[[peaks[each] for each in near]])]
+        group[cell] = main
+        for other in near[near != main]:
+            wanted = _SADDLE * strengths[peaks[other]]
+            if costs(cell, wanted) < _SURE**2 * doubt:
+                group[group == other] = main
+    return np.unique(group, return_inverse=True)[1]
+
+
+def _costs_of_more(fit: Fit, strengths: np.ndarray):
+    """How much the cost grows, to second order, when a cell is given a conductance, the others that are
+    not at their bound following: a function of cell and conductance, S."""
+    linear = Contacts(fit)
+    normal = linear.normal / np.outer(strengths, strengths)
+    right = linear.right / strengths
+    there = _conduct(strengths)
+    own = normal[np.ix_(there, there)]
+    scale = 1 / np.sqrt(own.diagonal())
+    inverse = np.linalg.inv(own * scale[:, None] * scale) * scale[:, None] * scale
+    stiffness = normal.diagonal().copy()
+    mixed = normal[np.ix_(~there, there)]
+    stiffness[~there] -= np.einsum("ij,jk,ik->i", mixed, inverse, mixed)
+    stiffness[there] = 1 / inverse.diagonal()
+    pull = np.where(there, 0.0, np.maximum(-right, 0.0))
+
+    def cost(cell: int, wanted: float) -> float:
+        more = max(wanted - strengths[cell], 0.0)
+        return 2 * pull[cell] * more + max(stiffness[cell], 0.0) * more**2
+
+    return cost
