@@ -20,6 +20,7 @@ INTERNAL = {
     *(
         "first_look._ROUNDING",
         "equations._ROUNDING",
+        "shape._ROUNDING",
         "uneven._ISOTROPIC",
         "tables._TINY",
         "tables._BLOCK",

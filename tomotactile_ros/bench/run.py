@@ -23,7 +23,7 @@ from tomotactile_ros.bench.cases import (
     left_out,
     quick_cases,
 )
-from tomotactile_ros.bench.sensor.parts import PARTS as SENSOR
+from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.run import run as run_sensor
 from tomotactile_ros.bench.store import Store
 from tomotactile_ros.bench.trade import FULL, QUICK, Trade, blur
@@ -35,6 +35,7 @@ FORMAT = "tomotactile-bench/5"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
+SENSOR = tuple(name for name in PARTS if name not in ON_DEMAND)
 # frames with contacts in each part of the sensor as it is, roughly
 _SENSOR = {"time": 120, "channels": 220, "sheets": 150, "layouts": 120, "crowd": 40}
 

@@ -25,6 +25,7 @@ from tomotactile_ros.scenes.contact import ContactLaw
 
 CELL_FLOOR = 0.03  # sides of a cell: what cells err in places, standard deviation
 _CERTAIN = 3.0  # standard deviations of a force: below, it is not known that something presses
+_MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
 _WEAK = 0.02  # of the strongest: weaker parts may be errors of its shape
 
 
@@ -48,8 +49,7 @@ class _Cells:
         self._sheet = fit.operator.resistance
         self._area = np.pi * np.exp(2 * u.contacts[:, RADIUS]) * prediction.covered
         most = [
-            told(g, mean, self._sheet)
-            for g, mean in zip(prediction.conductances, prediction.means)
+            told(g, mean, self._sheet) for g, mean in zip(prediction.conductances, prediction.means)
         ]
         self._conductances = np.array([g for g, _ in most]) * prediction.covered
         self._bare = np.array([bare for _, bare in most])
@@ -87,7 +87,7 @@ class _Cells:
         unknown = FORCE_FLOOR**2 + crowded(conductance, self._sheet) ** 2
         relative = float(np.sqrt(noise / force**2 + unknown))
         certain = force / float(np.sqrt(noise)) if noise > 0 else np.inf
-        bare = share[self._bare[which]].sum() > 0.1
+        bare = share[self._bare[which]].sum() > _MOSTLY_BARE
         side = float(np.exp(fit.unknowns.contacts[which[0], RADIUS]) * np.sqrt(np.pi))
         floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_FLOOR * side) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)

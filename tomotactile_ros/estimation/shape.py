@@ -84,7 +84,7 @@ class Lattice:
         self._pitch, outline = operator.pitch, operator.layout.outline
         width, height = outline.size
         side = max(operator.pitch / per_pitch, float(np.sqrt(width * height / _MOST)))
-        grid = Grid.for_outline(outline, max(int(round(max(outline.size) / side)), 2))
+        grid = Grid.for_outline(outline, max(round(max(outline.size) / side), 2))
         self.cells, self.side = grid.pixels, float(np.sqrt(grid.cell_area))
 
     def unknowns(self, which: np.ndarray, total: float, like: Unknowns) -> Unknowns:

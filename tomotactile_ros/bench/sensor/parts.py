@@ -5,6 +5,7 @@ channels  gains, offsets, resistances to ground, open wires, stuck channels, swa
 sheets    random fields, gradients, anisotropy; and several things at once
 layouts   without a full grid, and electrodes that are not where the layout says
 crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
+wide      discs, plates, lines, rings and hands of 15 to 140 mm, and the whole sheet
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros.bench import reference_slides
+from tomotactile_ros.bench import reference_data, reference_slides
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
@@ -26,7 +27,7 @@ from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
 _COUNT = 24  # presses of a case
 _TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
-_BESIDE = "beside-8x8"
+_BESIDE, _WIDE = "beside-8x8", "wide-8x8"
 _ONE, _OTHER = 18, 45  # electrodes that something is wrong with
 _SEED = 1
 
@@ -117,10 +118,18 @@ def crowd(step: int = 1) -> Iterator[Trial]:
         yield presses(f"{count} contacts", states(_CROWD, f"{count} contacts").every(step))
 
 
+def wide(step: int = 1) -> Iterator[Trial]:
+    for case in reference_data.load(_WIDE).cases():
+        yield presses(case, states(_WIDE, case).every(step))
+
+
 PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
     "time": time,
     "channels": channels,
     "sheets": sheets,
     "layouts": layouts,
     "crowd": crowd,
+    "wide": wide,
 }
+# the part that takes longest, some seconds a frame: only where it is asked for by its name
+ON_DEMAND = frozenset({"wide"})

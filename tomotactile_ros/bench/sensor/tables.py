@@ -14,6 +14,7 @@ TITLES = {
     "sheets": "Sheets",
     "layouts": "Layouts",
     "crowd": "Crowd: the strongest with ten times the force of the weakest",
+    "wide": "Wide contacts",
 }
 LEGEND = """\
 ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired

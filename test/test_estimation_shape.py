@@ -1,0 +1,113 @@
+"""Contacts of any shape: derivatives by the cells, and hands, rings and whole sheets of the reference
+model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.bench.sensor.states import states
+from tomotactile_ros.bench.sensor.trial import presses
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.equations import Contacts
+from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.shape import Lattice, groups
+from tomotactile_ros.estimation.touch import CONDUCTANCE
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+
+
+def pressed(case):
+    """Results of `accurate` of all states of a case, and what is true."""
+    trial = presses(case, states("wide-8x8", case))
+    pipeline = Pipeline(trial.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+    for frame, truth in zip(trial.frames, trial.truths, strict=True):
+        result = pipeline.process(frame, np.arange(trial.layout.electrodes), DRIVE)
+        if truth is not None:
+            yield result, truth
+
+
+@pytest.fixture(scope="module")
+def operator():
+    return SheetOperator(load_layout("equal-4x4"))
+
+
+def cells(operator, count=9):
+    """A fit of a square of cells in the middle, some of which hardly conduct."""
+    lattice = Lattice(operator, 2)
+    near = np.argsort(np.hypot(*lattice.cells.T))[:count]
+    which = np.zeros(len(lattice.cells), bool)
+    which[near] = True
+    unknowns = lattice.unknowns(which, 1e-3, Unknowns.at_rest(operator))
+    draw = np.random.default_rng(3)
+    contacts = unknowns.contacts.copy()
+    contacts[:, CONDUCTANCE] += draw.normal(0, 1, count)
+    unknowns = replace(unknowns, contacts=contacts)
+    shape = operator.count, operator.count
+    rows = Rows(draw.random(shape), np.full(shape, 1e6), np.arange(operator.count))
+    prior = Prior.unknown(operator, ChannelPrior(), 0.005, DRIVE)
+    return Fit(operator, unknowns, rows, prior)
+
+
+def test_derivatives_by_the_cells_are_differences(operator):
+    fit, step = cells(operator), 1e-4
+    columns = fit.prediction.contact_columns()
+    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    for i in range(len(strengths)):
+        ahead, back = strengths.copy(), strengths.copy()
+        ahead[i] *= np.exp(step)
+        back[i] *= np.exp(-step)
+        change = (
+            fit.with_strengths(ahead).prediction.readings
+            - fit.with_strengths(back).prediction.readings
+        ) / (2 * step)
+        assert columns[i] == pytest.approx(change, rel=1e-4, abs=1e-4 * np.abs(change).max())
+
+
+def test_the_gradient_is_that_of_the_cost(operator):
+    fit, step = cells(operator), 1e-5
+    pull = Contacts(fit).right
+    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    for i in range(len(strengths)):
+        ahead, back = strengths.copy(), strengths.copy()
+        ahead[i] *= np.exp(step)
+        back[i] *= np.exp(-step)
+        rise = (fit.with_strengths(ahead).cost - fit.with_strengths(back).cost) / (2 * step)
+        assert -2 * pull[i] == pytest.approx(rise, rel=1e-3, abs=1e-4 * abs(2 * pull).max())
+
+
+def test_cells_kept_and_made_anew_predict_the_same(operator):
+    fit = cells(operator)
+    strengths = 2 * np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    kept = fit.with_strengths(strengths)
+    anew = Fit(operator, kept.unknowns, kept.rows, kept.prior)
+    assert kept.prediction.readings == pytest.approx(anew.prediction.readings, abs=1e-12)
+    assert kept.cost == pytest.approx(anew.cost)
+
+
+def test_all_cells_that_conduct_alike_are_one_contact(operator):
+    assert groups(cells(operator, 4), doubt=1e12).max() == 0
+
+
+def test_a_hand_is_a_palm_and_five_fingertips():
+    for result, truth in pressed("hand"):
+        assert result.state == "valid"
+        assert len(result.contacts) == len(truth) == 6
+        for contact in truth:
+            assert (
+                min(np.hypot(c.x - contact["x"], c.y - contact["y"]) for c in result.contacts)
+                < 0.005
+            )
+
+
+@pytest.mark.parametrize("load", ["20 N", "100 N", "200 N"])
+def test_a_sheet_pressed_as_a_whole_is_one_contact_of_the_right_force(load):
+    ((result, (truth,)),) = pressed(f"whole sheet, {load}")
+    (contact,) = result.contacts
+    assert contact.force == pytest.approx(truth["force"], rel=0.1)
+    assert np.hypot(contact.x, contact.y) < 0.002
