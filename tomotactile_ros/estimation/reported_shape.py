@@ -23,7 +23,9 @@ from tomotactile_ros.estimation.shape import groups
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS
 from tomotactile_ros.scenes.contact import ContactLaw
 
-CELL_FLOOR = 0.03  # sides of a cell: what cells err in places, standard deviation
+# what cells err at the rim of a contact, in parts of side over radius: of a side in places, of a force;
+# standard deviations
+CELL_PLACE, CELL_FORCE = 0.1, 0.15
 _CERTAIN = 3.0  # standard deviations of a force: below, it is not known that something presses
 _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
 _WEAK = 0.02  # of the strongest: weaker parts may be errors of its shape
@@ -84,12 +86,14 @@ class _Cells:
         ways = slopes[0] @ bent - IMPEDANCE_FLOOR * self._by_ways[which].sum()
         noise = slopes[0] @ self._covariance @ slopes[0] + ways**2
         conductance = float(self._conductances[which].sum())
+        side = float(np.exp(fit.unknowns.contacts[which[0], RADIUS]) * np.sqrt(np.pi))
+        coarse = side / float(np.sqrt(area / np.pi))
         unknown = FORCE_FLOOR**2 + crowded(conductance, self._sheet) ** 2
+        unknown += (CELL_FORCE * coarse) ** 2
         relative = float(np.sqrt(noise / force**2 + unknown))
         certain = force / float(np.sqrt(noise)) if noise > 0 else np.inf
         bare = share[self._bare[which]].sum() > _MOSTLY_BARE
-        side = float(np.exp(fit.unknowns.contacts[which[0], RADIUS]) * np.sqrt(np.pi))
-        floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_FLOOR * side) ** 2
+        floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
         contact = Contact(
             float(place[0]),
