@@ -446,14 +446,20 @@ class Search:
 
     def _of_any_shape(self, found: Fit, look: FirstLook, rest: Fit) -> Fit:
         """What was `found`, or what is likelier: a shape of cells, as a first `look` at the rows of
-        `rest`, of no contacts, shows it, or discs and ellipses in the place of its parts."""
+        `rest`, of no contacts, shows it, or discs and ellipses in the place of its parts.
+
+        Cells together with sheet and channels explain nearly everything: a shape is believed only where it
+        leaves little over with the sensor as expected, or less than discs and the sensor that they need.
+        """
         shape = self.shapes.fitted(look, rest)
         if shape is None:
             return found
+        most = max(found.chi_squared + found.of_sensor, _MISFIT * found.rows.count)
+        believed = shape.chi_squared < most
         parts = self._parts(shape, rest)
         if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
             found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
-        if not self._falls_short(found):
+        if not believed or not self._falls_short(found):
             return found
         shape = whole(shape)
         return shape if self._is_likelier(shape, found) else found
