@@ -42,6 +42,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.reported import told
 from tomotactile_ros.estimation.shape import Shapes, again, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
@@ -462,6 +463,9 @@ class Search:
         if not believed or not self._falls_short(found):
             return found
         shape = whole(shape)
+        seen = zip(shape.prediction.conductances, shape.prediction.means)
+        if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
+            return found  # of bare cells, not even a bound of the force is known
         return shape if self._is_likelier(shape, found) else found
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
