@@ -239,7 +239,7 @@ class _Currents:
         pulled = self.wanted.reshape(self._ratio.shape) @ self._root.T
         along = seen * (pulled @ share - local * pulled[self._at_ground][:, None])
         root = np.linalg.cholesky(normal)
-        return nnls(root.T, np.linalg.solve(root, along.sum(axis=0)), maxiter=30 * len(root))[0]
+        return not_negative(root, np.linalg.solve(root, along.sum(axis=0)))
 
     def gains_of(self, share: np.ndarray):
         """How far the square of what is left of `wanted` falls with a contact at each pixel of `share`
@@ -282,3 +282,11 @@ def _not_negative(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     normal[np.diag_indices(len(normal))] *= 1 + _ROUNDING
     root = np.linalg.cholesky(normal)
     return nnls(root.T, np.linalg.solve(root, columns @ wanted))[0]
+
+
+def not_negative(root: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """(k,) x >= 0 with the least |root^T x - goal|; LinAlgError where no end is found."""
+    try:
+        return nnls(root.T, goal, maxiter=30 * len(root))[0]
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from None

@@ -18,11 +18,10 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import nnls
 from scipy.spatial.distance import cdist
 
 from tomotactile_ros.estimation.equations import Contacts, Linear
-from tomotactile_ros.estimation.first_look import FirstLook
+from tomotactile_ros.estimation.first_look import FirstLook, not_negative
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -206,7 +205,7 @@ def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarr
     own = own + _ROUNDING * np.diag(own.diagonal())
     root = cholesky(own, lower=True)
     goal = solve_triangular(root, own @ strengths + along, lower=True)
-    step = nnls(root.T, goal, maxiter=30 * count)[0] - strengths
+    step = not_negative(root, goal) - strengths
     if not len(rest):
         return step, np.empty(0)
     return step, cho_solve(factor, right[count:] - mixed.T @ step)
