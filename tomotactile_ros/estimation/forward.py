@@ -280,15 +280,17 @@ class Prediction:
         return float(self._by_mean[i] * self.touches.mean[i] / exponent)
 
     def sheet_columns(self) -> np.ndarray:
-        """(J, L, n) derivatives of the readings by the coefficients of the sheet."""
+        """(J, L, n) derivatives of the readings by the coefficients of the sheet; none where nothing
+        touches, whatever leaks away."""
         operator, touches = self.operator, self.touches
+        if touches is None:
+            return np.zeros((operator.modes, *self.ratio.shape))
         change = operator.admittance_change(self.unknowns.sheet)
-        if touches is not None:
-            moved = operator.share_change(touches.patches.around, self._fed)
-            change = change + moved + moved.transpose(0, 2, 1)
-            field = operator.field_at(self.unknowns.contacts[:, :2])
-            for i in range(len(touches.parts)):
-                change -= field[i][:, None, None] * self._by_way(i)
+        moved = operator.share_change(touches.patches.around, self._fed)
+        change = change + moved + moved.transpose(0, 2, 1)
+        field = operator.field_at(self.unknowns.contacts[:, :2])
+        for i in range(len(touches.parts)):
+            change -= field[i][:, None, None] * self._by_way(i)
         return self._columns(change)
 
     def way_columns(self) -> np.ndarray:

@@ -19,9 +19,15 @@ from scipy.sparse.csgraph import connected_components
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS, patches_for
+from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
+    PARAMETERS,
+    RADIUS,
+    patches_for,
+    stretch,
+)
 
-TOUCHING = 1.15  # of the sum of two radii: discs nearer to each other are one contact
+TOUCHING = 1.15  # of what two contacts reach towards each other: nearer ones are one
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
 _NARROW = 0.5  # spacings: wider gaps show to first order
@@ -31,10 +37,10 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit], bool]) -> np.ndarray:
     """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
     readings of a fit allow other contacts as well."""
     contacts = fit.unknowns.contacts
-    radii = np.exp(contacts[:, RADIUS])
-    apart = _apart(contacts)
-    touching = _nearest(fit) < TOUCHING * np.add.outer(radii, radii)
-    gaps = apart - np.add.outer(radii, radii)
+    reach = _reaches(contacts)
+    reach = reach + reach.T
+    touching = _nearest(fit) < TOUCHING * reach
+    gaps = _apart(contacts) - reach
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
         may_be = _filled(fit, near)
@@ -53,6 +59,16 @@ def _apart(contacts: np.ndarray) -> np.ndarray:
     return np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
 
 
+def _reaches(contacts: np.ndarray) -> np.ndarray:
+    """(k, k) m: how far the first of two contacts (k, 6) reaches from its centre towards the
+    other's."""
+    ways = contacts[:, :2] - contacts[:, None, :2]
+    apart = np.maximum(np.hypot(*ways.transpose(2, 0, 1)), 1e-12)
+    shapes = np.array([stretch(each) for each in contacts]).reshape(-1, 2, 2)
+    shrunk = np.einsum("kde,kje->kjd", np.linalg.inv(shapes), ways)
+    return apart / np.maximum(np.hypot(*shrunk.transpose(2, 0, 1)), 1e-12)
+
+
 def _nearest(fit: Fit) -> np.ndarray:
     """(k, k) distances of the contacts of a fit, m: the least of those before, amid and after the
     rows, if they move. Discs that come to touch each other have never been two things."""
@@ -65,20 +81,21 @@ def _nearest(fit: Fit) -> np.ndarray:
 
 def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
     """The contacts of a fit and behind them fixed ones that fill the gaps between the discs `pairs`
-    (m, 2), and conduct `part` of what these do for their area."""
+    (m, 2), no wider than the narrower of both, and conduct `part` of what these do for their
+    area."""
     u, pitch = fit.unknowns, fit.operator.pitch
     radii = np.exp(u.contacts[:, RADIUS])
-    strengths = np.exp(u.contacts[:, CONDUCTANCE])
+    density = np.exp(u.contacts[:, CONDUCTANCE]) / radii**2
     first, second = pairs.T
+    reach = _reaches(u.contacts)
     way = u.contacts[second, :2] - u.contacts[first, :2]
     apart = np.hypot(*way.T)
-    gaps = np.maximum(apart - radii[first] - radii[second], 0.0)
-    places = u.contacts[first, :2] + way * ((radii[first] + gaps / 2) / apart)[:, None]
-    widths = np.maximum(gaps / 2, np.minimum(radii[first], radii[second]) / 2)
-    density = np.minimum(
-        strengths[first] / radii[first] ** 2, strengths[second] / radii[second] ** 2
-    )
-    filling = density * widths**2
+    gaps = np.maximum(apart - reach[first, second] - reach[second, first], 0.0)
+    middles = (reach[first, second] + gaps / 2) / apart
+    places = u.contacts[first, :2] + way * middles[:, None]
+    narrower = np.minimum(radii[first], radii[second])
+    widths = np.maximum(gaps / 2, narrower / 2)
+    filling = np.minimum(density[first], density[second]) * widths * np.minimum(widths, narrower)
     added = np.zeros((len(pairs), PARAMETERS))
     added[:, :2], added[:, RADIUS] = places, np.log(widths)
     added[:, CONDUCTANCE] = np.log(part * filling)

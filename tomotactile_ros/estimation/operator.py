@@ -46,6 +46,7 @@ _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
 # from frame to frame between this model and finite elements
 _INEXACT = 2e-3
+_LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouched
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
@@ -253,9 +254,12 @@ class SheetOperator:
     @cached_property
     def untouched(self) -> np.ndarray:
         """(n, n) Z of a sheet that is as good as untouched, ohm."""
-        least = 1e-7 * np.trace(self.expected) / self.count**2
-        inverse = np.linalg.inv(self.expected + least)
-        return (inverse + inverse.T) / 2
+        # 1 is in the null space of Y: what leaks away is inverted apart from the rest, as its rounding
+        # would look like a sheet that is not even
+        whole = np.trace(self.expected) / self.count**2
+        inverse = np.linalg.inv(self.expected + whole)
+        leak = (1 / _LEAK - 1) / (whole * self.count**2)
+        return (inverse + inverse.T) / 2 + leak
 
     def _uneven(self):
         """Modes of the sheet and what they change, from finite elements."""

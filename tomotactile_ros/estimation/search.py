@@ -424,6 +424,11 @@ class Search:
         if start is None:
             return fit
         first = start.fit
+        if first.unknowns.bond is not None:
+            found = self._as_shape(first, fit)
+            if found is not None:
+                return found
+            first = self._looks_wide(self._as_discs(start.look.contacts(), fit), fit)
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
         if short and not self._changing:
@@ -455,18 +460,30 @@ class Search:
         shape = self.shapes.fitted(look, rest)
         if shape is None:
             return found
-        most = max(found.chi_squared + found.of_sensor, _MISFIT * found.rows.count)
-        believed = shape.chi_squared < most
+        if shape.chi_squared > max(found.chi_squared + found.of_sensor, SUSPECT * found.rows.count):
+            return found
         parts = self._parts(shape, rest)
         if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
             found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
-        if not believed or not self._falls_short(found):
+        return self._shape_or(shape, found) or found
+
+    def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
+        """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
+        itself; None where neither is sure."""
+        parts = self._parts(shape, rest)
+        found = self._simplified(self._solve(parts.unknowns, parts))
+        return self._shape_or(shape, found)
+
+    def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
+        """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
+        short."""
+        if not self._falls_short(found):
             return found
         shape = whole(shape)
         seen = zip(shape.prediction.conductances, shape.prediction.means)
         if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
-            return found  # of bare cells, not even a bound of the force is known
-        return shape if self._is_likelier(shape, found) else found
+            return None  # of bare cells, not even a bound of the force is known
+        return shape if self._is_likelier(shape, found) else None
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
@@ -537,8 +554,9 @@ class Search:
 
     def _looks_like(self, like: Fit) -> Start | None:
         """Where a fit of the rows of `like`, of no contacts, begins, the sensor being as expected: near
-        discs where points explain the currents, or else near the likeliest of them and of what
-        looks like something wide. None where noise explains all."""
+        discs where points explain the currents, or else with a shape of cells that explains most, or
+        near the likeliest of discs and of what looks like something wide. None where noise explains
+        all."""
         look = self._seen(like)
         if look is None:
             return None
@@ -548,6 +566,9 @@ class Search:
             discs = self._approached(self._begun(seen, like, len(seen.contacts)))
             if self._is_near(discs):
                 return Start(look, discs)
+        shape = None if self._changing else self.shapes.fitted(look, like)
+        if shape is not None and shape.chi_squared < SUSPECT * like.rows.count:
+            return Start(look, shape)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
 
