@@ -229,7 +229,7 @@ def main():
     if args.picture:
         chosen = layouts(args.kind)
         found = []
-        for name in args.only or ("equal", "touch"):
+        for name in args.only or ("equal", "r_2"):
             layout = replace(chosen[name], name=words(name, args.kind))
             found.append((layout, expected(layout, places=ELLIPSES[args.kind])))
         save_comparison(args.picture, found)

@@ -45,7 +45,9 @@ def test_a_ring_begins_on_the_x_axis_and_goes_counter_clockwise():
     assert layout.outline.kind == "circle" and layout.outline.radius == 0.1
 
 
-@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8", "equal-16x16", "hex-37", "ring-16"])
+@pytest.mark.parametrize(
+    "name", ["equal-4x4", "equal-8x8", "equal-16x16", "small-4x4", "small-8x8", "hex-37", "ring-16"]
+)
 def test_shipped_layouts_come_from_the_command_that_they_name(name, tmp_path):
     shipped = find_config("layouts", name)
     words = shlex.split(load_layout(shipped).provenance["settings"]["command"])

@@ -1,6 +1,7 @@
 """The optimizer node: maps while it works, a layout at its end, a reason when it cannot."""
 
 import threading
+from argparse import ArgumentParser
 from dataclasses import replace
 
 import numpy as np
@@ -8,16 +9,39 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+from process_support import descendants, running
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import LIMIT, Probe, ros_arguments
 from sensor_msgs.msg import Image
 
+from tomotactile_ros.commands.optimize import add_arguments
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.nodes import optimizer
 from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.optimizer.equalize import equalize
+from tomotactile_ros.optimizer.options import OPTIONS
+from tomotactile_ros.optimizer.request import Request
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_every_option_of_the_command_is_a_parameter_and_means_the_same():
+    """Names, kinds, choices, and what they are where nobody gives them."""
+    parser = ArgumentParser(add_help=False)
+    add_arguments(parser)
+    actions = {action.dest: action for action in parser._actions}
+    specs = {spec.name: spec for spec in optimizer.SPECS if spec.name != "frame_id"}
+    table = {option.name: option for option in OPTIONS}
+    assert set(actions) == set(specs)
+    for name, action in actions.items():
+        spec, option = specs[name], table[name]
+        kind = bool if action.nargs == 0 else action.type
+        assert (spec.items if option.is_list else type(spec.default)) is kind, name
+        assert isinstance(spec.default, tuple) == (action.nargs not in (None, 0)), name
+        assert spec.choices == tuple(action.choices or ()), name
+        assert spec.description.lower() == action.help.lower(), name
+        if name != "out":  # the command has to be told
+            assert option.given(spec.default) == action.default, name
 
 
 def test_it_writes_the_layout_and_ends(start, tmp_path):
@@ -30,6 +54,31 @@ def test_it_writes_the_layout_and_ends(start, tmp_path):
     assert layout.name == "better" and layout.electrodes == 16
     assert layout.provenance["algorithm"] == "equalize"
     assert "step 1 of 1" in process.output
+    assert out.with_suffix(".png").exists()
+
+
+def test_it_chooses_rows_and_numbers_of_electrodes_as_the_command_does(start, tmp_path):
+    scan, few = tmp_path / "scan.yaml", tmp_path / "few.yaml"
+    given = {"layout": "equal-4x4", "method": "scan", "frame_time": 0.004, "out": scan}
+    process = start("optimizer", {**given, "resolution": 10, "report": tmp_path / "rows.png"})
+    assert process.wait() == 0, process.output
+    assert len(load_layout(scan).scan) == 4 and (tmp_path / "rows.png").exists()
+    assert "4 rows" in process.output and "no choice of as many" in process.output
+    process = start("optimizer", {"explore": "[4, 9]", "place": 0.1, "out": few})
+    assert process.wait() == 0, process.output
+    assert load_layout(few).electrodes == 4 and "are the fewest" in process.output
+
+
+def test_a_stop_ends_the_processes_of_the_search(probe, start, tmp_path):
+    out = tmp_path / "free.yaml"
+    given = {"rows": 3, "cols": 3, "method": "free", "steps": 100000, "resolution": 6}
+    process = start("optimizer", {**given, "starts": 2, "workers": 2, "out": out})
+    probe.until(lambda: "step 1 of" in process.output, "first round")
+    children = descendants(process.pid)
+    assert len(children) >= 2
+    assert process.stop() == 0, process.output
+    probe.until(lambda: not any(map(running, children)), "end of the processes")
+    assert load_layout(out).electrodes == 9
 
 
 def test_a_search_that_is_stopped_in_its_first_step_writes_nothing(probe, start, tmp_path):
@@ -62,7 +111,7 @@ class Patient:
 def patient(monkeypatch):
     """Lets the optimizer do these steps."""
     search = Patient()
-    monkeypatch.setattr(optimizer.Request, "steps_of", lambda request: search.steps(request))
+    monkeypatch.setattr(Request, "steps_of", lambda request, _: search.steps(request))
     yield search
     search.end.set()
 
@@ -95,7 +144,13 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
         ({"steps": -1}, "steps"),
         ({"resolution": 1}, "resolution: 1 is not"),
         ({"method": "equalize", "seed": 3}, "seed: only method free knows it"),
-        ({"name": "''"}, "name: '' is not"),
+        ({"name": "' '"}, "name: ' ' is not a text"),
+        ({"layout": "equal-4x4", "rows": 4}, "rows: layout has its own"),
+        ({"workers": 1025}, "workers"),
+        ({"method": "scan", "seed": 3}, "seed: only method free knows it"),
+        ({"conditions": "[4]"}, "conditions: only method scan knows it"),
+        ({"method": "scan", "frame_time": 1e-6}, "frame_time: 1e-06 s is less than one row takes"),
+        ({"explore": "[9, 1]"}, "explore: 1 is not a whole number from 4"),
         ({"method": "guess"}, "method: 'guess' is none of"),
         ({"layout": "equal-4x4", "steps": 1, "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
     ],

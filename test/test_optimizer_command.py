@@ -7,10 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import descendants, running
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
@@ -285,22 +285,6 @@ def test_the_picture_never_takes_the_place_of_the_layout(tmp_path, capsys):
         assert main([*command, "--out", out]) == 2
         assert "x.png: this file is written as .yaml" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
-
-
-def descendants(pid):
-    """Process ids of all that a process has started."""
-    found = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in map(int, (task / "children").read_text().split()):
-            found += [child, *descendants(child)]
-    return found
-
-
-def running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except OSError:
-        return False
 
 
 NOT_UNDER_NOHUP = "import signal\nsignal.signal(signal.SIGHUP, signal.SIG_DFL)\n"

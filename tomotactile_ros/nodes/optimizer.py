@@ -1,12 +1,11 @@
-"""Node `optimizer`: moves electrodes, shows the resolution map of every step, writes the best
-layout.
+"""Node `optimizer`: moves electrodes, or chooses the rows of a scan; shows the resolution map of
+every step, writes the best layout.
 
 Its parameters are the options of `tomotactile optimize` (`optimizer/options.py`). It ends by
 itself; a stop (Ctrl-C) ends it at once and keeps the best layout so far.
 """
 
 import threading
-from dataclasses import replace
 
 import rclpy
 from rclpy.node import Node
@@ -20,44 +19,34 @@ from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.running import BAD_INPUT, PlainNode, run
-from tomotactile_ros.optimizer.checkpoint import state_file_of
-from tomotactile_ros.optimizer.options import OPTIONS, START, Option, request_of, start_of
-from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request
-from tomotactile_ros.optimizer.step import Step
+from tomotactile_ros.optimizer.jobs import Job, Stage, job_of
+from tomotactile_ros.optimizer.options import EXPLORE, OPTIONS, Option
+from tomotactile_ros.optimizer.workers import Stopped, Workers
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.files import YAML, check_out
+from tomotactile_ros.support.files import check_inputs_stay
 
 GRID = 8  # rows and columns of the grid to start from, where nothing is given
+OUT = "optimized.yaml"
+_PATIENCE = 5.0  # s for processes of the search that end
 
 
 def spec_of(option: Option) -> Spec:
     """The parameter of an option; what may be left away is 0, empty or []."""
     default = option.unset if option.default is None else option.default
-    if option.name in ("rows", "cols"):
-        default = GRID
     limits = {"low": 0, "high": option.high} if option.kind in (int, float) else {}
     return Spec(
         option.name,
-        default,
+        OUT if option.name == "out" else default,
         option.help,
         choices=option.choices,
         read_only=True,
-        items=option.kind if option.metavar else int,
-        **(limits if not option.metavar else {}),
+        items=option.kind if option.is_list else int,
+        **(limits if not option.is_list else {}),
     )
 
 
 SPECS = (
-    Spec(
-        "method",
-        METHODS[0],
-        "How electrodes are moved",
-        choices=(*METHODS, *ALIASES),
-        read_only=True,
-    ),
     *(spec_of(option) for option in OPTIONS),
-    Spec("out", "optimized.yaml", "File for the best layout", read_only=True),
-    Spec("name", "optimized", "Name of the best layout", read_only=True),
     Spec("frame_id", "tactile_link", "Frame of the resolution map", read_only=True, frame=True),
 )
 
@@ -72,10 +61,12 @@ class Optimizer:
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, _nothing_changes)
         self.status = 0
-        self._request: Request | None = None
-        self._history: list[Step] = []
+        self._job: Job | None = None
+        self._last: Stage | None = None
+        self._workers: Workers | None = None
+        self._thread = threading.Thread(target=self._work, name="optimizer", daemon=True)
         self._lock = threading.Lock()  # nothing is shown or written after the end
-        self._at_work = False
+        self._at_work = self._stopped = False
         self._publisher = node.create_publisher(
             Image,
             "resolution_map",
@@ -92,54 +83,58 @@ class Optimizer:
 
     def configure(self) -> None:
         """Read the layout to start from, and see that there is a place for the best one."""
-        values = self.parameters
-        check_out(values["out"], *YAML)
-        given = {option.name: option.given(values[option.name]) for option in OPTIONS}
-        kept = {"layout"} if given["electrodes"] is None else {"layout", "electrodes", "inset"}
-        if given["layout"] is not None:
-            given |= {option.name: option.default for option in START if option.name not in kept}
-        elif given["electrodes"] is not None:  # they are on no grid, which always has a default
-            given |= {"rows": None, "cols": None}
-        layout = start_of(given)
-        replace(layout, name=values["name"])  # refuses a name that the best layout cannot have
-        state_file = state_file_of(values["out"])
-        self._request = request_of(layout, values["method"], given, state_file)
+        given = {option.name: option.given(self.parameters[option.name]) for option in OPTIONS}
+        if all(given[name] is None for name in ("layout", "electrodes", "rows", "cols", EXPLORE)):
+            given |= {"rows": GRID, "cols": GRID}
+        check_inputs_stay(given, "")
+        self._job = job_of(given)
 
     def activate(self) -> None:
         """Begin."""
         self._at_work = True
-        threading.Thread(target=self._work, name="optimizer", daemon=True).start()
+        self._thread.start()
 
     def deactivate(self) -> None:
         """End at once, without the step under way; the best layout so far is written."""
+        self._stopped = True
+        if self._workers is not None:
+            self._workers.stop()
         try:
             self._end()
         except InputError as error:
             self._fail(BAD_INPUT, str(error))
+        if self._workers is not None:
+            self._thread.join(_PATIENCE)
 
     def cleanup(self) -> None:
         """Nothing is left to do."""
 
     def report(self) -> Report:
         """Progress for /diagnostics."""
-        if not self._history:
+        if self._job is None or self._last is None:
             return Report(diagnostics.OK, "evaluating the layout to start from")
-        step = self._history[-1]
-        figures = {"step": step.iteration, "of": step.total, "score": step.score, "eta": step.eta}
-        return Report(diagnostics.OK, _progress(step), figures)
+        figures = {"step": self._last.done, "of": self._job.total, **self._last.figures}
+        return Report(diagnostics.OK, self._progress(), figures)
+
+    def _progress(self) -> str:
+        return f"step {self._last.done} of {self._job.total}: {self._last.note}"
 
     def _work(self) -> None:
         try:
-            for step in self._request.steps_of():
-                with self._lock:
-                    if not self._at_work:
-                        return
-                    self._show(step)
-            self._end()
+            with self._job.workers() as self._workers:
+                for stage in self._job.stages(self._workers):
+                    with self._lock:
+                        if not self._at_work:
+                            return
+                        self._show(stage)
+                self._end()
+        except Stopped:
+            pass  # and what there is has been written
         except InputError as error:
             self._fail(BAD_INPUT, str(error))
         except Exception as error:  # noqa: BLE001 - a thread has nobody to raise it to
-            self._fail(1, f"{type(error).__name__}: {error}")
+            if not self._stopped:
+                self._fail(1, f"{type(error).__name__}: {error}")
         finally:
             rclpy.try_shutdown()  # ends the node
 
@@ -149,41 +144,28 @@ class Optimizer:
             at_work, self._at_work = self._at_work, False
             if not at_work:
                 return
-            if len(self._history) > 1:
-                self._write()
-            else:
+            if not self._job.has_result:
                 self._log.warning("no step was finished: nothing is written")
+                return
+            for line in self._job.write():
+                self._log.info(line)
 
     def _fail(self, status: int, reason: str) -> None:
         self.status = status
         self._log.fatal(reason)
 
-    def _show(self, step: Step) -> None:
-        self._history.append(step)
-        self._log.info(_progress(step))
+    def _show(self, stage: Stage) -> None:
+        self._last = stage
+        self._log.info(self._progress())
+        if stage.hwhm_map is None:
+            return
         header = Header(stamp=self._node.get_clock().now().to_msg())
         header.frame_id = self.parameters["frame_id"]
         try:
-            self._publisher.publish(image_to_message(step.hwhm_map, header))
+            self._publisher.publish(image_to_message(stage.hwhm_map, header))
         except RuntimeError:
             if rclpy.ok():
                 raise  # otherwise nobody listens any more
-
-    def _write(self) -> None:
-        best = [step for step in self._history if step.best][-1]
-        values = self.parameters
-        self._request.result(values["name"], self._history, best).save(values["out"])
-        if self._history[-1].iteration == self._request.total and self._request.state_file:
-            self._request.state_file.unlink(missing_ok=True)  # there is nothing to go on with
-        self._log.info(f"step {best.iteration} was the best, {values['out']} written")
-
-
-def _progress(step: Step) -> str:
-    hwhm = step.metrics["hwhm"]
-    return (
-        f"step {step.iteration} of {step.total}: HWHM {1e3 * hwhm['mean']:.2f} mm, worst region "
-        f"{1e3 * hwhm['worst_region']:.2f} mm, {step.eta:.0f} s left"
-    )
 
 
 def _nothing_changes(changed: set[str], values: dict) -> None:

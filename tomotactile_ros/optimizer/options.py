@@ -7,7 +7,7 @@ an empty text or an empty list.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,11 +30,18 @@ from tomotactile_ros.layouts.layout import (
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.equalize import SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
-from tomotactile_ros.optimizer.request import METHODS, Request, method_of
+from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request, method_of
+from tomotactile_ros.simulation import ROW_PERIOD
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, doubt
 
+SCAN, EXPLORE = "scan", "explore"  # what else can be done: rows chosen, numbers compared
+_OF_OLD = {**ALIASES, "grounding": SCAN}  # other names of methods
+NAMES = (*METHODS, SCAN, *_OF_OLD)
 _MOVING = "touch", "free"  # methods that move electrodes one by one
+_IMAGES = (*METHODS, SCAN)  # those that judge images
+PLACE = 0.002  # m
+MOST_PROCESSES = 1024
 _SEEDS = 2**31 - 1  # the largest integer of a parameter of 32 bits
 
 
@@ -52,7 +59,8 @@ class Option:
     high : of a number, which is not negative
     metavar : names of the numbers of a list
     repeated : a list of any length, its numbers in groups of `metavar`
-    methods : that know it; (): all do
+    several : a list of any length, of single numbers
+    methods : that know it, `explore` among them; (): all do
     """
 
     name: str
@@ -63,19 +71,24 @@ class Option:
     high: float = 1e9
     metavar: tuple[str, ...] = ()
     repeated: bool = False
+    several: bool = False
     methods: tuple[str, ...] = ()
+
+    @property
+    def is_list(self) -> bool:
+        return bool(self.metavar) or self.several
 
     @property
     def unset(self) -> Any:
         """What a parameter that nobody gave is."""
-        return () if self.metavar else self.kind()
+        return () if self.is_list else self.kind()
 
     def given(self, value: Any) -> Any:
         """The value of a parameter as the command line has it: None if not given, in groups."""
         if value == self.unset and self.default is None:
             return None
         if not self.repeated:
-            return value
+            return list(value) if self.is_list else value
         count = len(self.metavar)
         if len(value) % count:
             raise InputError(
@@ -84,6 +97,30 @@ class Option:
         return [list(value[i : i + count]) for i in range(0, len(value), count)]
 
 
+def named(name: str, mark: str) -> str:
+    """A name in a complaint: of a parameter, or of an option where there is a `mark`."""
+    return mark + (name.replace("_", "-") if mark else name)
+
+
+RESULT = (
+    Option(
+        "method",
+        str,
+        "touch (default): contacts best known; equalize (or paper): the paper's; free: least blur; "
+        "scan (or grounding): which electrodes to ground, and in which order",
+        METHODS[0],
+        choices=NAMES,
+    ),
+    Option("out", str, "Layout file (.yaml) to write"),
+    Option("report", str, "Picture (.png) to write (default: beside the layout)"),
+    Option("name", str, "Of the layout (default: that of the file)"),
+    Option(
+        "workers",
+        int,
+        "Processes of the search (default: one for each processor)",
+        high=MOST_PROCESSES,
+    ),
+)
 START = (
     Option("layout", str, "Layout to start from, a file or an installed name; none: an equal grid"),
     Option("rows", int, "Electrodes of the equal grid along y", high=256),
@@ -122,8 +159,15 @@ SEARCH = (
         high=100_000,
         methods=METHODS,
     ),
-    Option("regularization", float, "Lambda^2", REGULARIZATION, high=1e30),
-    Option("resolution", int, "Contact positions along the longer side", RESOLUTION, high=400),
+    Option("regularization", float, "Lambda^2", REGULARIZATION, high=1e30, methods=_IMAGES),
+    Option(
+        "resolution",
+        int,
+        "Contact positions along the longer side",
+        RESOLUTION,
+        high=400,
+        methods=_IMAGES,
+    ),
     Option(
         "spacing",
         float,
@@ -169,15 +213,15 @@ SEARCH = (
     Option(
         "noise",
         float,
-        f"Of touch: noise of a reading, V rms (default: {NOISE:g})",
+        f"Of touch and explore: noise of a reading, V rms (default: {NOISE:g})",
         high=100.0,
-        methods=("touch",),
+        methods=("touch", EXPLORE),
     ),
     Option(
         "contact_radius",
         float,
-        f"Of touch: radius of the contacts, m (default: {CONTACT_RADIUS:g})",
-        methods=("touch",),
+        f"Of touch and explore: radius of the contacts, m (default: {CONTACT_RADIUS:g})",
+        methods=("touch", EXPLORE),
     ),
     Option(
         "apart",
@@ -215,8 +259,39 @@ SEARCH = (
         methods=_MOVING,
     ),
     Option("seed", int, "Of the search of free", 0, high=_SEEDS, methods=("free",)),
+    Option(
+        "conditions",
+        int,
+        "Of scan: numbers of ground conditions to compare, the last of which is written (default: "
+        "all down to 4 by halves, and all are written)",
+        high=MAX_SPREAD,
+        several=True,
+        methods=(SCAN,),
+    ),
+    Option(
+        "frame_time",
+        float,
+        "Of scan: time for a frame, s, instead of conditions; of explore: the longest",
+        methods=(SCAN, EXPLORE),
+    ),
+    Option(
+        "row_period",
+        float,
+        "Of scan and explore: time of a row, s",
+        ROW_PERIOD,
+        methods=(SCAN, EXPLORE),
+    ),
+    Option(
+        EXPLORE,
+        int,
+        "Compare these numbers of electrodes, and numbers of rows, on this sheet instead: a table, a "
+        "picture, and a layout of the fewest that do for place and frame_time",
+        high=MAX_SPREAD,
+        several=True,
+    ),
+    Option("place", float, "Of explore: error wanted, m", PLACE, methods=(EXPLORE,)),
 )
-OPTIONS = (*START, *SEARCH)
+OPTIONS = (*RESULT, *START, *SEARCH)
 
 
 def start_layout(
@@ -249,8 +324,9 @@ def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
         anew = ("electrodes", "inset") if values["electrodes"] is not None else ()
         for option in START[1:]:
             if values[option.name] != option.default and option.name not in anew:
-                name = option.name.replace("_", "-") if mark else option.name
-                raise InputError(f"{mark}{name}: {mark}layout has its own, give only one")
+                raise InputError(
+                    f"{named(option.name, mark)}: {mark}layout has its own, give only one"
+                )
         layout = load_layout(values["layout"])
         return _spread(values, mark, layout) if anew else layout
     if values["electrodes"] is not None:
@@ -308,7 +384,6 @@ def request_of(
 
     state_file : where a search keeps its state after every round
     """
-    refuse_unknown(SEARCH, method_of(method), values)
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
@@ -336,24 +411,32 @@ def request_of(
     )
 
 
-def refuse_unknown(
-    options: Iterable[Option], method: str, values: Mapping[str, Any], mark: str = ""
-) -> None:
-    """Raise InputError for an option that was given and that `method` would leave out."""
-    for option in options:
+def refuse_unknown(task: str, values: Mapping[str, Any], mark: str = "") -> None:
+    """Raise InputError for an option that was given and that `task`, a method or `explore`, would
+    leave out."""
+    for option in SEARCH:
         value = values[option.name]
         given = bool(value) if option.repeated else value != option.default
-        if given and option.methods and method not in option.methods:
-            kinds = " and ".join(option.methods)
-            words = f"method {kinds} knows" if len(option.methods) == 1 else f"methods {kinds} know"
-            name = option.name.replace("_", "-") if mark else option.name
-            raise InputError(f"{mark}{name}: only {words} it")
+        if given and option.methods and task not in option.methods:
+            methods = [each for each in option.methods if each != EXPLORE]
+            words = f"method{'s' * (len(methods) > 1)} {' and '.join(methods)}" if methods else ""
+            if EXPLORE in option.methods:
+                words += f"{' and ' * bool(methods)}{mark}{EXPLORE}"
+            verb = "knows" if len(option.methods) == 1 else "know"
+            raise InputError(f"{named(option.name, mark)}: only {words} {verb} it")
+
+
+def task_of(values: Mapping[str, Any]) -> str:
+    """What is to be done: a method that moves electrodes, `scan` or `explore`."""
+    if values[EXPLORE]:
+        return EXPLORE
+    return _OF_OLD.get(values["method"], values["method"])
 
 
 def command_of(method: str, values: Mapping[str, Any]) -> str:
     """The command that does the same again, but for where to write it."""
     words = ["tomotactile", "optimize", "--method", method]
-    for option in OPTIONS:
+    for option in (*START, *SEARCH):
         value = values[option.name]
         if (
             value is None

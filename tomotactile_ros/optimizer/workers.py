@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
@@ -30,9 +31,10 @@ _AGAIN = 0.5  # s after which a worker that goes on is stopped again: an excepti
 
 
 class Workers(ProcessPoolExecutor):
-    """A pool of processes, for the main thread, which end with this process, whatever ends it.
+    """A pool of processes, which end with this process, whatever ends it.
 
-    Used as a context, it is stopped at the end: work that has not ended is dropped.
+    Used as a context, it is stopped at the end: work that has not ended is dropped. `stop` does the
+    same from another thread: who waits for a result gets a `Stopped`.
 
     Parameters
     ----------
@@ -43,20 +45,31 @@ class Workers(ProcessPoolExecutor):
         for variable, value in _ENVIRONMENT.items():
             os.environ.setdefault(variable, value)  # read by new processes when they start
         self._others = active_children()
+        self._stopped = False
         super().__init__(
             count, mp_context=get_context("spawn"), initializer=_prepare, initargs=(os.getpid(),)
         )
 
     def submit(self, function, /, *args, **kwargs):
         """Run function(*args, **kwargs) in a worker, which may be started for it."""
+        if self._stopped:
+            raise Stopped
         with _interrupts_held_back():
-            return super().submit(_work, function, args, kwargs)
+            future = super().submit(_work, function, args, kwargs)
+        if self._stopped:  # meanwhile: the worker that was being started does not know
+            self.stop()
+        return future
 
-    def __exit__(self, *_):
+    def stop(self) -> None:
+        """End what is at work."""
+        self._stopped = True
         for child in active_children():
             if child not in self._others and child.pid is not None:
                 with suppress(ProcessLookupError):
                     os.kill(child.pid, _STOP)
+
+    def __exit__(self, *_):
+        self.stop()
         self.shutdown(cancel_futures=True)
         return False
 
@@ -67,10 +80,12 @@ def _interrupts_held_back() -> Iterator[None]:
     good.
 
     An exception in the midst of starting a process would leave one that nobody knows of; a signal
-    to one that is not prepared for it would kill it.
+    to one that is not prepared for it would kill it. Handlers run in the main thread: another one
+    gets no exception from them.
     """
     came: list[int] = []
-    handlers = {n: signal.getsignal(n) for n in _INTERRUPTS}
+    mine = threading.current_thread() is threading.main_thread()
+    handlers = {n: signal.getsignal(n) for n in _INTERRUPTS if mine}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     for number in handlers:
         signal.signal(number, lambda number, _: came.append(number))

@@ -9,7 +9,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -142,10 +142,11 @@ def atomic_file(path: str | os.PathLike) -> Iterator[IO[bytes]]:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def check_inputs_stay(options: dict[str, object]) -> None:
+def check_inputs_stay(options: Mapping[str, object], mark: str = "--") -> None:
     """Refuse to write to a file that is read: recorded frames would be lost.
 
-    `options` of a command line, by name. A sensor file that is gone on from may be replaced.
+    `options` of a command line, by name, or parameters, with another `mark` before names. A sensor
+    file that is gone on from may be replaced.
     """
     read = [
         (name, word.rpartition("=")[0] or word)  # FRAMES=FORCE of calibrate
@@ -157,7 +158,7 @@ def check_inputs_stay(options: dict[str, object]) -> None:
             for name, path in read:
                 if (name, out) != ("sensor", "out") and _same_file(path, target):
                     raise InputError(
-                        f"--{out}: {target} is the file that {name} names, too; take another name"
+                        f"{mark}{out}: {target} is the file that {name} names, too; take another name"
                     )
 
 
