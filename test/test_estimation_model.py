@@ -332,6 +332,13 @@ def test_no_contact_reads_nothing():
     np.testing.assert_allclose(readings(Unknowns.at_rest(OPERATOR)), 0.0, atol=1e-5)
 
 
+def test_an_untouched_sheet_tells_nothing_of_itself():
+    """The leak that stands for it was a reading of the sheet: noise moved its coefficients by 0.03."""
+    rest = Unknowns.at_rest(OPERATOR)
+    read = np.random.default_rng(5).normal(readings(rest), 3e-4)
+    assert not solve(OPERATOR, rest, rows_of(read), prior()).unknowns.sheet.any()
+
+
 @pytest.mark.parametrize(
     ("radius", "place", "limit"),
     [

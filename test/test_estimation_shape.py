@@ -23,9 +23,9 @@ from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 
 
-def pressed(case):
+def pressed(case, family="wide-8x8"):
     """Results of `accurate` of all states of a case, and what is true."""
-    trial = presses(case, states("wide-8x8", case))
+    trial = presses(case, states(family, case))
     pipeline = Pipeline(trial.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
     for frame, truth in zip(trial.frames, trial.truths, strict=True):
         result = pipeline.process(frame, np.arange(trial.layout.electrodes), DRIVE)
@@ -103,6 +103,25 @@ def test_a_hand_is_a_palm_and_five_fingertips():
         scores.append(score_frame(result.contacts, truth))
     assert sum(score.true for score in scores) == 30
     assert sum(score.ghosts + score.doubled for score in scores) == 0
+    assert sum(score.missed for score in scores) <= 1
+
+
+def test_a_ring_is_one_contact_after_an_untouched_frame():
+    """Frames of the untouched sheet bent the sheet that the ring was explained with: four ghosts in
+    five presses."""
+    for result, truth in pressed("ring"):
+        score = score_frame(result.contacts, truth)
+        assert not score.ghosts and not score.doubled and not score.missed
+        assert score.place.max() < 1e-3 and score.force.max() < 0.05
+
+
+def test_two_contacts_of_5_mm_and_16_mm_apart_are_no_rod():
+    """With the sensor as expected two discs are likelier than an ellipse; with one that is bent to the
+    ellipse they are not, and the pairs of four frames of five were one contact of both forces."""
+    scores = [
+        score_frame(result.contacts, truth) for result, truth in pressed("16 mm apart", "pairs-8x8")
+    ]
+    assert sum(score.true for score in scores) == 10
     assert sum(score.missed for score in scores) <= 1
 
 

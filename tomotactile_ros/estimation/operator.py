@@ -254,12 +254,9 @@ class SheetOperator:
     @cached_property
     def untouched(self) -> np.ndarray:
         """(n, n) Z of a sheet that is as good as untouched, ohm."""
-        # 1 is in the null space of Y: what leaks away is inverted apart from the rest, as its rounding
-        # would look like a sheet that is not even
-        whole = np.trace(self.expected) / self.count**2
-        inverse = np.linalg.inv(self.expected + whole)
-        leak = (1 / _LEAK - 1) / (whole * self.count**2)
-        return (inverse + inverse.T) / 2 + leak
+        least = _LEAK * np.trace(self.expected) / self.count**2
+        inverse = np.linalg.inv(self.expected + least)
+        return (inverse + inverse.T) / 2
 
     def _uneven(self):
         """Modes of the sheet and what they change, from finite elements."""

@@ -56,7 +56,7 @@ from tomotactile_ros.estimation.touch import (
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
-_SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts on a sensor that was learned
+_SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts with the sensor held as it is known
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _WIDER = 1.0  # of ln a: so much wider a contact is made at once
@@ -134,6 +134,7 @@ class Search:
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._simple: Fit | None = None  # the last answer of `_simplified`
+        self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
@@ -410,12 +411,28 @@ class Search:
         channels, *deviations = channels_alone(fit.rows, fit.prior)
         return self.detector.first_look(fit.rows.corrected(channels), *deviations)
 
-    def _as_discs(self, seen: list[tuple[np.ndarray, float]], fit: Fit) -> Unknowns:
-        """`fit`, of no contacts, with discs where contacts were seen."""
+    def _as_discs(
+        self, seen: list[tuple[np.ndarray, float]], fit: Fit, factor: float = 1.0
+    ) -> Unknowns:
+        """`fit`, of no contacts, with discs of `factor` times the typical radius where contacts were
+        seen."""
         discs = fit.unknowns
         for place, strength in seen[:MOST]:
-            discs = self._added(discs, place, strength, fit.prior.radius)
+            discs = self._added(discs, place, strength, factor * fit.prior.radius)
         return discs
+
+    def _of_any_size(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit:
+        """Near discs at `points`, from other sizes as well where the typical one leads to none that
+        explain the readings with the sensor as expected: a disc that covers half an electrode may not
+        come to cover it, and the sheet would be bent to it."""
+        found = None
+        for factor in sorted(_SIZES, key=lambda factor: abs(np.log(factor))):
+            seen = self._as_discs(points, like, factor)
+            tried = self._approached(self._begun(seen, like, len(seen.contacts)))
+            found = tried if found is None or tried.cost < found.cost else found
+            if found.chi_squared < _MISFIT * found.rows.count:
+                break
+        return found
 
     def _first(self, fit: Fit, start: Start | None = None) -> Fit:
         """The fit of what a first look at the rows of `fit`, of no contacts, shows; `start` where it is
@@ -457,7 +474,7 @@ class Search:
         Cells together with sheet and channels explain nearly everything: a shape is believed only where it
         leaves little over with the sensor as expected, or less than discs and the sensor that they need.
         """
-        shape = self.shapes.fitted(look, rest)
+        shape = self._in_cells(look, rest)
         if shape is None:
             return found
         if shape.chi_squared > max(found.chi_squared + found.of_sensor, SUSPECT * found.rows.count):
@@ -467,12 +484,17 @@ class Search:
             found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
         return self._shape_or(shape, found) or found
 
+    def _in_cells(self, look: FirstLook, rest: Fit) -> Fit | None:
+        """The best fit of cells alone to the rows of `rest`, of no contacts, that `look` is one at."""
+        if self._cells is None or self._cells[0] is not look:
+            self._cells = look, self.shapes.fitted(look, rest)
+        return self._cells[1]
+
     def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
-        parts = self._parts(shape, rest)
-        found = self._simplified(self._solve(parts.unknowns, parts))
-        return self._shape_or(shape, found)
+        parts = self._split(self._parts(shape, rest), self._near)
+        return self._shape_or(shape, self._simplified(self._solve(parts.unknowns, parts)))
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
         """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
@@ -562,11 +584,10 @@ class Search:
             return None
         points, discs = look.points(like.prior.radius), None
         if points is not None:
-            seen = self._as_discs(points, like)
-            discs = self._approached(self._begun(seen, like, len(seen.contacts)))
+            discs = self._of_any_size(points, like)
             if self._is_near(discs):
                 return Start(look, discs)
-        shape = None if self._changing else self.shapes.fitted(look, like)
+        shape = None if self._changing else self._in_cells(look, like)
         if shape is not None and shape.chi_squared < SUSPECT * like.rows.count:
             return Start(look, shape)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
