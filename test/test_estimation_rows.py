@@ -295,6 +295,37 @@ def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
     assert not followed[-1].reason
 
 
+def test_rows_that_begin_with_a_touched_sheet_wait_for_a_frame():
+    """Two touches that were there before the first row became one of 3 N between them, 30 mm from
+    either, and a frame's contact was taken for its new place."""
+    layout = load_layout("equal-8x8")
+    places = (0.041, -0.033), (-0.05, -0.045)
+    law, noise = ContactLaw(1e-4, 1.0), Noise(NOISE, 1)
+    contacts = [
+        Contact("disc", center=place, radius=0.006, pressure=pressure)
+        for place, pressure in zip(places, (15e3, 10e3))
+    ]
+    scene = Scene("two", DRIVE, contacts, law, noise, Adc(12, DRIVE))
+    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
+    estimator = Estimator(layout, noise=NOISE, law=law, radius=0.006)
+    rows, state, said = RowEstimator(estimator), RowsState(waits=False), []
+    grounded = np.arange(64)
+    for frame in range(3):
+        readings = simulator.frame(64 * frame * ROW_PERIOD, frame)
+        readings[:, [4, 8, 16, 23, 27, 36, 44, 53]] = np.nan
+        for ground, row in zip(grounded, readings):
+            time = (64 * frame + int(ground)) * ROW_PERIOD
+            said.append(rows.estimate(row, int(ground), DRIVE, time, state))
+        seen = rows.look(readings, grounded, DRIVE, ROW_PERIOD, state.frames)
+        state.tell(seen.at(64 * frame * ROW_PERIOD, ROW_PERIOD, 64))
+    assert said[127].reason == "it was touched when rows began: the next frame tells"
+    valid = [each for each in said if not each.reason]
+    assert len(valid) == 64
+    for each in valid:
+        found = np.array([[contact.x, contact.y] for _, _, contact in each.contacts])
+        assert np.abs(found - places).max() < 1e-3
+
+
 def test_what_is_learned_of_the_sensor_leaves_contacts_and_their_numbers(operator):
     estimator = Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
     rows, state = RowEstimator(estimator, frames=False), RowsState()
@@ -362,10 +393,11 @@ def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path
 def test_a_frame_that_ends_just_after_a_touch_has_begun_changes_nothing(estimator, row):
     tap = Contact("disc", **NEW, start=(48 - row - 0.5) * ROW_PERIOD, end=0.09)
     followed = followed_late(estimator, [RESTING, tap], 6, 6)
-    known = followed[16:]
+    begun = 16 + 6  # the first frame is told after so many rows
+    known = followed[begun:]
     assert not any(each.reason for each in known)
     numbers = [sorted(numbers_and_places(each)) for each in known]
-    before, after = 48 - row - 16, 88 - 16
+    before, after = 48 - row - begun, 88 - begun
     resting, touching = numbers[0], numbers[before + 4]
     assert len(resting) == 1 and len(touching) == 2
     assert all(each == resting for each in numbers[:before])

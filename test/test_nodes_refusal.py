@@ -5,6 +5,7 @@ import re
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -152,6 +153,56 @@ def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monke
     node.destroy_node()
     rclpy.shutdown()
     assert report.level == DiagnosticStatus.ERROR and "an image takes seconds" in report.message
+
+
+def test_frames_that_wait_for_a_long_image_are_not_kept(domain, monkeypatch):
+    """Hundreds waited while nothing explained one for 20 s: 16 kB and more each."""
+    begun, enough, seen = threading.Event(), threading.Event(), []
+
+    def process(self, voltages, grounded, drive, period, stamp):
+        seen.append(stamp)
+        begun.set()
+        enough.wait()
+        raise InputError("stopped by the test")
+
+    monkeypatch.setattr(Pipeline, "process", process)
+    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
+    node = PlainNode(DirectReconstruction)
+    node.part.hand_over(a_frame(1.0), "equal-4x4", Header())
+    assert begun.wait(LIMIT)
+    for stamp in range(2, 300):
+        node.part.hand_over(a_frame(float(stamp)), "equal-4x4", Header())
+    waiting = node.part._queue.qsize()
+    enough.set()
+    node.destroy_node()
+    rclpy.shutdown()
+    assert waiting == 1 and seen[0] == 1.0 and set(seen[1:]) <= {299.0}
+
+
+def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):
+    """A median over the last 1000 frames said for minutes that all was well; and for ever where
+    `max_age` is less than a second."""
+    now = [1000.0]
+    monkeypatch.setattr(
+        "tomotactile_ros.nodes.watch.time", SimpleNamespace(monotonic=lambda: now[0])
+    )
+    rclpy.init(args=None, domain_id=domain)
+    node = rclpy.create_node("probe")
+    watch = FrameWatch(node, "/voltage_frame")
+    for number in range(1000):
+        watch.accepted(number, float(number), 0.01, 0.01)
+    now[0] += 20.0
+    for number in range(1000, 1005):
+        watch.accepted(number, float(number), 3.0, 0.01)
+    found = [each for each in watch.troubles(2.0) if each.name == "old"]
+    now[0] += 20.0
+    watch.accepted(1005, 1005.0, 0.5, 0.01)
+    strict = [each for each in watch.troubles(0.3) if each.name == "old"]
+    lenient = [each for each in watch.troubles(2.0) if each.name == "old"]
+    node.destroy_node()
+    rclpy.shutdown()
+    assert len(found) == 1 and found[0].serious
+    assert len(strict) == 1 and strict[0].serious and not lenient
 
 
 def test_most_frames_refused_is_an_error_although_there_are_images(probe, start):

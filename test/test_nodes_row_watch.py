@@ -51,6 +51,13 @@ def test_rows_that_are_known_late_are_told():
     assert watched((0, 16), late=0.5).figures()["row_latency_p50_ms"] == 500.0
 
 
+def test_rows_of_several_publishers_and_rows_beyond_max_age_are_errors():
+    assert names(watched((0, 16))) == []
+    assert [t.name for t in watched((0, 16)).troubles(2) if t.serious] == ["rows publishers"]
+    late = watched((0, 16), late=10.0)
+    assert [t.name for t in late.troubles(1, 2.0) if t.serious] == ["rows old"]
+
+
 def test_a_message_of_very_many_rows_does_not_keep_the_node(monkeypatch):
     """Anybody can send 65535 rows at once; a minute of work for them would be one of silence."""
     now = [100.0]

@@ -149,8 +149,9 @@ class Follower:
             state.wide = []
         state.belief = self._tidied(fit.believed())
         if np.isinf(fit.row.own):
-            state.confused = 0.0
-        state.touched_at_once |= not state.read and not np.isinf(fit.row.own)
+            state.confused, state.touched_at_once = 0.0, False
+        elif not state.read:  # a row tells one contact from several only where one comes at a time
+            state.confused, state.touched_at_once = np.inf, True
         state.read += 1
 
     def _learns(self, belief: Belief, number: int) -> bool:

@@ -156,6 +156,7 @@ def corrected(
         known = replace(known, sheet=found.sheet, gain=found.gain, aside=found.aside, wide=wide)
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
+    state.confused, state.touched_at_once = 0.0, False
 
 
 def _sliding(belief: Belief) -> dict[int, float]:
@@ -243,7 +244,7 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0
-    state.sums, state.confused = follower.births.nothing(), 0.0
+    state.sums = follower.births.nothing()
 
 
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:

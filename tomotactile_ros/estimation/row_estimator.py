@@ -113,8 +113,7 @@ class RowsState:
     def rows_since_change(self, begun: float, ended: float) -> int | None:
         """How many rows of a frame from `begun` to `ended`, s, came after the last beginning or end
         that rows saw in it; None: it is of one state, or rows may not be believed. From any thread."""
-        unsure = self.rows is None or self.rows.touched_at_once and self.confirmed == -np.inf
-        if unsure or self.confused:
+        if self.rows is None or self.confused:
             return None
         within = [places.keys() for at, places in list(self.past) if begun <= at <= ended]
         change = [i for i in range(1, len(within)) if within[i] != within[i - 1]]
@@ -291,12 +290,10 @@ class RowEstimator:
             return Followed([], "withheld", "no contacts explain the last row")
         if not rows.read:
             return Followed([], "withheld", "rows begin anew, with other electrodes than before")
-        if self._frames and rows.touched_at_once and rows.read < YOUNG:
-            return Followed(
-                [], "withheld", "it was touched when rows began: more of them tell by what"
-            )
         if self._frames and state.confused:
-            return Followed([], "withheld", "rows contradict each other: the next frame tells")
+            begun = "it was touched when rows began" if rows.touched_at_once else ""
+            said = begun or "rows contradict each other"
+            return Followed([], "withheld", f"{said}: the next frame tells")
         if state.doubted >= _DOUBTFUL:
             return Followed([], "withheld", state.doubt)
         if self._frames and self._may_be_one(state):

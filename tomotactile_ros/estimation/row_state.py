@@ -152,9 +152,10 @@ def _lasting(count: int, lasts: float):
 class RowState:
     """All that lasts from row to row; a new one begins anew.
 
-    confused : surprising rows of late, infinite when there were too many, see `follow`
+    confused : surprising rows of late, see `follow`; infinite when there were too many, or where
+        something touched already in the first row, until a frame or an untouched row tells
     unfaded : s for which what rows say of the sensor has not faded yet
-    read : rows so far; touched_at_once : whether something touched already in the first of them
+    read : rows so far; touched_at_once : whether it is the first row that confused
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
     model : `RowModel` of the sensor as known; sums : of the matched filter

@@ -76,6 +76,7 @@ class Reconstruction:
         self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
+        self._rows_topic = node.resolve_topic_name("voltage_rows")
         if subscribe:
             subscribe_to_frames(node, self.accept, self.refuse, self._watch.incompatible_qos)
             subscribe_to_rows(node, self.accept_rows, self.refuse)
@@ -186,7 +187,7 @@ class Reconstruction:
             self._log.info("images are made again")
         troubles = [
             *self._watch.troubles(self.parameters["max_age"]),
-            *self._rows.troubles(),
+            *self._rows.troubles(self._node.count_publishers(self._rows_topic)),
             *self._taring.troubles(),
             *self._learning.troubles(),
         ]

@@ -148,9 +148,9 @@ class Rows:
         """End the process beside; the next frame that rows ask for starts it again."""
         self._beside.stop()
 
-    def troubles(self) -> list[Trouble]:
-        """What is wrong with the rows of the last seconds."""
-        return self.watch.troubles() if self.followed else []
+    def troubles(self, publishers: int = 1) -> list[Trouble]:
+        """What is wrong with the rows of the last seconds, which so many publish."""
+        return self.watch.troubles(publishers, self._values()["max_age"]) if self.followed else []
 
     def figures(self) -> dict[str, float | int]:
         """Counts and times, where rows come."""

@@ -30,6 +30,7 @@ class RowWatch:
         self._whole = False  # whether the frame was seen from its beginning
         self._recent = Recent(4, _WINDOW)  # rows followed, lost, skipped, late
         self._latencies: deque[float] = deque(maxlen=1000)
+        self._arrivals: deque[float] = deque(maxlen=1000)  # s, of the same messages
         self._durations: deque[float] = deque(maxlen=1000)
 
     def frame_has(self, rows: int) -> None:
@@ -47,13 +48,23 @@ class RowWatch:
         self.rows += rows
         self._recent.add(rows, 0, 0, rows if latency > _LATE else 0)
         self._latencies.append(latency)
+        self._arrivals.append(time.monotonic())
         self._durations.append(duration / rows)
         self._count_up(sequence, rows)
 
-    def troubles(self) -> list[Trouble]:
-        """What is wrong with the rows of the last 10 s."""
+    def troubles(self, publishers: int = 1, max_age: float = 0.0) -> list[Trouble]:
+        """What is wrong with the rows of the last 10 s, which so many publish.
+
+        Contacts of rows beyond `max_age`, s, are not valid; 0 for those of any age.
+        """
         rows, lost, skipped, late = self._recent.sums()
         found = []
+        if publishers > 1:
+            text = f"{publishers} publish rows: those of several sensors are mixed"
+            found.append(Trouble("rows publishers", True, text))
+        if 0 < max_age and (old := self._older_than(max_age)) > _SOME:
+            text = f"{100 * old:.0f} % of the rows are older than max_age, {max_age:g} s"
+            found.append(Trouble("rows old", old > 0.5, text))
         for name, number, text in (
             ("rows lost", lost, "are lost on the way"),
             ("rows skipped", skipped, "are left out: there is no time for all of them"),
@@ -95,6 +106,13 @@ class RowWatch:
         lost = gap * self._length + missing
         self.lost += lost
         self._recent.add(0, lost, 0, 0)
+
+    def _older_than(self, age: float) -> float:
+        """Part of the messages of the last 10 s whose rows were older than `age`, s."""
+        since = time.monotonic() - _WINDOW
+        pairs = zip(list(self._arrivals), list(self._latencies))
+        recent = [latency > age for when, latency in pairs if when >= since]
+        return sum(recent) / len(recent) if recent else 0.0
 
     def _span(self) -> float:
         begun = time.monotonic() if self._sequence is None else self._begun

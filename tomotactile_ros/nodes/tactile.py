@@ -10,7 +10,7 @@ and parameters are those of the two nodes.
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 
 from rclpy.node import Node
 from std_msgs.msg import Header
@@ -62,7 +62,12 @@ class DirectReconstruction(Reconstruction):
         """Leave a frame to be processed next; those that still wait are dropped."""
         if not self._active:
             return
-        self._queue.put((frame, layout_id, header))
+        try:  # they would be hundreds while an image takes seconds
+            while self._queue.get_nowait() is not None:
+                pass
+            self._queue.put(None)  # the word to end, which is not for this thread
+        except Empty:
+            self._queue.put((frame, layout_id, header))
 
     def hand_over_rows(self, rows: Frame, layout_id: str, header: Header) -> None:
         """Leave rows to be followed in turn."""

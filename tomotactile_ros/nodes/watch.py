@@ -30,6 +30,7 @@ class FrameWatch:
         self._node = node
         self._topic = topic
         self._latencies: deque[float] = deque(maxlen=1000)
+        self._ages: deque[tuple[float, float]] = deque(maxlen=1000)  # when, s, and how old
         self._durations: deque[float] = deque(maxlen=1000)
         self._sequence: int | None = None
         self._stamp = -np.inf
@@ -65,6 +66,7 @@ class FrameWatch:
         self._recent.add(1, missed, 0, back, overlong)
         self.processed += 1
         self._latencies.append(latency)
+        self._ages.append((time.monotonic(), latency))
         self._durations.append(duration)
         self._since, self._incompatible = time.monotonic(), ""
 
@@ -115,8 +117,8 @@ class FrameWatch:
                 "is in s)"
             )
             found.append(Trouble("row period", True, text))
-        age = float(np.median(self._latencies)) if self._latencies else 0.0
-        if age > _OLD:
+        age = self._age()
+        if age > (min(_OLD, max_age) if max_age > 0 else _OLD):
             text = f"frames are {age:.3g} s old: clocks differ, or messages take long"
             found.append(Trouble("old", 0 < max_age < age, text))
         elif age < -_OLD:
@@ -140,6 +142,12 @@ class FrameWatch:
                 p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
                 figures |= {f"{name}_p50_ms": 1e3 * p50, f"{name}_p99_ms": 1e3 * p99}
         return figures
+
+    def _age(self) -> float:
+        """Median age, s, of the frames of the last 10 s; 0 without any."""
+        since = time.monotonic() - _WINDOW
+        ages = [age for when, age in list(self._ages) if when >= since]
+        return float(np.median(ages)) if ages else 0.0
 
     def _span(self) -> float:
         """s over which the recent frames were counted."""
