@@ -327,21 +327,34 @@ def restarts(options: argparse.Namespace) -> None:
 
 
 def plug_pulled(program: str, port: str, times: int) -> list[str]:
-    """Kill the sensor and start another one, again and again."""
+    """Kill the sensor and start another one, again and again, once the driver has said that it is away.
+
+    The level is the worst that the driver gives from the first frame on, also while nothing is there.
+    """
     judge = Judge(64)
     device = SerialDevice(port.partition(":")[2], 64, rate=60.0)
     device.open(judge)
-    watcher = Watcher(device)
-    waits = []
+    waits, worst = [], 0
     for _ in range(times):
         source = Sensor(program, port)
         waits.append(judge.wait_for_frame())
         source.stop(signal.SIGKILL)
-    watcher.close()
+        worst = max(worst, level_of(noticed(device)))
     device.close()
     spread = f"{np.mean(waits):.2f} s, {np.max(waits):.2f} s"
-    level = LEVELS[watcher.worst]
-    return ["plug pulled", str(times), str(judge.frames), str(judge.wrong_readings), spread, level]
+    wrong = str(judge.wrong_readings)
+    return ["plug pulled", str(times), str(judge.frames), wrong, spread, LEVELS[worst]]
+
+
+def noticed(device: SerialDevice, patience: float = 10.0) -> Status:
+    """What a device says as soon as it no longer says that frames arrive; after `patience`, s, what it
+    says then."""
+    end = time.monotonic() + patience
+    status = device.status()
+    while status.state == "streaming" and time.monotonic() < end:
+        time.sleep(0.01)
+        status = device.status()
+    return status
 
 
 def fuzz(options: argparse.Namespace) -> None:

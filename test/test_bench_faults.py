@@ -69,3 +69,14 @@ def test_frames_arrive_over_rfc2217_and_are_judged(monkeypatch):
     assert faults.level_of(status) == 0
     assert faults.level_of(replace(status, dead=(3,))) == 1
     assert faults.level_of(replace(status, state="silent")) == 2
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_sensor_whose_plug_is_pulled_is_an_error(monkeypatch):
+    """The level counts while nothing is there, not only while frames arrive."""
+    pytest.importorskip("diagnostic_msgs")
+    monkeypatch.syspath_prepend(str(BENCHMARK))
+    faults = _load("faults")
+    with faults.workshop() as (folder, program):
+        row = faults.plug_pulled(program, f"pty:{folder}/port", times=2)
+    assert row[1:4] == ["2", "2", "0"] and row[-1] == "ERROR"
