@@ -30,6 +30,7 @@ from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 LAYOUT = load_layout("equal-4x4")
 DRIVE, NOISE = 3.3, 1e-3
 NEW = {"center": (-0.045, 0.03), "radius": 0.008, "pressure": 15e3}
+PRESSED = {"center": (0.031, -0.022), "radius": 0.006, "pressure": 2e4}
 RESTING = Contact("disc", center=(0.05, -0.04), radius=0.008, pressure=15e3)
 
 
@@ -436,3 +437,67 @@ def test_frames_of_which_next_to_nothing_was_read_do_not_end_rows(read):
             time = (16 * number + row) * ROW_PERIOD
             result = pipeline.process_row(frame[row], row, 3.3, time, state)
     assert result.state == "valid" and not result.contacts
+
+
+@pytest.fixture(scope="module")
+def on_8x8():
+    """A pipeline of 8 x 8 electrodes, and rows with noise that a contact made from the second frame
+    on: (readings, grounded electrode, time)."""
+    layout, law = load_layout("equal-8x8"), ContactLaw(1e-4, 1.0)
+    scene = Scene("press", DRIVE, (Contact("disc", **PRESSED),), law)
+    frame = Simulator(layout, scene, "closed_form", row_period=0.0).frame(0.0, 0)
+    random = np.random.default_rng(0)
+    frames = [np.zeros((64, 64)), *[frame] * 4]
+    rows = [row + 1e-3 * random.standard_normal(64) for each in frames for row in each]
+    pipeline = Pipeline(layout, Settings(noise=1e-3, contact_law=law, profile="accurate"))
+    return pipeline, [(row, i % 64, i * ROW_PERIOD) for i, row in enumerate(rows)]
+
+
+@pytest.mark.parametrize("ahead", [0.6, 0.9])
+def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
+    """A contact that nobody saw for so long may be anywhere; it was valid, up to 69 mm off."""
+    pipeline, rows = on_8x8
+    off = []
+    for seed in range(6):
+        random, state = np.random.default_rng(seed), pipeline.rows(waits=False)
+        for readings, grounded, time in rows:
+            time += ahead * (random.random() < 0.05)
+            result = pipeline.process_row(readings, grounded, DRIVE, time, state)
+            for c in result.contacts:
+                off.append(np.hypot(*np.subtract((c.x, c.y), PRESSED["center"])))
+                assert c.age >= 0.0
+    assert off and max(off) < 0.01
+
+
+def test_contacts_that_cannot_be_are_no_crash(operator, known, estimator, monkeypatch):
+    """Some that lie in each other conduct less than nothing; it was a ValueError."""
+    random = np.random.default_rng(0)
+    model, shift = RowModel(operator, known), np.zeros(len(known.shift_deviation))
+
+    def conduct(contacts):
+        return model.row(contacts, 5, shift, model.mutual(contacts))
+
+    def cannot_be():
+        while True:
+            places = random.uniform(-0.08, 0.08, 2) + random.normal(0.0, 0.004, (3, 2))
+            strengths, sizes = random.uniform(-9.0, 2.0, (3, 1)), np.full((3, 1), np.log(0.005))
+            contacts = np.hstack([places, strengths, sizes])
+            try:
+                conduct(contacts)
+            except np.linalg.LinAlgError:
+                return contacts
+
+    impossible = cannot_be()
+
+    def follow(self, state, *row):
+        conduct(impossible)
+
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    frame = frames_of([Contact("disc", **NEW)], 1)[0]
+    with monkeypatch.context() as patched:
+        patched.setattr(Follower, "follow", follow)
+        said = rows.estimate(frame[3], 3, DRIVE, 0.0, state)
+    assert said.state == "withheld" and not said.contacts
+    rows.estimate(np.zeros(16), 4, DRIVE, ROW_PERIOD, state)
+    said = rows.estimate(frame[5], 5, DRIVE, 2 * ROW_PERIOD, state)
+    assert said.state == "valid" and len(said.contacts) == 1

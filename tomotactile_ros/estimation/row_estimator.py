@@ -31,11 +31,13 @@ from tomotactile_ros.estimation.reported import (
     told,
 )
 from tomotactile_ros.estimation.row_model import Known
-from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState
+from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
 from tomotactile_ros.estimation.search import FILLED
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
-_PAUSE = 1.0  # s without a row, or of a clock that was set back: what was there before is not known
+# spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
+# there on what was there before is not known; 0.28 s with electrodes 25 mm apart
+_UNSEEN = 1.0
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
@@ -152,6 +154,7 @@ class RowEstimator:
     def __init__(self, estimator: Estimator, frames: bool = True):
         self.estimator, self._frames = estimator, frames
         self._followers: dict[tuple[int, ...], Follower] = {}
+        self._pause = known_for(_UNSEEN * float(np.median(estimator.layout.pitches)))  # s
 
     def estimate(
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
@@ -166,7 +169,7 @@ class RowEstimator:
         """Takes a row into `state`; arguments as for `estimate`."""
         voltages = np.array(voltages, float)
         voltages[grounded] = np.nan
-        if state.rows is None or drive_voltage != state.drive or _is_broken(state, time):
+        if state.rows is None or drive_voltage != state.drive or self._is_broken(state, time):
             self._begin(state, drive_voltage)
         elif state.sensor is not self.estimator.sensor:
             self._learned(state)
@@ -187,7 +190,11 @@ class RowEstimator:
         valid = np.isfinite(voltages)[follower.operator.used]
         if at >= 0 and valid.any():
             readings = voltages[follower.operator.used] / drive_voltage
-            follower.follow(state.rows, readings, valid, at, time)
+            try:
+                follower.follow(state.rows, readings, valid, at, time)
+            except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
+                self._begin(state, drive_voltage)
+                state.rows.time, state.rows.unexplained = time, 1
         state.past.append((time, state.rows.belief.places()))
         if not (state.waits and self._frames):
             return
@@ -205,6 +212,11 @@ class RowEstimator:
         to frame."""
         estimate = self.estimator.estimate(voltages, grounded, drive_voltage, frames, period)
         return FrameSeen.of(estimate, frames)
+
+    def _is_broken(self, state: RowsState, time: float) -> bool:
+        """Whether a row at `time` does not follow those before: after a pause, or a clock set back."""
+        before = state.rows.time
+        return np.isfinite(before) and not -self._pause <= time - before <= self._pause
 
     def _begin(self, state: RowsState, drive_voltage: float) -> None:
         excluded = self.estimator.excluded
@@ -299,7 +311,7 @@ class RowEstimator:
         if self._frames and self._may_be_one(state):
             reason = "a wide contact or several near each other have begun: the next frame tells"
             return Followed([], "withheld", reason)
-        found = [(number, rows.time - begun, contact) for number, begun, contact in rows.wide]
+        found = [(number, max(rows.time - begun, 0.0), each) for number, begun, each in rows.wide]
         belief, contacts = rows.belief, rows.belief.contacts()
         if state.means.keys() - belief.numbers:
             state.means = {n: each for n, each in state.means.items() if n in belief.numbers}
@@ -313,7 +325,7 @@ class RowEstimator:
                 covariance = covariance + np.diag([off**2, off**2, 0.0, 0.0, 0.0])
             size = belief.sizes[i, 1] + grown**2
             reported = self._contact(touches, contacts[i], size, mean, covariance)
-            found.append((number, rows.time - belief.begun[i], reported))
+            found.append((number, max(rows.time - belief.begun[i], 0.0), reported))
         if found and state.ground.alike:
             return Followed([], "withheld", ALIKE)
         found.sort(key=lambda each: -each[2].force)
@@ -402,9 +414,3 @@ def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
     full[0, :4] = contact
     across = (patches_for(float(np.exp(contact[3])), operator.pitch),)
     return Touches(operator, full, across, sheet)
-
-
-def _is_broken(state: RowsState, time: float) -> bool:
-    """Whether a row at `time` does not follow those before: after a pause, or a clock set back."""
-    before = state.rows.time
-    return np.isfinite(before) and not -_PAUSE <= time - before <= _PAUSE

@@ -183,6 +183,8 @@ class RowModel:
         drawn, lifting = _solved(matrix, right).T
         z, lifted = zb[ground] - drawn @ spread, np.zeros(len(zb))
         if known.wide is None:
+            if not lifting.sum() > 0:
+                raise np.linalg.LinAlgError("contacts conduct less than nothing")
             lifted = (1 - lifting @ spread) / math.sqrt(lifting.sum())
             z += lifted * lifted[ground]
         own = float(z[ground] + known.resistance[ground])

@@ -148,6 +148,12 @@ def _lasting(count: int, lasts: float):
     return np.kron(each, moved), np.kron(each, added)
 
 
+def known_for(distance: float) -> float:
+    """Time without rows, s, in which a contact goes `distance`, m, standard deviation, by an
+    acceleration that nobody saw (`Belief.later`)."""
+    return (3 * _WITHIN * (distance / _ENDURING) ** 2) ** (1 / 3)
+
+
 @dataclass
 class RowState:
     """All that lasts from row to row; a new one begins anew.
