@@ -331,3 +331,36 @@ def test_two_fingers_that_an_ellipse_nearly_explains_are_two():
     at = np.array([[each.x, each.y] for each in found])
     assert at.shape == (2, 2)
     assert np.hypot(*(places[:, None] - at).transpose(2, 0, 1)).min(axis=1).max() < 0.5e-3
+
+
+def on_half(noise, many, value, sequence=0):
+    """A frame of 8 x 8 electrodes under two contacts, of which `many` channels show `value`, V; the
+    same without."""
+    discs = [(0.031, -0.022, 0.006, 20e3), (-0.05, 0.04, 0.005, 15e3)]
+    frame = simulate("8x8", discs, noise, sequence)
+    broken = frame.copy()
+    broken[:, np.random.default_rng(sequence).permutation(64)[:many]] = value
+    return broken, frame
+
+
+def test_stuck_channels_are_seen_where_frames_before_were_noisy():
+    """Half of them at 0 V after a frame with 30 mV of noise: they were taken for readings."""
+    for sequence in range(3):
+        broken, _ = on_half(NOISE, 32, 0.0, sequence)
+        estimator, state = Estimator(LAYOUTS["8x8"](), noise=NOISE, law=LAW, radius=0.005), State()
+        noisy = on_half(0.03, 32, 0.0)[1]
+        estimator.estimate(noisy, np.arange(64), DRIVE, state)
+        said = estimator.estimate(broken, np.arange(64), DRIVE, state)
+        assert len(said.left_out) == 32
+        for c in said.contacts:
+            assert min(np.hypot(c.x - 0.031, c.y + 0.022), np.hypot(c.x + 0.05, c.y - 0.04)) < 5e-3
+
+
+@pytest.mark.parametrize("many", [40, 56, 60])
+def test_with_more_than_half_of_the_channels_dead_nothing_is_told(many):
+    """Two contacts became one, or were up to 45 mm off, and valid."""
+    estimator = Estimator(LAYOUTS["8x8"](), noise=NOISE, law=LAW, radius=0.005)
+    broken, _ = on_half(NOISE, many, np.nan)
+    said = estimator.estimate(broken, np.arange(64), DRIVE, State())
+    assert said.state == "withheld" and not said.contacts
+    assert said.reason.startswith(f"{many} of 64 channels give no readings or never change")

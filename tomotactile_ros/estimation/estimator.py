@@ -34,6 +34,7 @@ from tomotactile_ros.estimation.screening import (
     latest_state,
     open_grounds,
     stuck_channels,
+    too_many_are_bad,
 )
 from tomotactile_ros.estimation.search import (
     BUDGET,
@@ -182,13 +183,18 @@ class Estimator:
             left_out.setdefault(int(electrode), "no readings")
         everything = tuple(range(self.layout.electrodes))
         without = voltages - self.offsets(everything)
-        for electrode in np.flatnonzero(stuck_channels(without, valid, noise)):
+        # by the noise that was said: what channels have more, one that is stuck does not show
+        for electrode in np.flatnonzero(stuck_channels(without, valid, self.noise)):
             left_out.setdefault(int(electrode), "its reading never changes")
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
         if len(used) < 2:
             return Estimate(
                 [], [], "withheld", "fewer than two electrodes can be read", left_out
             ), None
+        several = len(left_out) - len(self.excluded), len(everything) - len(self.excluded)
+        if bad := too_many_are_bad(*several):
+            state.forget()
+            return Estimate([], [], "withheld", bad, left_out), None
         driven = np.where(valid, voltages, np.nan)[:, list(used)] - self.offsets(used)
         places = self.layout.positions
         doubt = ground_is_doubtful(

@@ -11,6 +11,9 @@ import numpy as np
 
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
+# of the channels in use: with a half left, electrodes lie 1.4 spacings apart; of two contacts, wrong by
+# more than 10 mm, in 2 of 20 frames with 14 of 64 left, in 7 with 8 left
+_MOST_BAD = 0.5
 _RAISED = 0.02  # V: offsets of converters and amplifiers are a few mV, and where learned, taken off
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
@@ -37,6 +40,17 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
     alive = np.median(span) > _ALIVE * _STUCK * noise
     idle = np.median(level) < _ALIVE * noise
     return (span < _STUCK * noise) & (alive | (idle & (level > max(_RAISED, _ALIVE * noise))))
+
+
+def too_many_are_bad(bad: int, of: int) -> str:
+    """Why nothing is told where `bad` channels `of` those in use tell nothing; empty where enough are
+    left."""
+    if bad <= _MOST_BAD * of:
+        return ""
+    return (
+        f"{bad} of {of} channels give no readings or never change: those that are left are too far "
+        "apart to tell contacts from each other"
+    )
 
 
 def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:

@@ -13,7 +13,13 @@ from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.ground import ground_is_doubtful
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
-from tomotactile_ros.estimation.screening import latest_state, open_grounds, stuck_channels
+from tomotactile_ros.estimation.screening import dead_channels as unread_channels
+from tomotactile_ros.estimation.screening import (
+    latest_state,
+    open_grounds,
+    stuck_channels,
+    too_many_are_bad,
+)
 from tomotactile_ros.estimation.search import BOUNDED, FULL
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.layouts.grid import Grid
@@ -263,11 +269,17 @@ class Pipeline:
             rows -= self.sensor["offset"]
         if still := standing_still(rows, self.settings.noise):
             return f"{still} of {rows.shape[1]} channels never change while others do: {STILL}"
-        rows[:, stuck_channels(rows, ~np.isnan(rows), self.settings.noise)] = np.nan
+        read = ~np.isnan(rows)
+        stuck = stuck_channels(rows, read, self.settings.noise)
+        read[np.arange(len(rows)), chosen] = True
+        bad = (stuck | unread_channels(read)) & ~self._excluded
+        rows[:, stuck] = np.nan
         if alternates(rows, self.settings.noise):
             return IN_TURN
         places = self.layout.positions
-        return ground_is_doubtful(rows, places[chosen], places, drive_voltage, self.settings.noise)
+        doubt = ground_is_doubtful(rows, places[chosen], places, drive_voltage, self.settings.noise)
+        several = int(np.count_nonzero(bad)), int(np.count_nonzero(~self._excluded))
+        return doubt or too_many_are_bad(*several)
 
     def _mistake(self, voltages, grounded, drive_voltage) -> str:
         """What was probably done wrong where a frame is not what the layout says, looked for until
