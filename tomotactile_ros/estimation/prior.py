@@ -58,6 +58,15 @@ class Prior:
             precision=None if self.precision is None else self.precision / part**2,
         )
 
+    def with_held_sheet(self) -> Prior:
+        """The same channels on a sheet that is as good as certain."""
+        modes, precision = len(self.sheet), self.precision
+        if precision is not None:
+            units = np.ones(len(precision))
+            units[:modes] = 1 / _HELD
+            precision = precision * units[:, None] * units
+        return replace(self, sheet_deviation=_HELD * self.sheet_deviation, precision=precision)
+
     def told(self, found: Unknowns, information: np.ndarray) -> Prior:
         """The sensor as it was `found`, with what rows say of it: `information` (J + 5 n, J + 5 n)
         in the units of `precision`."""

@@ -28,7 +28,7 @@ from tomotactile_ros.scenes.contact import ContactLaw
 CELL_PLACE, CELL_FORCE = 0.1, 0.15
 _CERTAIN = 3.0  # standard deviations of a force: below, it is not known that something presses
 _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
-_WEAK = 0.02  # of the strongest: weaker parts may be errors of its shape
+_WEAK = 0.05  # of the strongest: weaker parts may be errors of its shape
 
 
 def contacts_of_shape(fit: Fit, law: ContactLaw) -> tuple[list[Contact], list[Contact]]:

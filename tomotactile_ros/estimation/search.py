@@ -43,7 +43,7 @@ from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
-from tomotactile_ros.estimation.shape import Shapes, again, groups, occam, whole
+from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, evidence, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -110,10 +110,12 @@ FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 @dataclass(frozen=True)
 class Start:
-    """What a first `look` at rows shows, and the `fit` near which the best one is looked for."""
+    """What a first `look` at rows shows, and the `fit` near which the best one is looked for; if that is
+    a shape of cells, beside it few `discs` that may be it instead."""
 
     look: FirstLook
     fit: Fit
+    discs: Fit | None = None
 
 
 class Solver(Protocol):
@@ -183,7 +185,7 @@ class Search:
             return start
         if start.chi_squared > _MISFIT * usual * start.rows.count:
             return self._first(self._at_rest(start.rows, start.prior))
-        return whole(again(start))
+        return whole(again(start), self._threshold)
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -441,25 +443,35 @@ class Search:
         if start is None:
             return fit
         first = start.fit
-        if first.unknowns.bond is not None:
-            found = self._as_shape(first, fit)
+        if first.unknowns.bond is None:
+            return self._as_few(first, start.look, fit)
+        found, discs = self._as_shape(first, fit), start.discs
+        if discs is None:
             if found is not None:
                 return found
-            first = self._looks_wide(self._as_discs(start.look.contacts(), fit), fit)
+            discs = self._looks_wide(self._as_discs(start.look.contacts(), fit), fit)
+        discs = self._as_few(discs, start.look, fit, False)
+        if found is None or found.unknowns.bond is None:
+            return self._likelier(found, discs)
+        return found if self._is_likelier(found, discs) else discs
+
+    def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
+        """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
+        first `look` at the rows of `rest`, of no contacts, shows which."""
         found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
-        if short and not self._changing:
-            found = self._of_any_shape(found, start.look, fit)
+        if shapes and short and not self._changing:
+            found = self._of_any_shape(found, look, rest)
             if found.unknowns.bond is not None:
                 return found
             short = self._falls_short(found)
         if short and self._left > 0:
             found = self._split(self._formed(found, self._solve), self._solve)
         if short and self._left > 0 and self._falls_short(found):
-            many = self._as_discs(start.look.contacts(), fit)
+            many = self._as_discs(look.contacts(), rest)
             if len(many.contacts) > len(first.unknowns.contacts):
                 goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
-                tried = self._simplified(self._begin(many, fit, len(many.contacts), goal=goal))
+                tried = self._simplified(self._begin(many, rest, len(many.contacts), goal=goal))
                 found = self._split(self._likelier(found, tried), self._solve)
         if found.chi_squared > _LEFT_OVER * found.rows.count and self._left > 0:
             found = self.in_motion(found)  # rather than of another size
@@ -477,7 +489,8 @@ class Search:
         shape = self._in_cells(look, rest)
         if shape is None:
             return found
-        if shape.chi_squared > max(found.chi_squared + found.of_sensor, SUSPECT * found.rows.count):
+        least = found.chi_squared + found.of_sensor
+        if not explains(shape) and shape.chi_squared + shape.of_sensor > least:
             return found
         parts = self._parts(shape, rest)
         if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
@@ -498,14 +511,17 @@ class Search:
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
         """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
-        short."""
-        if not self._falls_short(found):
+        short. One disc that does not is not compared."""
+        short = self._falls_short(found)
+        if not short and len(found.unknowns.contacts) < 2:
             return found
-        shape = whole(shape)
+        shape = whole(shape, self._threshold)
         seen = zip(shape.prediction.conductances, shape.prediction.means)
         if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
-            return None  # of bare cells, not even a bound of the force is known
-        return shape if self._is_likelier(shape, found) else None
+            return None if short else found  # of bare cells, not even a bound of the force is known
+        if self._is_likelier(shape, found):
+            return shape
+        return None if short else found
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
@@ -570,8 +586,9 @@ class Search:
         be."""
         if first is None:
             return second
-        fewer, more = sorted((first, second), key=lambda fit: len(fit.unknowns.contacts))
-        extra = max(len(more.unknowns.contacts) - len(fewer.unknowns.contacts), 0)
+        fewer, more = sorted((first, second), key=lambda fit: np.count_nonzero(fit.unknowns.free))
+        counts = [np.count_nonzero(fit.unknowns.free) for fit in (fewer, more)]
+        extra = (counts[1] - counts[0]) / _FORM
         return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
 
     def _looks_like(self, like: Fit) -> Start | None:
@@ -588,8 +605,8 @@ class Search:
             if self._is_near(discs):
                 return Start(look, discs)
         shape = None if self._changing else self._in_cells(look, like)
-        if shape is not None and shape.chi_squared < SUSPECT * like.rows.count:
-            return Start(look, shape)
+        if shape is not None and explains(shape):
+            return Start(look, shape, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
 
@@ -616,9 +633,7 @@ class Search:
     def _is_likelier(self, shape: Fit, found: Fit) -> bool:
         """Whether the evidence is for a shape of cells rather than for what was found."""
         doubt = min(shape.doubt, found.doubt)
-        discs = found.chi_squared + found.of_sensor
-        discs = discs / doubt + self._threshold * len(found.unknowns.contacts)
-        return bool(shape.cost / doubt + occam(shape, doubt) < discs)
+        return evidence(shape, doubt) < evidence(found, doubt)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the

@@ -20,14 +20,17 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
-from tomotactile_ros.estimation.equations import Contacts, Linear
+from tomotactile_ros.estimation.equations import Contacts, Linear, contact_priors
 from tomotactile_ros.estimation.first_look import FirstLook, not_negative
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.one_state import channels_alone
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS
 from tomotactile_ros.layouts.grid import Grid
 
+# chi-squared a reading, the sensor's part included: what cells leave on an even sheet is 1 to 6
+BELIEVED = 12.0
 _PER_PITCH = 4, 3, 2  # cells a spacing: the most with which no more than `_MANY` are fitted
 _MANY = 160
 _MOST = 1000  # cells of a sheet
@@ -59,8 +62,8 @@ class Shapes:
         self._share, _ = operator.points(coarse.cells, radii)
 
     def fitted(self, look: FirstLook, like: Fit) -> Fit | None:
-        """The best fit of cells to the rows of `like`, of no contacts, with the sensor as expected; None
-        where a first `look` shows nothing."""
+        """The best fit of cells to the rows of `like`, of no contacts, with the sensor as expected but
+        for what rows say of channels; None where a first `look` shows nothing."""
         image = look.image(self._share)
         if not image.any():
             return None
@@ -69,8 +72,21 @@ class Shapes:
             near = cdist(lattice.cells, shown).min(axis=1) < _BESIDE * self._pitch
             if np.count_nonzero(near) <= _MANY:
                 break
-        start = lattice.unknowns(near, float(image.sum()), like.unknowns)
-        return _descended(Fit(like.operator, start, like.rows, like.prior), _STEPS, Contacts)
+        channels = channels_alone(like.rows, like.prior)[0]
+        sensor = replace(like.unknowns, gain=channels.gain, offset=channels.offset)
+        start = lattice.unknowns(near, float(image.sum()), sensor)
+        fit = _descended(Fit(like.operator, start, like.rows, like.prior), _STEPS, Contacts)
+        if explains(fit):
+            return fit
+        even = Fit(like.operator, fit.unknowns, like.rows, like.prior.with_held_sheet())
+        fit = _descended(even, _WHOLE, Linear)
+        return Fit(like.operator, fit.unknowns, like.rows, like.prior, fit.prediction)
+
+
+def explains(fit: Fit) -> bool:
+    """Whether cells may be what presses: little is left over of the readings and of what is known of the
+    sensor."""
+    return fit.chi_squared + fit.of_sensor < BELIEVED * fit.rows.count
 
 
 class Lattice:
@@ -101,15 +117,30 @@ class Lattice:
         return replace(like.with_contacts(contacts, (-_ACROSS,) * count, free), bond=bond)
 
 
-def whole(fit: Fit) -> Fit:
+def whole(fit: Fit, threshold: float = 0.0) -> Fit:
     """The best fit of the cells of `fit` that conduct, with its covariance; of sheet and channels as well
-    where the cells alone leave more over than noise does."""
+    where the cells alone leave more over than noise does. Without parts that cost, doubted, no more than
+    `threshold` if they are not there (Wald 1943), but for the strongest."""
     fit = _of_those_that_conduct(fit)
     if fit.chi_squared > _POOR * fit.rows.count:
         fit = _of_those_that_conduct(_descended(fit, _WHOLE, Linear))
     linear = Linear(fit)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
-    return fit
+    certain = _certain(fit, threshold * fit.doubt)
+    return fit if certain.all() else whole(_only(fit, certain), threshold)
+
+
+def _certain(fit: Fit, threshold: float) -> np.ndarray:
+    """(k,) which cells of a fit are parts of something that cannot be left out."""
+    group = groups(fit)
+    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    strongest = np.bincount(group, strengths).argmax()
+    certain = np.ones(len(group), bool)
+    for each in np.unique(group):
+        which = group == each
+        own = fit.covariance[np.ix_(which, which)]  # of logarithms
+        certain[which] = each == strongest or np.linalg.inv(own).sum() > threshold
+    return certain
 
 
 def again(fit: Fit) -> Fit:
@@ -119,11 +150,14 @@ def again(fit: Fit) -> Fit:
 
 def _of_those_that_conduct(fit: Fit) -> Fit:
     """The same without cells that are at their bound."""
-    u = fit.unknowns
-    kept = _conduct(np.exp(u.contacts[:, CONDUCTANCE]))
+    return _only(fit, _conduct(np.exp(fit.unknowns.contacts[:, CONDUCTANCE])))
+
+
+def _only(fit: Fit, kept: np.ndarray) -> Fit:
+    """The same with the cells `kept` (k,) only."""
     if kept.all():
         return fit
-    count = int(np.count_nonzero(kept))
+    u, count = fit.unknowns, int(np.count_nonzero(kept))
     bond = np.linalg.inv(np.linalg.inv(u.bond)[np.ix_(kept, kept)])
     less = u.with_contacts(u.contacts[kept], u.across[:count], u.free[kept])
     return Fit(fit.operator, replace(less, bond=bond), fit.rows, fit.prior)
@@ -134,15 +168,14 @@ def _conduct(strengths: np.ndarray) -> np.ndarray:
     return strengths > _ABOVE * strengths.max()
 
 
-def occam(fit: Fit, doubt: float) -> float:
-    """What the cells of a fit cost for what they might all have been: twice the logarithm of how much
-    narrower readings, doubted, make them (Laplace's approximation of the evidence; MacKay 2003,
-    chapter 28)."""
-    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
-    normal = Contacts(fit).normal / np.outer(strengths, strengths)
-    told = (normal - fit.unknowns.bond) / doubt
-    both = np.linalg.slogdet(told + fit.unknowns.bond)[1]
-    return float(both - np.linalg.slogdet(fit.unknowns.bond)[1])
+def evidence(fit: Fit, doubt: float) -> float:
+    """Minus twice the logarithm of the probability of the readings, doubted, whatever the contacts of a
+    fit conduct, where they are and how large, but for what all fits have in common (Laplace's
+    approximation; MacKay 2003, chapter 28)."""
+    prior = contact_priors(fit)[0]
+    told = (Contacts(fit).normal - prior) / doubt
+    narrower = np.linalg.slogdet(told + prior)[1] - np.linalg.slogdet(prior)[1]
+    return float(fit.cost / doubt + narrower)
 
 
 def _descended(fit: Fit, steps: int, linearised) -> Fit:

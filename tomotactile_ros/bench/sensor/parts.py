@@ -6,6 +6,8 @@ sheets    random fields, gradients, anisotropy; and several things at once
 layouts   without a full grid, and electrodes that are not where the layout says
 crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
 wide      discs, plates, lines, rings and hands of 15 to 140 mm, and the whole sheet
+wide-channels
+          those of less than 100 mm on channels that something is wrong with
 """
 
 from __future__ import annotations
@@ -28,6 +30,9 @@ CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
 _COUNT = 24  # presses of a case
 _TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
 _BESIDE, _WIDE = "beside-8x8", "wide-8x8"
+# of part `wide-channels`: what is wrong, cases left out, and of the others every so many presses
+_WRONG = "gains 2 %", "gains 5 %", "offsets 5 mV", "150 to 450 ohm to ground", "two stuck channels"
+_LARGE, _FEWER = ("whole sheet", "plate of 1"), 3
 _ONE, _OTHER = 18, 45  # electrodes that something is wrong with
 _SEED = 1
 
@@ -123,6 +128,15 @@ def wide(step: int = 1) -> Iterator[Trial]:
         yield presses(case, states(_WIDE, case).every(step))
 
 
+def wide_channels(step: int = 1) -> Iterator[Trial]:
+    for name in _WRONG:
+        for case in reference_data.load(_WIDE).cases():
+            if case.startswith(_LARGE):
+                continue
+            pressed = states(_WIDE, case).every(_FEWER * step)
+            yield presses(f"{case}, {name}", pressed, WIRINGS[name])
+
+
 PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
     "time": time,
     "channels": channels,
@@ -130,6 +144,7 @@ PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
     "layouts": layouts,
     "crowd": crowd,
     "wide": wide,
+    "wide-channels": wide_channels,
 }
-# the part that takes longest, some seconds a frame: only where it is asked for by its name
-ON_DEMAND = frozenset({"wide"})
+# the parts that take longest, some seconds a frame: only where they are asked for by their names
+ON_DEMAND = frozenset({"wide", "wide-channels"})
