@@ -43,7 +43,7 @@ from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
-from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, evidence, whole
+from tomotactile_ros.estimation.shape import Shapes, again, explains, evidence, groups, narrower, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -71,6 +71,7 @@ _CERTAIN = 2.0
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
+_SEVERAL = 8  # picks: what shows more in a first look is one wide thing, or several
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
@@ -445,15 +446,14 @@ class Search:
         first = start.fit
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
-        found, discs = self._as_shape(first, fit), start.discs
-        if discs is None:
-            if found is not None:
-                return found
-            discs = self._looks_wide(self._as_discs(start.look.contacts(), fit), fit)
+        found, seen = self._as_shape(first, fit), start.look.contacts()
+        if found is not None and len(seen) > _SEVERAL:
+            return found
+        discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
         if found is None or found.unknowns.bond is None:
             return self._likelier(found, discs)
-        return found if self._is_likelier(found, discs) else discs
+        return found if self._is_likelier(found, discs, first) else discs
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -511,17 +511,14 @@ class Search:
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
         """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
-        short. One disc that does not is not compared."""
-        short = self._falls_short(found)
-        if not short and len(found.unknowns.contacts) < 2:
+        short."""
+        if not self._falls_short(found):
             return found
-        shape = whole(shape, self._threshold)
+        cells, shape = shape, whole(shape, self._threshold)
         seen = zip(shape.prediction.conductances, shape.prediction.means)
         if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
-            return None if short else found  # of bare cells, not even a bound of the force is known
-        if self._is_likelier(shape, found):
-            return shape
-        return None if short else found
+            return None  # of bare cells, not even a bound of the force is known
+        return shape if self._is_likelier(shape, found, cells) else None
 
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
@@ -630,10 +627,11 @@ class Search:
             found = one_of(u, group == each, found, self.operator.pitch)
         return self._approached(self._begun(found, like, len(found.contacts)))
 
-    def _is_likelier(self, shape: Fit, found: Fit) -> bool:
-        """Whether the evidence is for a shape of cells rather than for what was found."""
+    def _is_likelier(self, shape: Fit, found: Fit, cells: Fit) -> bool:
+        """Whether the evidence is for a shape, found among `cells` that might conduct, rather than for
+        what was found."""
         doubt = min(shape.doubt, found.doubt)
-        return evidence(shape, doubt) < evidence(found, doubt)
+        return evidence(shape, doubt, narrower(cells, doubt)) < evidence(found, doubt)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
