@@ -43,7 +43,7 @@ from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
-from tomotactile_ros.estimation.shape import Shapes, again, explains, evidence, groups, narrower, whole
+from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -515,6 +515,8 @@ class Search:
         if not self._falls_short(found):
             return found
         cells, shape = shape, whole(shape, self._threshold)
+        if not _is_likely(shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt), shape.prior):
+            return None  # what cells leave over is no small part of nearly any readings
         seen = zip(shape.prediction.conductances, shape.prediction.means)
         if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
             return None  # of bare cells, not even a bound of the force is known
@@ -631,7 +633,9 @@ class Search:
         """Whether the evidence is for a shape, found among `cells` that might conduct, rather than for
         what was found."""
         doubt = min(shape.doubt, found.doubt)
-        return evidence(shape, doubt, narrower(cells, doubt)) < evidence(found, doubt)
+        contacts = np.count_nonzero(found.unknowns.free) / _FORM
+        discs = (found.chi_squared + found.of_sensor) / doubt + self._threshold * contacts
+        return bool(shape.cost / doubt + occam(cells, doubt) < discs)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the

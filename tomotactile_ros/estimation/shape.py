@@ -168,22 +168,17 @@ def _conduct(strengths: np.ndarray) -> np.ndarray:
     return strengths > _ABOVE * strengths.max()
 
 
-def evidence(fit: Fit, doubt: float, narrowed: float | None = None) -> float:
-    """Minus twice the logarithm of the probability of the readings, doubted, whatever the contacts of a
-    fit conduct, where they are and how large, but for what all fits have in common (Laplace's
-    approximation; MacKay 2003, chapter 28); `narrowed` : by how much readings narrow what contacts might
-    be, where that is known (`narrower`)."""
-    return float(fit.cost / doubt + (narrower(fit, doubt) if narrowed is None else narrowed))
-
-
-def narrower(fit: Fit, doubt: float) -> float:
-    """Twice the logarithm of how much narrower readings, doubted, make what contacts of a fit might
-    be."""
+def occam(fit: Fit, doubt: float) -> float:
+    """What the cells of a fit cost for what they might all have been: twice the logarithm of how much
+    narrower readings, doubted, make them (Laplace's approximation of the evidence; MacKay 2003,
+    chapter 28). Half of what each might have been is below 0; of those that conduct, nothing is."""
+    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
     prior = contact_priors(fit)[0]
     told = (Contacts(fit).normal - prior) / doubt + prior
     scale = 1 / np.sqrt(told.diagonal())
     units = np.outer(scale, scale)
-    return float(np.linalg.slogdet(told * units)[1] - np.linalg.slogdet(prior * units)[1])
+    narrower = np.linalg.slogdet(told * units)[1] - np.linalg.slogdet(prior * units)[1]
+    return float(narrower - 2 * np.log(2) * np.count_nonzero(_conduct(strengths)))
 
 
 def _descended(fit: Fit, steps: int, linearised) -> Fit:
