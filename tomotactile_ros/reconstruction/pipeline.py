@@ -12,6 +12,7 @@ import numpy as np
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.ground import ground_is_doubtful
+from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import dead_channels as unread_channels
 from tomotactile_ros.estimation.screening import (
@@ -67,10 +68,6 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
-IN_TURN = (
-    "rows of a touched sheet and of an untouched one come in turn: some rows are not read (a contact "
-    "that is loose, the supply, the electronics)"
-)
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 ANYWHERE = (
     "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
