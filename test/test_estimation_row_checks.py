@@ -129,3 +129,21 @@ def test_only_a_value_within_the_range_is_its_end():
     assert end.value == 1.0 and end.most
     assert not end.take(np.linspace(0.5, 1.0, 16), 5.0)[:-1].any() and end.doubtful(16)
     assert not end.take(row, 5.0).any() and np.isinf(end.value)
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_rows_are_withheld_where_frames_are_before_any_estimate(pipeline, good, waits):
+    """Three of four channels at 0 V are no touch that the others see: frames said so, rows did not."""
+    rows = good.copy()
+    rows[:, 4:] = 0.0
+    pipeline.untare()
+    state, said = pipeline.rows(waits), []
+    for i, row in enumerate(rows):
+        said.append(pipeline.process_row(row, i % 16, DRIVE, i * ROW_PERIOD, state))
+        if not waits and i % 16 == 15:
+            frame = rows[i - 15 : i + 1], np.arange(16), DRIVE, ROW_PERIOD
+            result = pipeline.process(*frame)
+            pipeline.correct(state, *frame, (i - 15) * ROW_PERIOD)
+    assert not any(each.contacts for each in said)
+    assert "never change while others do" in said[-1].reason
+    assert waits or said[-1].reason == result.reason

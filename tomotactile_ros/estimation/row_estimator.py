@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from tomotactile_ros.estimation.reported import (
     MOST_RELATIVE,
     PLACE_FLOOR,
     Contact,
+    Estimate,
     crowded,
     told,
 )
@@ -36,6 +38,7 @@ from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, know
 from tomotactile_ros.estimation.search import FILLED
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
+Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
 # there on what was there before is not known; 0.28 s with electrodes 25 mm apart
 _UNSEEN = 1.0
@@ -153,10 +156,12 @@ class RowEstimator:
     ----------
     estimator : of whole frames
     frames : whether whole frames are estimated, too; without, there are no wide contacts
+    doubt : says of rows (L, E), V, the electrodes grounded and the drive voltage why no frame is
+        made of them; empty where one is
     """
 
-    def __init__(self, estimator: Estimator, frames: bool = True):
-        self.estimator, self._frames = estimator, frames
+    def __init__(self, estimator: Estimator, frames: bool = True, doubt: Doubt | None = None):
+        self.estimator, self._frames, self._doubt = estimator, frames, doubt
         self._followers: dict[tuple[int, ...], Follower] = {}
         self._pause = known_for(_UNSEEN * float(np.median(estimator.layout.pitches)))  # s
 
@@ -267,7 +272,11 @@ class RowEstimator:
             return
         period = max((ended - begun) / max(len(state.times) - 1, 1), 0.0)
         rows = np.array(state.read), np.array(state.grounded)
-        seen = self.look(*rows, state.drive, period, state.frames)
+        why = "" if self._doubt is None else self._doubt(*rows, state.drive)
+        if why:
+            seen = FrameSeen(Estimate([], [], "withheld", why), None)
+        else:
+            seen = self.look(*rows, state.drive, period, state.frames)
         self._take(replace(seen, begun=begun, ended=ended), state)
 
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
@@ -316,6 +325,8 @@ class RowEstimator:
             return Followed([], "withheld", IN_TURN)
         if state.end.doubtful(len(self.estimator.layout.positions)):
             return Followed([], "withheld", OVERDRIVEN)
+        if state.doubted >= _DOUBTFUL:
+            return Followed([], "withheld", state.doubt)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
         if not rows.read:
@@ -324,8 +335,6 @@ class RowEstimator:
             begun = "it was touched when rows began" if rows.touched_at_once else ""
             said = begun or "rows contradict each other"
             return Followed([], "withheld", f"{said}: the next frame tells")
-        if state.doubted >= _DOUBTFUL:
-            return Followed([], "withheld", state.doubt)
         if self._frames and self._may_be_one(state):
             reason = "a wide contact or several near each other have begun: the next frame tells"
             return Followed([], "withheld", reason)
