@@ -199,10 +199,15 @@ def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):
     watch.accepted(1005, 1005.0, 0.5, 0.01)
     strict = [each for each in watch.troubles(0.3) if each.name == "old"]
     lenient = [each for each in watch.troubles(2.0) if each.name == "old"]
+    now[0] += 20.0
+    watch.accepted(1006, 1006.0, 5.0, 4.8)  # a palm: the work took so long, and no message
+    slow = [each.text for each in watch.troubles(2.0) if each.name == "old"]
     node.destroy_node()
     rclpy.shutdown()
     assert len(found) == 1 and found[0].serious
+    assert "clocks differ" in found[0].text
     assert len(strict) == 1 and strict[0].serious and not lenient
+    assert slow == ["frames are 5 s old: an image takes 4.8 s"]
 
 
 def test_most_frames_refused_is_an_error_although_there_are_images(probe, start):

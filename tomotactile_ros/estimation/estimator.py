@@ -56,6 +56,8 @@ _IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
+# the least of it where the noise is what readings showed: twice what may be left when it is taken from them
+_BESIDE_NOISE = 4.0
 # variance in parts of what was expected, from which on noise is larger; and the part of chi-squared that
 # it then is: what the model lacks is not noise
 _NOISIER, _MOST_OF_IT = 1.5, 0.5
@@ -247,7 +249,7 @@ class Estimator:
         state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
-        reason, misfit = self._refusal(fit, torn), fit.chi_squared / fit.rows.count
+        reason, misfit = self._refusal(fit, torn, noise), fit.chi_squared / fit.rows.count
         if reason:
             state.forget()
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
@@ -325,7 +327,8 @@ class Estimator:
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
-            late = self._grown(search, rows, prior, start, state.sensor, alike)
+            least = _FEWEST if begun else _WINDOW
+            late = self._grown(search, rows, prior, start, state.sensor, alike, least)
         if late is None:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
@@ -336,7 +339,7 @@ class Estimator:
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
                 if alike < whole:
-                    late = self._grown(search, rows, prior, start, state.sensor, alike)
+                    late = self._grown(search, rows, prior, start, state.sensor, alike, _WINDOW)
         if late is not None:
             return late, whole - len(late.rows.grounded), False
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
@@ -354,7 +357,14 @@ class Estimator:
         return state.fit.of(start, rows, prior)
 
     def _grown(
-        self, search: Search, rows: Rows, prior: Prior, start, known: Fit | None, alike: int
+        self,
+        search: Search,
+        rows: Rows,
+        prior: Prior,
+        start,
+        known: Fit | None,
+        alike: int,
+        least: int,
     ) -> Fit | None:
         """The fit of the last rows alone, of as many as one state of motion explains; None where
         that are too few.
@@ -364,6 +374,8 @@ class Estimator:
 
         known : the last frame that was touched, which tells of the sensor
         alike : number of the last rows that may be of one state
+        least : rows that tell a change; of fewer, gains that are a little off explain whatever a
+            broken sensor reads
         """
         if known is not None:
             prior = _after(known)
@@ -384,8 +396,8 @@ class Estimator:
                 size = min(2 * size, count)
                 if tells_speeds(best):
                     size = _alike(best, rows, size)
-            elif best is None and size > _FEWEST:
-                size = min(_WINDOW, max(_FEWEST, size // 2))
+            elif best is None and size > least:
+                size = min(_WINDOW, max(least, size // 2))
             else:
                 break
         return None if best is None else search.at_rest(best)
@@ -417,12 +429,16 @@ class Estimator:
             fit = tried
         return fit
 
-    def _refusal(self, fit: Fit, torn: bool) -> str:
+    def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
         if _below_zero(fit) > _IMPOSSIBLE * self.channels.resistance:
             return DISTURBED
         if torn and not _explains(fit):
             return "something changed within the last rows, and no contacts explain them"
-        if fit.chi_squared > _REFUSED * fit.rows.count:
+        # more noise than was said is no reason for more that is left over beside it
+        most = _REFUSED
+        if noise > self.noise:
+            most = max(_REFUSED * (self.noise / noise) ** 2, _BESIDE_NOISE)
+        if fit.chi_squared > most * fit.rows.count:
             left = np.sqrt(_share_left(fit))
             return (
                 "no contacts explain the readings, or they changed within the last rows: "

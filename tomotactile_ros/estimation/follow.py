@@ -148,7 +148,8 @@ class Follower:
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
         state.belief = self._tidied(fit.believed())
-        if np.isinf(fit.row.own):
+        state.untouched = bool(np.isinf(fit.row.own))
+        if state.untouched:
             state.confused, state.touched_at_once = 0.0, False
         elif not state.read:  # a row tells one contact from several only where one comes at a time
             state.confused, state.touched_at_once = np.inf, True

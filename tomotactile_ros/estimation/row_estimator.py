@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,14 +28,17 @@ from tomotactile_ros.estimation.reported import (
     MOST_RELATIVE,
     PLACE_FLOOR,
     Contact,
+    Estimate,
     crowded,
     told,
 )
+from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd, Turns
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
 from tomotactile_ros.estimation.search import FILLED
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
+Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
 # there on what was there before is not known; 0.28 s with electrodes 25 mm apart
 _UNSEEN = 1.0
@@ -57,6 +61,7 @@ class RowsState:
     doubted : frames since that nothing explained; passed : whether the last one was left out, as
         something began or ended in it
     ground : whether the last rows show that an electrode is grounded
+    turns : whether touches go and come as none does; end : of the converter's range
     noise : of readings, V rms, as frames have shown it; 0 before
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
@@ -81,6 +86,8 @@ class RowsState:
     means: dict = field(default_factory=dict)
     left_out: dict = field(default_factory=dict)
     ground: GroundWatch = field(default_factory=GroundWatch)
+    turns: Turns = field(default_factory=Turns)
+    end: RangeEnd = field(default_factory=RangeEnd)
     past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
@@ -149,10 +156,12 @@ class RowEstimator:
     ----------
     estimator : of whole frames
     frames : whether whole frames are estimated, too; without, there are no wide contacts
+    doubt : says of rows (L, E), V, the electrodes grounded and the drive voltage why no frame is
+        made of them; empty where one is
     """
 
-    def __init__(self, estimator: Estimator, frames: bool = True):
-        self.estimator, self._frames = estimator, frames
+    def __init__(self, estimator: Estimator, frames: bool = True, doubt: Doubt | None = None):
+        self.estimator, self._frames, self._doubt = estimator, frames, doubt
         self._followers: dict[tuple[int, ...], Follower] = {}
         self._pause = known_for(_UNSEEN * float(np.median(estimator.layout.pitches)))  # s
 
@@ -181,20 +190,25 @@ class RowEstimator:
         driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         places = self.estimator.layout.positions
+        ended = state.end.take(voltages, drive_voltage)
         state.ground.take(driven, places[grounded], places, drive_voltage, noise)
         if state.ground.doubt:  # it tells nothing, and a search for what it says would be long
             state.read, state.grounded, state.times = [], [], []
             return
         follower = self._follower(state.used, drive_voltage)
         at = int(follower.operator.position[grounded])
-        valid = np.isfinite(voltages)[follower.operator.used]
-        if at >= 0 and valid.any():
+        valid = (np.isfinite(voltages) & ~ended)[follower.operator.used]
+        if at >= 0 and valid.any() and not state.end.most:
             readings = voltages[follower.operator.used] / drive_voltage
+            before = state.rows.touched
             try:
                 follower.follow(state.rows, readings, valid, at, time)
             except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
                 self._begin(state, drive_voltage)
                 state.rows.time, state.rows.unexplained = time, 1
+            after, untouched = state.rows.touched, state.rows.untouched
+            if state.turns.take(before, after, untouched, time):
+                state.rows.confused = np.inf
         state.past.append((time, state.rows.belief.places()))
         if not (state.waits and self._frames):
             return
@@ -229,6 +243,7 @@ class RowEstimator:
         state.rows.last = last
         state.sensor = self.estimator.sensor
         state.past.clear()
+        state.turns.begin()
 
     def _learned(self, state: RowsState) -> None:
         """Goes on with the same contacts and what is known of the sensor by now."""
@@ -253,13 +268,21 @@ class RowEstimator:
     def _frame(self, state: RowsState) -> None:
         """A complete frame corrects what rows have told."""
         begun, ended = state.times[0], state.times[-1]
+        if begun <= state.turns.latest:  # some of its rows were not read
+            return
         period = max((ended - begun) / max(len(state.times) - 1, 1), 0.0)
         rows = np.array(state.read), np.array(state.grounded)
-        seen = self.look(*rows, state.drive, period, state.frames)
+        why = "" if self._doubt is None else self._doubt(*rows, state.drive)
+        if why:
+            seen = FrameSeen(Estimate([], [], "withheld", why), None)
+        else:
+            seen = self.look(*rows, state.drive, period, state.frames)
         self._take(replace(seen, begun=begun, ended=ended), state)
 
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
+        if seen.begun <= state.turns.latest:
+            return
         estimate, fit = seen.estimate, seen.fit
         before = max(self.estimator.noise, state.noise)
         if estimate.noise and abs(np.log(estimate.noise / before)) > _OTHER_NOISE:
@@ -298,6 +321,12 @@ class RowEstimator:
         rows = state.rows
         if state.ground.doubt:
             return Followed([], "withheld", state.ground.doubt)
+        if state.turns.doubtful(len(self.estimator.layout.positions)):
+            return Followed([], "withheld", IN_TURN)
+        if state.end.doubtful(len(self.estimator.layout.positions)):
+            return Followed([], "withheld", OVERDRIVEN)
+        if state.doubted >= _DOUBTFUL:
+            return Followed([], "withheld", state.doubt)
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
         if not rows.read:
@@ -306,8 +335,6 @@ class RowEstimator:
             begun = "it was touched when rows began" if rows.touched_at_once else ""
             said = begun or "rows contradict each other"
             return Followed([], "withheld", f"{said}: the next frame tells")
-        if state.doubted >= _DOUBTFUL:
-            return Followed([], "withheld", state.doubt)
         if self._frames and self._may_be_one(state):
             reason = "a wide contact or several near each other have begun: the next frame tells"
             return Followed([], "withheld", reason)

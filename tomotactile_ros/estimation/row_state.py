@@ -161,6 +161,7 @@ class RowState:
     confused : surprising rows of late, see `follow`; infinite when there were too many, or where
         something touched already in the first row, until a frame or an untouched row tells
     unfaded : s for which what rows say of the sensor has not faded yet
+    untouched : whether the last row is that of an untouched sheet
     read : rows so far; touched_at_once : whether it is the first row that confused
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
@@ -175,8 +176,14 @@ class RowState:
     unexplained: int = 0
     confused: float = 0.0
     unfaded: float = 0.0
+    untouched: bool = False
     read: int = 0
     touched_at_once: bool = False
     sums: np.ndarray | None = None
     model: Any = None
     wide: list = field(default_factory=list)
+
+    @property
+    def touched(self) -> bool:
+        """Whether something touches."""
+        return bool(self.wide) or (self.belief is not None and self.belief.count > 0)

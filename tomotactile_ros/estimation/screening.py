@@ -14,6 +14,7 @@ _ALIVE = 10.0  # times as much spans a channel that sees a touch
 # of the channels in use: with a half left, electrodes lie 1.4 spacings apart; of two contacts, wrong by
 # more than 10 mm, in 2 of 20 frames with 14 of 64 left, in 7 with 8 left
 _MOST_BAD = 0.5
+_ENOUGH = 9  # channels, which an image needs: with half of 16 left, 3 of 20 frames of two contacts were wrong
 _RAISED = 0.02  # V: offsets of converters and amplifiers are a few mV, and where learned, taken off
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
@@ -45,7 +46,7 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
 def too_many_are_bad(bad: int, of: int) -> str:
     """Why nothing is told where `bad` channels `of` those in use tell nothing; empty where enough are
     left."""
-    if bad <= _MOST_BAD * of:
+    if bad < _MOST_BAD * of or (bad == _MOST_BAD * of and of - bad >= _ENOUGH):
         return ""
     return (
         f"{bad} of {of} channels give no readings or never change: those that are left are too far "
@@ -92,7 +93,17 @@ def clipped(voltages: np.ndarray) -> np.ndarray:
         return out
     if valid.min() == 0.0:
         out |= voltages == 0.0
-    values, counts = np.unique(valid, return_counts=True)
-    if len(values) > 1 and values[-1] > 0 and counts[-1] >= max(_REPEATED, _ABOVE * counts[-2]):
-        out |= voltages == values[-1]
+    highest = valid.max()
+    if highest > 0 and valid.min() < highest and is_end(valid, highest):
+        out |= voltages == highest
     return out
+
+
+def is_end(readings: np.ndarray, highest: float) -> bool:
+    """Whether the highest of some readings, V, is that of the converter."""
+    count = np.count_nonzero(readings == highest)
+    if count < _REPEATED:
+        return False
+    lower = readings[readings < highest]
+    below = np.count_nonzero(lower == lower.max()) if lower.size else 0
+    return bool(count >= _ABOVE * below)

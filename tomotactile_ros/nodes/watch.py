@@ -13,6 +13,7 @@ _RESTART = 2**16
 _SOME, _MANY = 0.01, 0.1  # of the frames
 _WINDOW = 10  # s
 _OLD = 1.0  # s from a frame's stamp to its image, or the other way round
+_MOSTLY = 0.5  # of the age: work is the reason
 _OVERLONG = 2.0  # times the distance between stamps: stamps of other drivers may jitter
 _PATIENCE = 2.0  # s without a frame before it is said
 
@@ -30,7 +31,8 @@ class FrameWatch:
         self._node = node
         self._topic = topic
         self._latencies: deque[float] = deque(maxlen=1000)
-        self._ages: deque[tuple[float, float]] = deque(maxlen=1000)  # when, s, and how old
+        # when, s, how old, s of work
+        self._ages: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._durations: deque[float] = deque(maxlen=1000)
         self._sequence: int | None = None
         self._stamp = -np.inf
@@ -66,7 +68,7 @@ class FrameWatch:
         self._recent.add(1, missed, 0, back, overlong)
         self.processed += 1
         self._latencies.append(latency)
-        self._ages.append((time.monotonic(), latency))
+        self._ages.append((time.monotonic(), latency, duration))
         self._durations.append(duration)
         self._since, self._incompatible = time.monotonic(), ""
 
@@ -117,9 +119,12 @@ class FrameWatch:
                 "is in s)"
             )
             found.append(Trouble("row period", True, text))
-        age = self._age()
+        age, work = self._age()
         if age > (min(_OLD, max_age) if max_age > 0 else _OLD):
-            text = f"frames are {age:.3g} s old: clocks differ, or messages take long"
+            why = "clocks differ, or messages take long"
+            if work > _MOSTLY * age:
+                why = f"an image takes {work:.3g} s"
+            text = f"frames are {age:.3g} s old: {why}"
             found.append(Trouble("old", 0 < max_age < age, text))
         elif age < -_OLD:
             text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
@@ -143,11 +148,13 @@ class FrameWatch:
                 figures |= {f"{name}_p50_ms": 1e3 * p50, f"{name}_p99_ms": 1e3 * p99}
         return figures
 
-    def _age(self) -> float:
-        """Median age, s, of the frames of the last 10 s; 0 without any."""
+    def _age(self) -> tuple[float, float]:
+        """Medians over the frames of the last 10 s: how old they were, s, and s of work for each; 0
+        without any."""
         since = time.monotonic() - _WINDOW
-        ages = [age for when, age in list(self._ages) if when >= since]
-        return float(np.median(ages)) if ages else 0.0
+        recent = [(age, work) for when, age, work in list(self._ages) if when >= since]
+        age, work = np.median(recent, axis=0) if recent else (0.0, 0.0)
+        return float(age), float(work)
 
     def _span(self) -> float:
         """s over which the recent frames were counted."""

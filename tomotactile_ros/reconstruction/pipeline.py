@@ -12,6 +12,8 @@ import numpy as np
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.ground import ground_is_doubtful
+from tomotactile_ros.estimation.reported import Estimate
+from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import dead_channels as unread_channels
 from tomotactile_ros.estimation.screening import (
@@ -67,10 +69,6 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
-IN_TURN = (
-    "rows of a touched sheet and of an untouched one come in turn: some rows are not read (a contact "
-    "that is loose, the supply, the electronics)"
-)
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 ANYWHERE = (
     "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
@@ -238,7 +236,8 @@ class Pipeline:
         once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
         mistake = self._no_ground(voltages, grounded, drive_voltage)
         mistake = mistake or self._mistake(*once, drive_voltage)
-        if mistake:
+        if mistake:  # what a frame is withheld for, rows are, too
+            self._estimate_of_frame = FrameSeen(Estimate([], [], "withheld", mistake), None)
             lasts = row_period * max(len(grounded) - 1, 0)
             result = self._withheld(mistake, self._excluded, {}, math.nan, lasts)
         elif self.profile in ESTIMATED:
@@ -264,6 +263,11 @@ class Pipeline:
         """What is wrong where readings do not depend on what is grounded, or whole rows on nothing."""
         chosen = np.asarray(grounded, int)
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
+        return self._doubt(rows, chosen, drive_voltage)
+
+    def _doubt(self, rows: np.ndarray, chosen: np.ndarray, drive_voltage: float) -> str:
+        """The same of rows (L, E), V, with the tare taken off."""
+        rows = rows.copy()
         rows[:, self._excluded] = np.nan
         if self.sensor is not None:
             rows -= self.sensor["offset"]
@@ -384,7 +388,7 @@ class Pipeline:
     def _row_estimator(self) -> RowEstimator:
         rows = self._rows
         if rows is None:
-            rows = self._rows = RowEstimator(self._estimates())
+            rows = self._rows = RowEstimator(self._estimates(), doubt=self._doubt)
         return rows
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
