@@ -105,15 +105,18 @@ def test_few_electrodes_are_enough_for_a_contact(rows, cols):
 
 def test_few_electrodes_that_are_left_are_estimated_with_their_uncertainty(frame):
     damaged = frame.copy()
-    damaged[:, 8:] = np.nan
-    damaged[8:] = np.nan
+    damaged[:, 9:] = np.nan
+    damaged[9:] = np.nan
     whole, left = process(SMALL, frame, "balanced"), process(SMALL, damaged)
-    assert len(left.faults) == 8
+    assert len(left.faults) == 7
     (expected,), (found,) = whole.contacts, left.contacts
     apart = np.array([found.x - expected.x, found.y - expected.y])
     covariance = np.reshape(found.position_covariance, (2, 2))
     assert apart @ np.linalg.solve(covariance, apart) < 16
     assert np.trace(covariance) > np.trace(np.reshape(expected.position_covariance, (2, 2)))
+    damaged[:, 8] = damaged[8] = np.nan
+    withheld = process(SMALL, damaged)
+    assert withheld.state == "withheld" and "8 of 16 channels" in withheld.reason
 
 
 def test_only_what_is_on_the_sheet_presses():

@@ -33,6 +33,7 @@ from scipy.linalg import lapack
 from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.special import ive
 
+from tomotactile_ros.estimation.reported import crowded, told
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, Grounded
 from tomotactile_ros.reconstruction.grounded_step import LocalImage
@@ -52,6 +53,11 @@ _EVEN = 0.25  # what a weak disc has above X
 _LEAST = 0.01  # conductance of a disc, in parts of all
 _CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
 _OWN_ERROR = 0.01  # in parts of the electrode's own current
+_PLACE_ERROR = 0.025  # spacings, and
+_FORCE_ERROR = 0.1  # of the force: standard deviations of what this model of a disc lacks
+_ON_ELECTRODE = (
+    0.5  # the same of one that covers the centre of an electrode, where H is not harmonic
+)
 _TINY = 1e-30  # S
 _K = np.geomspace(6.0, 1e-6, 1000)  # from as good as a bare conductor to nearly nothing
 _INSIDE = ive(0, _K) / (_K * ive(1, _K))  # ascending
@@ -128,22 +134,30 @@ def _harmonic(z):
 
 @dataclass(frozen=True)
 class Disc:
-    """place (2,) m; conductance g a^2 pi, S; radius, m."""
+    """place (2,) m; conductance g a^2 pi, S; radius, m.
+
+    covariance (2, 2) of the place, m^2; spread (2, 2) the same of the logarithms of conductance and
+    radius; certainty : conductance in standard deviations
+    """
 
     place: np.ndarray
     conductance: float
     radius: float
+    covariance: np.ndarray
+    spread: np.ndarray
+    certainty: float
 
 
 @dataclass(frozen=True)
 class _Point:
     """What the currents tell of a disc: its place x, y, m, and c, S; H there (n, 5), see
-    `Shares.at`, and D, ohm."""
+    `Shares.at`, and D, ohm; covariance (3, 3) of ln c, x and y."""
 
     place: tuple[float, float]
     effective: float
     field: np.ndarray
     impedance: float
+    covariance: np.ndarray
 
 
 def fit_discs(
@@ -167,11 +181,11 @@ def fit_discs(
     sheet, first, second = local.meter.sheet, local.meter.first, local.meter.second
     left = None if measured.couplings is None else measured.couplings.astype(float)
     found = []
-    for place, c in zip(*_fit_places(local, measured, places, others)):
+    for place, c, covariance in zip(*_fit_places(local, measured, places, others)):
         pixels, weights = shares_of(local.grid).at(*place)
         impedance = (sheet.impedance[pixels] + change[pixels]).dot(weights[:, 0])
         field = sheet.share[:, pixels].dot(weights)
-        found.append(_Point(place, max(c, _TINY), field, float(impedance)))
+        found.append(_Point(place, max(c, _TINY), field, float(impedance), covariance))
         if left is not None:
             point = field[:, 0]
             left -= c * point.take(first) * point.take(second)
@@ -185,10 +199,12 @@ def fit_discs(
 
 
 def _fit_places(local, measured, places, others):
-    """Places (x, y), m, and effective conductances, S, that the currents tell."""
+    """Places (x, y), m, and effective conductances c, S, that the currents tell, and the covariance
+    (3, 3) of ln c and of each place, as large as what is left of the currents says."""
     shares, share = shares_of(local.grid), local.meter.sheet.share
     reach = _REACH * local.spacing
     places, effective, least = list(places), [0.0] * len(places), _LEAST * measured.total
+    covariances = [np.full((3, 3), np.nan)] * len(places)
     weight = (current_error(local.meter, measured) ** -2.0)[:, None]
     wanted = measured.currents - sum(others) if others else measured.currents
     for _ in range(_STEPS):
@@ -198,21 +214,28 @@ def _fit_places(local, measured, places, others):
             fields.append(share[:, pixels].dot(weights[:, :3]))
         matrix = fields[0] if len(fields) == 1 else np.concatenate(fields, axis=1)
         weighted = matrix * weight
-        _, found, failed = lapack.dposv(weighted.T.dot(matrix), wanted.dot(weighted))
+        factor, found, failed = lapack.dposv(weighted.T.dot(matrix), wanted.dot(weighted))
         if failed:
             break
+        left = wanted - matrix.dot(found)
+        spare = max(len(wanted) - len(found), 1)
+        excess = max(float((left * left).dot(weight[:, 0])) / spare, 1.0)
+        inverse = excess * lapack.dpotri(factor)[0]
         found = found.tolist()
         for i, (x, y) in enumerate(places):
             effective[i] = c = max(found[3 * i], least)
             if not c > 0:  # noise alone: nothing to move by
                 continue
+            upper = inverse[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+            units = np.array([1.0, shares.unit, shares.unit]) / c
+            covariances[i] = (np.triu(upper) + np.triu(upper, 1).T) * np.outer(units, units)
             along = [found[3 * i + 1] * shares.unit / c, found[3 * i + 2] * shares.unit / c]
             part = min(reach / max(math.hypot(*along), _TINY), 1.0)
             moved = x + part * along[0], y + part * along[1]
             if shares.on_sheet(*moved):
                 places[i] = moved
     scale = max(float(wanted.sum()) / max(sum(effective), _TINY), 0.0)
-    return places, [scale * c for c in effective]
+    return places, [scale * c for c in effective], covariances
 
 
 def _sized(local, noise, left, point, radius, expected) -> Disc:
@@ -244,10 +267,30 @@ def _sized(local, noise, left, point, radius, expected) -> Disc:
     weight = np.exp((cost.min() - cost) / 2)
     weight /= weight.sum()
     total = 2 * np.interp(inside, _INSIDE, _LOG_K) + np.log(conductance)
+    both = np.array([total, sizes])
+    means = both.dot(weight)
+    apart = both - means[:, None]
+    spread = (apart * weight).dot(apart.T)
+    # ln g follows ln c and the way to the electrodes the faster, the nearer to a bare conductor
+    typical = max(float(weight.dot(inside)), _WAY_ERROR)
+    ends = np.interp([0.98 * typical, 1.02 * typical], _INSIDE, _LOG_K)
+    steep = 2 * float(ends[0] - ends[1]) / (0.04 * typical)
+    by_strength = (scale / point.effective * steep) ** 2 * point.covariance[0, 0]
+    spread[0, 0] += by_strength + (_WAY_ERROR * steep) ** 2 + _FORCE_ERROR**2
+    found = math.pi * math.exp(means[0]) / local.resistance
+    spread[0, 0] += crowded(found, local.resistance) ** 2
+    aside = local.electrodes - point.place
+    if (np.hypot(*aside.T) < radius * math.exp(means[1])).any():
+        spread[0, 0] += _ON_ELECTRODE**2
+    if told(found, max(1 / point.effective - 1 / found, 0.0), local.resistance)[1]:
+        spread[0, 0] = math.inf
     return Disc(
         np.array(point.place),
-        math.pi * math.exp(weight.dot(total)) / local.resistance,
-        radius * math.exp(weight.dot(sizes)),
+        found,
+        radius * math.exp(means[1]),
+        point.covariance[1:, 1:] + (_PLACE_ERROR * local.spacing) ** 2 * np.eye(2),
+        spread,
+        float(point.covariance[0, 0]) ** -0.5,
     )
 
 

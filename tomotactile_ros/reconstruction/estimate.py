@@ -8,7 +8,8 @@ all pairs of places in the blob.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,11 +34,18 @@ _POINTS = 400  # of a disc that is partly off the sheet
 
 @dataclass(frozen=True)
 class Strength:
-    """Of one contact: position (2,) m, conductance g, S, and area, m^2."""
+    """Of one contact: position (2,) m, conductance g, S, and area, m^2.
+
+    covariance (2, 2) of the position, m^2; spread (2, 2) the same of the logarithms of conductance and
+    radius; certainty : conductance in standard deviations. NaN where they are not known.
+    """
 
     position: np.ndarray
     conductance: float
     area: float
+    covariance: np.ndarray = field(default_factory=lambda: np.full((2, 2), np.nan))
+    spread: np.ndarray = field(default_factory=lambda: np.full((2, 2), np.nan))
+    certainty: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,8 @@ def strengths(
         )
         for i, disc in zip(small, discs):
             conductance = min(disc.conductance, most)
-            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2)
+            known = disc.covariance, disc.spread, disc.certainty
+            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2, *known)
     return [found[i] for i in range(len(blobs))]
 
 
@@ -188,7 +197,20 @@ def contacts_and_pressure(blobs, values, found, law, grid):
         pressure[blob.pixels] += pressed * area * shape / (shape.sum() * grid.cell_area)
         radius = float(np.sqrt(strength.area / np.pi))
         x, y = map(float, strength.position)
-        seen = ContactEstimate(x, y, pressed * area, pressed, float(area), radius)
+        # force = pressure times area, and g = c p^exponent
+        slopes = np.array([1 / law.exponent, 2 - 2 / law.exponent])
+        relative = math.sqrt(slopes @ strength.spread @ slopes)
+        seen = ContactEstimate(
+            x,
+            y,
+            pressed * area,
+            pressed,
+            float(area),
+            radius,
+            tuple(strength.covariance.ravel().tolist()),
+            pressed * area * relative,
+            -math.expm1(-(strength.certainty**2) / 2),
+        )
         contacts.append(replace(seen, conductance=strength.conductance))
     return sorted(contacts, key=lambda contact: -contact.force), pressure
 

@@ -62,7 +62,8 @@ class LocalImage:
         sheet = meter.sheet
         share = sheet.share
         self.forward = np.vstack([share, share[meter.first] * share[meter.second]])
-        used = np.asarray(positions)[sheet.used]
+        self.electrodes = np.asarray(positions)
+        used = self.electrodes[sheet.used]
         self.middles = (used[meter.first] + used[meter.second]) / 2
         self.spacing = float(np.median(cKDTree(positions).query(positions, k=2)[0][:, 1]))
         self._smooth()
