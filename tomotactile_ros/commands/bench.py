@@ -25,7 +25,16 @@ def add_arguments(parser):
     mode.add_argument(
         "--parts",
         nargs="+",
-        choices=("time", "channels", "sheets", "layouts", "crowd", "wide", "stability"),
+        choices=(
+            "time",
+            "channels",
+            "sheets",
+            "layouts",
+            "crowd",
+            "wide",
+            "wide-channels",
+            "stability",
+        ),
         help="only these, of the sensor as it is: ghosts, misses, places and forces, every press; or "
         "every extreme of stability",
     )
