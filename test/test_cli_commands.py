@@ -102,9 +102,10 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path):
     assert len(contacts) == 3
     for contact in contacts[0]:
         figures = {"x", "y", "force", "pressure", "area", "radius"}
-        unknown = {"vx", "vy", "position_std", "force_std", "probability"}
-        assert set(contact) == figures | unknown | {"id", "age"}
-        assert all(contact[key] is None for key in unknown)  # an image tells nothing of them
+        certainty = {"position_std", "force_std", "probability"}
+        assert set(contact) == figures | certainty | {"vx", "vy", "id", "age"}
+        assert np.all(np.array(contact["position_std"]) > 0) and contact["force_std"] > 0
+        assert 0.99 < contact["probability"] <= 1
     assert run("inspect", out).returncode == 0
 
 
