@@ -281,8 +281,12 @@ def _sized(local, noise, left, point, radius, expected) -> Disc:
     spread[0, 0] += crowded(found, local.resistance) ** 2
     aside = local.electrodes - point.place
     if (np.hypot(*aside.T) < radius * math.exp(means[1])).any():
-        spread[0, 0] += _ON_ELECTRODE**2
-    if told(found, max(1 / point.effective - 1 / found, 0.0), local.resistance)[1]:
+        # of a strong one the force is low by what the electrode takes: it is at least that
+        spread[0, 0] += _ON_ELECTRODE**2 if means[0] < 0 else math.inf
+    # also where one of the expected radius would be a bare conductor: which of both, hardly shows
+    usual = int(np.abs(sizes - math.log(expected / radius)).argmin())
+    most = max(found, math.pi * math.exp(total[usual]) / local.resistance)
+    if told(most, max(1 / point.effective - 1 / most, 0.0), local.resistance)[1]:
         spread[0, 0] = math.inf
     return Disc(
         np.array(point.place),
