@@ -19,16 +19,15 @@ from tomotactile_ros.estimation.reported import (
     crowded,
     told,
 )
-from tomotactile_ros.estimation.shape import groups
+from tomotactile_ros.estimation.shape import certainty, groups
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS
 from tomotactile_ros.scenes.contact import ContactLaw
 
 # what cells err at the rim of a contact, in parts of side over radius: of a side in places, of a force;
 # standard deviations
 CELL_PLACE, CELL_FORCE = 0.1, 0.15
-_CERTAIN = (
-    3.0  # standard deviations of what it conducts: below, it is not known that something presses
-)
+# standard deviations of what it conducts: below, it is not known that something presses
+_CERTAIN = 3.0
 _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
 _WEAK = 0.05  # of the strongest: weaker parts may be errors of its shape
 
@@ -94,8 +93,7 @@ class _Cells:
         unknown += (CELL_FORCE * coarse) ** 2
         relative = float(np.sqrt(noise / force**2 + unknown))
         # by what its cells conduct: of nearly bare ones the force is hardly known
-        own = self._covariance[np.ix_(which, which)]  # of logarithms
-        certain = float(np.sqrt(np.linalg.inv(own).sum()))
+        certain = float(np.sqrt(certainty(self._covariance, which)))
         bare = share[self._bare[which]].sum() > _MOSTLY_BARE
         floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)

@@ -117,7 +117,7 @@ class Lattice:
         return replace(like.with_contacts(contacts, (-_ACROSS,) * count, free), bond=bond)
 
 
-def whole(fit: Fit, threshold: float = 0.0) -> Fit:
+def whole(fit: Fit, threshold: float) -> Fit:
     """The best fit of the cells of `fit` that conduct, with its covariance; of sheet and channels as well
     where the cells alone leave more over than noise does. Without parts that cost, doubted, no more than
     `threshold` if they are not there (Wald 1943), but for the strongest."""
@@ -138,9 +138,14 @@ def _certain(fit: Fit, threshold: float) -> np.ndarray:
     certain = np.ones(len(group), bool)
     for each in np.unique(group):
         which = group == each
-        own = fit.covariance[np.ix_(which, which)]  # of logarithms
-        certain[which] = each == strongest or np.linalg.inv(own).sum() > threshold
+        certain[which] = each == strongest or certainty(fit.covariance, which) > threshold
     return certain
+
+
+def certainty(covariance: np.ndarray, which: np.ndarray) -> float:
+    """What cells `which` conduct together over its deviation, squared; `covariance` (k, k) of the
+    logarithms."""
+    return float(np.linalg.inv(covariance[which][:, which]).sum())
 
 
 def again(fit: Fit) -> Fit:

@@ -55,9 +55,8 @@ _CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
 _OWN_ERROR = 0.01  # in parts of the electrode's own current
 _PLACE_ERROR = 0.025  # spacings, and
 _FORCE_ERROR = 0.1  # of the force: standard deviations of what this model of a disc lacks
-_ON_ELECTRODE = (
-    0.5  # the same of one that covers the centre of an electrode, where H is not harmonic
-)
+# the same of one that covers the centre of an electrode, where H is not harmonic
+_ON_ELECTRODE = 0.5
 _TINY = 1e-30  # S
 _K = np.geomspace(6.0, 1e-6, 1000)  # from as good as a bare conductor to nearly nothing
 _INSIDE = ive(0, _K) / (_K * ive(1, _K))  # ascending
