@@ -4,6 +4,7 @@ Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
 places, in parts of the longer side, with the true ones: the mean distance of a true contact from
 the nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
+The place of a contact that the rim cuts is the centre of what lies on the sheet.
 
 What is reported has deviations of its own; `place_off` and `force_off` are the errors in units of
 them. Beyond `BEYOND` of either (a few in a thousand where the deviations are right) a value looks
@@ -143,9 +144,12 @@ def contacts_by_radius(radius: float) -> list[dict]:
 
 def contacts_by_rim(inside: float) -> list[dict]:
     """A contact whose centre is so many of its radii inside the rim."""
-    off = 0.0 if inside >= 1 else math.acos(inside) - inside * math.sqrt(1 - inside**2)
+    half_chord = math.sqrt(1 - min(inside, 1.0) ** 2)
+    part = 1 - (math.acos(min(inside, 1.0)) - inside * half_chord) / np.pi
+    aside = 2 / 3 * half_chord**3 / (np.pi * part)  # of the centre of what is left, in radii
     places = np.array([[0.1 - inside * _RADIUS, 0.026]])
-    return _contacts(grid(), places=places, part=1 - off / np.pi)
+    true = places - [[aside * _RADIUS, 0.0]]
+    return _contacts(grid(), places=places, part=part, true=true)
 
 
 def contacts_by_number(number: int) -> list[dict]:
@@ -158,13 +162,13 @@ def contacts_by_number(number: int) -> list[dict]:
 
 def _contacts(
     layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
-    radius=_RADIUS, places=None, part=1.0, said=None,
+    radius=_RADIUS, places=None, part=1.0, true=None, said=None,
 ) -> list[dict]:  # fmt: skip
     """For each profile: place, force, ghosts, how far off both are, or the refusal.
 
     The contact law, the contacts and what the reconstruction is told of them are the ordinary ones
-    but for what is said. `part` of each contact is on the sheet; `said`: V rms of noise, None: what
-    it is.
+    but for what is said. `part` of each contact is on the sheet, its centre in `true` (N, 2), None:
+    in `places`; `said`: V rms of noise, None: what it is.
     """
     size = np.array(layout.outline.size)
     places = (PLACE * size)[None] if places is None else places
@@ -198,9 +202,8 @@ def _contacts(
         return result.contacts
 
     force = part * pressure * np.pi * radius**2 * len(places)
-    return [
-        _row(profile, found, places, size.max(), force if law else None) for profile in PROFILES
-    ]
+    true = places if true is None else true
+    return [_row(profile, found, true, size.max(), force if law else None) for profile in PROFILES]
 
 
 def _row(profile, found, places, side, force) -> dict:

@@ -23,6 +23,8 @@ REACH, REACH_STRENGTH = 0.3, 1.5  # spacings and of ln c: one linearisation hold
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
 # conductance of a contact, in parts of one over its mean D: a bare conductor, beyond which no reading changes
 _MOST = 1.2
+# radius of the smallest contact, typical radii: 2.3 deviations of what is expected (`Prior.spread`)
+_SMALL = 0.25
 FIRST_DAMPING = 1e-3
 _ROUNDING = 1e-11  # of the diagonal of the normal matrix
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
@@ -121,7 +123,7 @@ class Contacts:
         half = np.array(operator.layout.outline.size) / 2
         contacts[:, X : Y + 1] = np.clip(contacts[:, X : Y + 1], -half, half)
         largest = np.log(max(operator.layout.outline.size))
-        contacts[:, RADIUS] = np.clip(contacts[:, RADIUS], np.log(_smallest(operator)), largest)
+        contacts[:, RADIUS] = np.clip(contacts[:, RADIUS], np.log(_smallest(self.fit)), largest)
         contacts[:, STRETCH:] = np.clip(contacts[:, STRETCH:], -1.5, 1.5)
         least = np.log(_LEAST * operator.admittance.diagonal().max())
         most = np.log(_MOST / np.maximum(self.fit.prediction.means, 1e-9))
@@ -282,10 +284,10 @@ def _sheet_block(prior: Prior, modes: int) -> np.ndarray:
     return prior.precision[:modes, :modes]
 
 
-def _smallest(operator) -> float:
+def _smallest(fit) -> float:
     """Radius of the smallest contact, m: a fiftieth of the spacing, where nothing tells it from a
-    point."""
-    return operator.pitch / 50
+    point; or well below what is typical."""
+    return min(fit.operator.pitch / 50, _SMALL * fit.prior.radius)
 
 
 def _limits(fit) -> np.ndarray:

@@ -39,13 +39,11 @@ from tomotactile_ros.estimation.screening import (
 from tomotactile_ros.estimation.search import (
     BUDGET,
     FIRST_LOOK,
-    FULL,
     SUSPECT,
-    Effort,
     Search,
     tells_speeds,
 )
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH
+from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS, RADIUS, STRETCH
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
@@ -111,7 +109,7 @@ class Estimator:
     noise : of a reading, V rms; law : `ContactLaw`; radius : typical of a contact, m
     model : of the sheet; excluded : electrodes never used; channels : what is expected of them
     sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
-    effort : how far the search for contacts goes
+    across : patches to the width of a contact, at most
     spread : standard deviation of the logarithm of contacts' radii; None: what fingers have
     """
 
@@ -126,11 +124,11 @@ class Estimator:
         excluded=(),
         channels: ChannelPrior | None = None,
         sensor=None,
-        effort: Effort = FULL,
+        across: int = MOST_ACROSS,
         spread: float | None = None,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
-        self.model, self.excluded, self.effort = model, frozenset(excluded), effort
+        self.model, self.excluded, self.across = model, frozenset(excluded), across
         self.channels, self.sensor = channels or ChannelPrior(), sensor
         self.spread = spread
         self._searches: dict[tuple[int, ...], Search] = {}
@@ -292,12 +290,12 @@ class Estimator:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
-            self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.effort)
+            self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.across)
         search = self._searches[used]
         if self.sensor is not None:
             operator = search.operator.near(self.sensor["sheet"])
             if operator is not search.operator:
-                search = self._searches[used] = Search(operator, self.effort)
+                search = self._searches[used] = Search(operator, self.across)
         return search
 
     def _rows(self, search, voltages, valid, grounded, drive_voltage, times, noise):

@@ -17,6 +17,8 @@ _CERTAIN = 3.0
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
 # spacings: what the model of electrodes and contacts errs in places, standard deviation
 PLACE_FLOOR = 1.5e-3
+# the same of wide contacts, radii, for each spacing that the radius is long: their patches are wide, too
+WIDE_FLOOR = 5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
 # the same of the mean D of a contact, in which closed form, finite elements and the pressure under a
 # real contact differ by so much
@@ -126,7 +128,8 @@ def _contact(
     ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
-    place = place + np.eye(2) * (PLACE_FLOOR * operator.pitch) ** 2
+    wide = WIDE_FLOOR * radius**2 / operator.pitch
+    place = place + np.eye(2) * ((PLACE_FLOOR * operator.pitch) ** 2 + wide**2)
     place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * fit.doubt
     return Contact(
         float(x),

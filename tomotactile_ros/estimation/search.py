@@ -82,7 +82,8 @@ _LEFT_OVER = 1.1
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
 MOST = 12  # discs
-_FEW, _COARSE = 2, 5  # discs; patches to the width of each if there are more
+BOUNDED = 8  # patches to the width of a contact, where `MOST_ACROSS` take too long
+_FEW, _COARSE = 3, 5  # discs; patches to the width of each if there are more
 _IN_MOTION = 10  # patches to the width of one that moves
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
@@ -91,22 +92,6 @@ _LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
 FIRST_LOOK = 2000  # the same of a search that begins with what was there before
 _TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
 _MOVES = 5.0  # standard deviations of its speed, at which a contact moves
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How far a search goes.
-
-    patches : to the width of a contact, at most
-    alternatives : whether other numbers, forms and sizes of contacts are tried where a fit that
-        explains the readings may not be the only one
-    """
-
-    patches: int = MOST_ACROSS
-    alternatives: bool = True
-
-
-FULL, BOUNDED = Effort(), Effort(patches=8, alternatives=False)
 
 
 @dataclass(frozen=True)
@@ -127,10 +112,10 @@ class Solver(Protocol):
 
 
 class Search:
-    """Finds contacts in rows of a sensor."""
+    """Finds contacts in rows of a sensor, with at most `across` patches to the width of each."""
 
-    def __init__(self, operator: SheetOperator, effort: Effort = FULL):
-        self.operator, self.effort = operator, effort
+    def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS):
+        self.operator, self.across = operator, across
         self.detector, self.shapes = Detector(operator), Shapes(operator)
         self._known, self._refused = None, 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
@@ -349,10 +334,8 @@ class Search:
         """Patches to the width of each contact at most: fewer of many, which together are one wide
         shape, and of contacts that move, whose form shows later."""
         if len(unknowns.contacts) > _FEW:
-            return min(_COARSE, self.effort.patches)
-        return (
-            min(_IN_MOTION, self.effort.patches) if unknowns.moving.any() else self.effort.patches
-        )
+            return min(_COARSE, self.across)
+        return min(_IN_MOTION, self.across) if unknowns.moving.any() else self.across
 
     def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
         """Patches across each contact as its radius asks for, or what it has where that is near."""
@@ -447,13 +430,17 @@ class Search:
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
-        if found is not None and len(seen) > _SEVERAL:
+        if found is not None and (len(seen) > _SEVERAL or self._is_whole_of_discs(found)):
             return found
         discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
         if found is None or found.unknowns.bond is None:
             return self._likelier(found, discs)
         return found if self._is_likelier(found, discs, first) else discs
+
+    def _is_whole_of_discs(self, fit: Fit) -> bool:
+        """Whether a fit is of discs, and nothing asks for other ones."""
+        return fit.unknowns.bond is None and not self._falls_short(fit)
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -545,10 +532,9 @@ class Search:
         several = len(fit.unknowns.contacts) > 1
         if several and not _is_likely(fit.prior.apart(fit.unknowns), fit.prior):
             return True
-        if fit.chi_squared > _POOR * fit.rows.count or self.effort.alternatives:
-            self._next(fit)
-            if self._counts(fit, fit.promised) or self._form_matters(fit):
-                return True
+        self._next(fit)
+        if self._counts(fit, fit.promised) or self._form_matters(fit):
+            return True
         return self._may_be_two(fit)
 
     def _may_be_two(self, fit: Fit) -> bool:

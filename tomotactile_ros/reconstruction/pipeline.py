@@ -22,7 +22,8 @@ from tomotactile_ros.estimation.screening import (
     stuck_channels,
     too_many_are_bad,
 )
-from tomotactile_ros.estimation.search import BOUNDED, FULL
+from tomotactile_ros.estimation.search import BOUNDED
+from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
@@ -59,8 +60,8 @@ from tomotactile_ros.reconstruction.unusable_electrodes import (
 from tomotactile_ros.support import memory
 from tomotactile_ros.support.errors import InputError
 
-# profiles whose contacts are fitted to the readings, not read from an image
-ESTIMATED = {"balanced": BOUNDED, "accurate": FULL}
+# profiles whose contacts are fitted to the readings, not read from an image: patches to the width of each
+ESTIMATED = {"balanced": BOUNDED, "accurate": MOST_ACROSS}
 # electrodes that an image needs: with fewer, forces were up to 3.5 times too large
 FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
@@ -142,7 +143,7 @@ class Pipeline:
             model=settings.model,
             excluded=settings.excluded,
             sensor=self.sensor,
-            effort=ESTIMATED.get(self.profile, BOUNDED),
+            across=ESTIMATED.get(self.profile, BOUNDED),
         )
 
     def _estimates(self) -> Estimator:
