@@ -9,7 +9,6 @@ from tomotactile_ros.reconstruction.contacts_in_image import find_blobs
 from tomotactile_ros.reconstruction.estimate import (
     Strength,
     contacts_and_pressure,
-    effective_conductances,
 )
 from tomotactile_ros.scenes.contact import ContactLaw
 
@@ -96,9 +95,3 @@ def test_only_what_lies_on_the_sheet_has_area_and_force(radius):
     assert contact.area == pytest.approx(area / 4, rel=0.02)
     assert contact.force == pytest.approx(20e3 * area, rel=0.02)
     assert pressure.sum() * GRID.cell_area == pytest.approx(contact.force)
-
-
-def test_currents_are_shared_out_without_loss():
-    shares = np.array([[0.5, 0.0], [0.5, 0.3], [0.0, 0.7]])
-    assert effective_conductances(shares, shares @ [2.0, 3.0]) == pytest.approx([2.0, 3.0])
-    assert effective_conductances(shares, np.array([1.0, 1.0, -0.5])).min() >= 0

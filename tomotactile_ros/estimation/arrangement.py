@@ -68,6 +68,11 @@ def clusters(contacts: np.ndarray, pitch: float) -> np.ndarray:
     return fcluster(linkage(contacts[:, :2], "single"), CLOSE * pitch, "distance")
 
 
+def most_together(places: np.ndarray, pitch: float) -> int:
+    """How many of `places` (k, 2), m, are in the largest cluster of such near each other."""
+    return int(np.bincount(clusters(places, pitch)).max()) if len(places) > 1 else len(places)
+
+
 def clustered(unknowns: Unknowns, pitch: float) -> Unknowns:
     """The same with one wide contact for each cluster of contacts near each other."""
     if len(unknowns.contacts) < 2:

@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.arrangement import (
     gathered,
     halved,
     merged,
+    most_together,
     one_of,
     overlaps,
     patches_of,
@@ -630,9 +631,7 @@ class Search:
         if fit.chi_squared < _MISFIT * fit.rows.count:
             return True
         contacts = fit.unknowns.contacts
-        most = 1
-        if len(contacts) > 1:
-            most = int(np.bincount(clusters(contacts, self.operator.pitch)).max())
+        most = most_together(contacts[:, :2], self.operator.pitch)
         if most != 2 and len(contacts) > 1:
             return most == 1
         linear = Linear(fit, self._known)

@@ -163,24 +163,21 @@ def fit_discs(
     local: LocalImage,
     measured: Grounded,
     places: list[tuple[float, float]],
-    others: list[np.ndarray],
     change: np.ndarray,
     radius: float,
-    expected: list[float],
 ) -> list[Disc]:
     """Discs near `places`, m.
 
     Parameters
     ----------
-    others : what each contact that is no disc adds to the currents, (n,) S
     change : (K,) what D of a disc of `radius` (m) centred on each pixel has above that of the
         pixel, ohm
-    expected : radius of each, m
+    radius : that is expected of each, m
     """
     sheet, first, second = local.meter.sheet, local.meter.first, local.meter.second
     left = None if measured.couplings is None else measured.couplings.astype(float)
     found = []
-    for place, c, covariance in zip(*_fit_places(local, measured, places, others)):
+    for place, c, covariance in zip(*_fit_places(local, measured, places)):
         pixels, weights = shares_of(local.grid).at(*place)
         impedance = (sheet.impedance[pixels] + change[pixels]).dot(weights[:, 0])
         field = sheet.share[:, pixels].dot(weights)
@@ -188,16 +185,10 @@ def fit_discs(
         if left is not None:
             point = field[:, 0]
             left -= c * point.take(first) * point.take(second)
-    if left is not None:
-        for currents in others:
-            left -= currents[first] * currents[second] / max(float(currents.sum()), _TINY)
-    return [
-        _sized(local, measured.noise, left, point, radius, usual)
-        for point, usual in zip(found, expected)
-    ]
+    return [_sized(local, measured.noise, left, point, radius) for point in found]
 
 
-def _fit_places(local, measured, places, others):
+def _fit_places(local, measured, places):
     """Places (x, y), m, and effective conductances c, S, that the currents tell, and the covariance
     (3, 3) of ln c and of each place, as large as what is left of the currents says."""
     shares, share = shares_of(local.grid), local.meter.sheet.share
@@ -205,7 +196,7 @@ def _fit_places(local, measured, places, others):
     places, effective, least = list(places), [0.0] * len(places), _LEAST * measured.total
     covariances = [np.full((3, 3), np.nan)] * len(places)
     weight = (current_error(local.meter, measured) ** -2.0)[:, None]
-    wanted = measured.currents - sum(others) if others else measured.currents
+    wanted = measured.currents
     for _ in range(_STEPS):
         fields = []
         for place in places:
@@ -237,14 +228,13 @@ def _fit_places(local, measured, places, others):
     return places, [scale * c for c in effective], covariances
 
 
-def _sized(local, noise, left, point, radius, expected) -> Disc:
-    """Mean over radii, each counted by how well it explains `left` and how near it is to the
-    `expected` one, m.
+def _sized(local, noise, left, point, radius) -> Disc:
+    """Mean over radii, each counted by how well it explains `left` and how near it is to `radius`.
 
     Parameters
     ----------
     left : (P,) of the couplings when all contacts are points, S; None where noise hides them
-    radius : of the disc whose D is that of `point`, m
+    radius : that is expected, m, and that of the disc whose D `point` has
     """
     scale = 2 * math.pi / local.resistance
     sizes, squared = _sizes(radius, local.spacing)
@@ -261,7 +251,7 @@ def _sized(local, noise, left, point, radius, expected) -> Disc:
             change = np.minimum(np.maximum(uneven.dot(amounts), -_MOST_UNEVEN), _MOST_UNEVEN)
             conductance = np.exp(change)
             inside = scale * conductance / point.effective - way
-    cost = misfit + ((sizes - math.log(expected / radius)) / _USUAL) ** 2
+    cost = misfit + (sizes / _USUAL) ** 2
     cost += (np.maximum(_INSIDE[0] - inside, 0.0) / _WAY_ERROR) ** 2
     weight = np.exp((cost.min() - cost) / 2)
     weight /= weight.sum()
@@ -283,7 +273,7 @@ def _sized(local, noise, left, point, radius, expected) -> Disc:
         # of a strong one the force is low by what the electrode takes: it is at least that
         spread[0, 0] += _ON_ELECTRODE**2 if means[0] < 0 else math.inf
     # also where one of the expected radius would be a bare conductor: which of both, hardly shows
-    usual = int(np.abs(sizes - math.log(expected / radius)).argmin())
+    usual = int(np.abs(sizes).argmin())
     most = max(found, math.pi * math.exp(total[usual]) / local.resistance)
     if told(most, max(1 / point.effective - 1 / most, 0.0), local.resistance)[1]:
         spread[0, 0] = math.inf

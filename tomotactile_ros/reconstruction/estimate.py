@@ -1,9 +1,7 @@
 """Contacts and pressure from an image of conductance.
 
-A blob no wider than the image of a point is a disc (see `discs`). Others have the currents into the
-grounded electrodes shared out over them, y = sum_b c_b h_b with h_b the mean of H over the core of
-blob b, and the way to the grounded electrodes taken off, 1 / g = 1 / c - D, with the mean of D over
-all pairs of places in the blob.
+Each blob is a disc (see `discs`). One that is wider than the image of a point is none, and several
+near each other may be parts of one contact: one linear step does not tell.
 """
 
 from __future__ import annotations
@@ -15,10 +13,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import nnls
 
+from tomotactile_ros.estimation.arrangement import most_together
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.admittance import Grounded
 from tomotactile_ros.reconstruction.contacts_in_image import Blob, find_blobs
-from tomotactile_ros.reconstruction.discs import fit_discs, shares_of
+from tomotactile_ros.reconstruction.discs import Disc, fit_discs, shares_of
 from tomotactile_ros.reconstruction.grounded_step import LocalImage
 from tomotactile_ros.reconstruction.settings import ContactEstimate
 
@@ -26,9 +25,7 @@ EVEN_DISC = float(np.exp(-0.25))  # mean log distance of a disc to itself, in ra
 PATCH = 0.447  # the same of a square, in sides
 WIDE = 1.6  # a blob is wider than a point from this part of the point's image on
 _LEAST = 0.02  # conductance of a contact, in parts of the strongest
-_BARE = 0.9  # largest part of the way's conductance that c may reach: a bare conductor has 1
 LARGEST = 100.0  # conductance of a contact, times the sheet resistance: as good as a bare conductor
-_PLACES = 40  # in a wide blob
 _POINTS = 400  # of a disc that is partly off the sheet
 
 
@@ -61,8 +58,9 @@ class Image:
 
 def described(
     local: LocalImage, measured: Grounded, disc_change: np.ndarray, radius: float
-) -> Image:
-    """The linear image of a frame, and the contacts that it shows.
+) -> Image | None:
+    """The linear image of a frame and the discs that it shows; None where these would be a guess: a
+    blob is wider than a disc, or three are so near each other that they may be one wide contact.
 
     Parameters
     ----------
@@ -72,117 +70,33 @@ def described(
     """
     values = local.image(measured).astype(float)
     blobs = find_blobs(local.grid.fill(values, outside=0.0), local.grid)
-    if not blobs:
-        return Image(values, [], [], 1.0)
-    found = strengths(blobs, values, measured, local, disc_change, radius)
-    least = _LEAST * max(strength.conductance for strength in found)
-    kept = [i for i, strength in enumerate(found) if strength.conductance >= least]
-    blobs, found = [blobs[i] for i in kept], [found[i] for i in kept]
-    return Image(values, blobs, found, _left_over(blobs, values, found, measured, local))
+    shares, most = shares_of(local.grid), WIDE * local.point_area(measured)
+    if not blobs or not shares.usable or any(blob.area > most for blob in blobs):
+        return None
+    places = [tuple(blob.position.tolist()) for blob in blobs]
+    discs = fit_discs(local, measured, places, disc_change, radius)
+    least = _LEAST * max(disc.conductance for disc in discs)
+    kept = [i for i, disc in enumerate(discs) if disc.conductance >= least]
+    found = [_strength(discs[i], LARGEST / local.resistance) for i in kept]
+    if most_together(np.array([each.position for each in found]), local.spacing) > 2:
+        return None
+    return Image(values, [blobs[i] for i in kept], found, _left_over(found, measured, local))
 
 
-def strengths(
-    blobs: list[Blob],
-    values: np.ndarray,
-    measured: Grounded,
-    local: LocalImage,
-    disc_change: np.ndarray,
-    radius: float,
-) -> list[Strength]:
-    """How strongly each blob of the linear image `values` (K,) conducts; the rest as for
-    `described`."""
-    point_area, wide = local.point_area(measured), _wide_ones(blobs, measured, local)
-    found, others, most = {}, [], LARGEST / local.resistance
-    if any(wide):
-        cores = [core_of(blob, values) for blob in blobs]
-        shares = [local.meter.sheet.share[:, pixels] @ weights for pixels, weights in cores]
-        effective = effective_conductances(np.array(shares).T, measured.currents)
-        others = [shares[i] * effective[i] for i in range(len(blobs)) if wide[i]]
-        for i in np.flatnonzero(wide).tolist():
-            found[i] = _wide(blobs[i], cores[i][0], effective[i], local, point_area, radius)
-    small = [i for i in range(len(blobs)) if not wide[i]]
-    if small:
-        places = [tuple(blobs[i].position.tolist()) for i in small]
-        discs = fit_discs(
-            local, measured, places, others, disc_change, radius, [radius] * len(small)
-        )
-        for i, disc in zip(small, discs):
-            conductance = min(disc.conductance, most)
-            known = disc.covariance, disc.spread, disc.certainty
-            found[i] = Strength(disc.place, conductance, np.pi * disc.radius**2, *known)
-    return [found[i] for i in range(len(blobs))]
+def _strength(disc: Disc, most: float) -> Strength:
+    known = disc.covariance, disc.spread, disc.certainty
+    return Strength(disc.place, min(disc.conductance, most), np.pi * disc.radius**2, *known)
 
 
-def _wide_ones(blobs, measured, local) -> list[bool]:
-    """Which blobs are too wide for a disc, or on a grid too coarse for one."""
-    usable, most = shares_of(local.grid).usable, WIDE * local.point_area(measured)
-    return [not usable or blob.area > most for blob in blobs]
-
-
-def _left_over(blobs, values, found, measured, local) -> float:
-    """What contacts of any strengths at the places `found` leave of the currents, in parts of
-    them."""
-    shares = []
-    for blob, strength, wide in zip(blobs, found, _wide_ones(blobs, measured, local)):
-        if wide:
-            pixels, weights = core_of(blob, values)
-        else:
-            pixels, weights = shares_of(local.grid).at(*strength.position.tolist())
-            weights = weights[:, 0]
-        shares.append(local.meter.sheet.share[:, pixels] @ weights)
+def _left_over(found: list[Strength], measured: Grounded, local: LocalImage) -> float:
+    """What discs of any strengths at the places `found` leave of the currents, in parts of them."""
+    columns = []
+    for strength in found:
+        pixels, weights = shares_of(local.grid).at(*strength.position.tolist())
+        columns.append(local.meter.sheet.share[:, pixels] @ weights[:, 0])
     currents = measured.currents.astype(float)
     size = float(np.linalg.norm(currents))
-    return float(nnls(np.array(shares).T, currents)[1]) / size if size > 0 else 1.0
-
-
-def _wide(blob, pixels, effective, local, point_area, radius):
-    """`Strength` of a blob with the `pixels` in its upper half and the `effective` conductance,
-    S."""
-    area = max(np.pi * radius**2, blob.area - point_area)
-    conductance = effective / (1 - min(effective * _mean_impedance(pixels, local, area), _BARE))
-    conductance = min(float(conductance), LARGEST / local.resistance)
-    return Strength(blob.position, conductance, float(area))
-
-
-def core_of(blob: Blob, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n,) of the blob's upper half and their weights (n,), whose sum is 1."""
-    weights = values[blob.pixels] - (0.5 - 1e-9) * blob.peak
-    above = weights > 0
-    weights = weights[above]
-    return blob.pixels[above], weights / weights.sum()
-
-
-def solve_nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x >= 0 that minimises |matrix x - right|, from scratch; the best so far where the steps run
-    out."""
-    if not matrix.size:  # scipy frees memory twice there, which ends the process
-        return np.zeros(matrix.shape[1])
-    try:
-        return nnls(matrix, right)[0]
-    except RuntimeError:
-        return np.maximum(np.linalg.lstsq(matrix, right, rcond=None)[0], 0.0)
-
-
-def effective_conductances(shares: np.ndarray, currents: np.ndarray) -> np.ndarray:
-    """(B,) c >= 0 in S from shares h (n, B) and currents y (n,), S; the total is that of the
-    currents."""
-    if shares.shape[1] == 1:
-        return np.maximum(currents.sum(), 0.0).reshape(1)
-    found = solve_nonnegative(shares, currents)
-    total = found.sum()
-    return found * (max(float(currents.sum()), 0.0) / total) if total > 0 else found
-
-
-def _mean_impedance(pixels, local, area) -> float:
-    """Mean of D over all pairs of places in a blob of many `pixels`, ohm; a few pixels stand for
-    all."""
-    chosen = pixels[:: max(1, int(np.ceil(len(pixels) / _PLACES)))]
-    sheet = local.meter.sheet
-    block = sheet.among(chosen)
-    coarser = area / len(chosen) / local.grid.cell_area  # each stands for so many pixels
-    own = block.diagonal() - local.resistance / (4 * np.pi) * np.log(max(coarser, 1.0))
-    total = block.sum() - block.diagonal().sum() + np.maximum(own, 0.0).sum()
-    return max(float(total) / len(chosen) ** 2, 0.0)
+    return float(nnls(np.array(columns).T, currents)[1]) / size if size > 0 else 1.0
 
 
 def contacts_and_pressure(blobs, values, found, law, grid):
