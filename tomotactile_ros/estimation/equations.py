@@ -30,6 +30,8 @@ _ROUNDING = 1e-11  # of the diagonal of the normal matrix
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
 SIMILAR = 0.04
 _STILL = 0.01  # the same for derivatives by the contacts
+# of `Prediction.answering`: with more between them, equations of one fit tell wrong deviations of another
+_BENT = 0.02
 
 
 class SheetColumns:
@@ -208,7 +210,16 @@ class Equations:
             and same_rows(known.rows, fit.rows)
             and same_sensor(known.prior, fit.prior)
             and similar(known.unknowns.contacts, fit.unknowns.contacts, fit.operator.pitch, _STILL)
+            and not self.bends(fit)
         )
+
+    def bends(self, fit: Fit) -> bool:
+        """Whether a contact of another fit is so much nearer to, or farther from, a bare conductor that
+        its readings answer otherwise."""
+        if not len(fit.unknowns.contacts):
+            return False
+        known, here = self._fit.prediction.answering, fit.prediction.answering
+        return bool((np.abs(known - here) > _BENT).any())
 
 
 class Linear(Contacts):

@@ -59,7 +59,8 @@ _BESIDE_NOISE = 4.0
 # variance in parts of what was expected, from which on noise is larger; and the part of chi-squared that
 # it then is: what the model lacks is not noise
 _NOISIER, _MOST_OF_IT = 1.5, 0.5
-_MOST_NOISE = 0.03  # of the drive voltage: readings that scatter more make no sense
+# of the drive voltage, of the mean of all readings: beyond, two contacts a spacing apart look like a wide one
+_MOST_NOISE = 2.5e-4
 _FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
 # last rows of a frame that are looked at alone where it changes: of half as many where these contradict
@@ -155,11 +156,12 @@ class Estimator:
         if seen is None:
             return estimate
         as_seen = noise * float(np.sqrt(seen))
-        if (
-            seen > _NOISIER
-            and seen > _MOST_OF_IT * estimate.misfit
-            and as_seen < _MOST_NOISE * drive_voltage
-        ):
+        noisier = seen > _NOISIER and seen > _MOST_OF_IT * estimate.misfit
+        most = _MOST_NOISE * drive_voltage * np.sqrt(fit.rows.count)
+        if as_seen > most and (noisier or estimate.contacts):
+            state.forget()
+            return _too_noisy(estimate, as_seen, fit.rows.count)
+        if noisier:
             state.forget()
             state.noise = as_seen
             estimate, _ = self._look(*frame, state, row_period, as_seen)
@@ -458,6 +460,11 @@ class Estimator:
         if state.joined is None or not similar(contacts, state.joined[0], fit.operator.pitch):
             state.joined = contacts, groups(fit, search.allows)
         return state.joined[1]
+
+
+def _too_noisy(estimate: Estimate, noise: float, readings: int) -> Estimate:
+    reason = f"readings scatter by {1e3 * noise:.2g} mV: {readings} of them do not tell contacts from each other"
+    return replace(estimate, contacts=[], parts=[], state="withheld", reason=reason, noise=noise)
 
 
 def _explains(fit: Fit) -> bool:

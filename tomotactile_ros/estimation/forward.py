@@ -262,6 +262,11 @@ class Prediction:
         out[list(MOVING)] -= touches.mean_changes(i)
         return out / (1 / g + touches.mean[i])
 
+    @property
+    def answering(self) -> np.ndarray:
+        """(k,) derivatives of ln 1 / (1/g + mean D) by ln c: 1, but for bare conductors."""
+        return self._rates / (1 + self.conductances * self.touches.mean)
+
     def force_slope(self, i: int, exponent: float) -> np.ndarray:
         """(6,) derivatives of the logarithm of the force of contact i, by a contact law g = c
         p^exponent.

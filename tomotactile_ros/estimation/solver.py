@@ -85,6 +85,9 @@ def solve(
             break
         if step and fit.cost - _HOPE * gained > goal:
             break
+    if known.bends(fit):
+        linear = Linear(fit, known)
+        known = linear.equations
     fit.steps, fit.work = step + 1, work
     fit.covariance, fit.equations = linear.covariance(), known
     return fit
