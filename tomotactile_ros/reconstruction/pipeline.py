@@ -22,7 +22,7 @@ from tomotactile_ros.estimation.screening import (
     stuck_channels,
     too_many_are_bad,
 )
-from tomotactile_ros.estimation.search import BOUNDED
+from tomotactile_ros.estimation.search import BOUNDED, SUSPECT
 from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.layouts.grid import Grid
@@ -70,6 +70,7 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
+CONTRADICTS = "its couplings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 ANYWHERE = (
     "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
@@ -127,6 +128,7 @@ class Pipeline:
         self._imaged_before: tuple | None = None  # last frame, where an image explained it
         self._doubts: Doubts | None = None
         self._explained_one = False  # the last touched frame was what the layout says
+        self._exchanged = False  # wires seemed to be exchanged in the last frame that was asked
         self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
@@ -394,11 +396,13 @@ class Pipeline:
 
     def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
-        estimate = self._estimate(voltages, grounded, drive_voltage, row_period)
-        # where something began or ended within the frame, its last rows contradict all others
-        if estimate.state != "valid" and not estimate.first:
-            frame = voltages, grounded, drive_voltage, row_period
-            estimate = self._without_contradicting(estimate, *frame)
+        frame = voltages, grounded, drive_voltage, row_period
+        estimate = self._as_wired(*frame)
+        if estimate is None:
+            estimate = self._estimate(*frame)
+            # where something began or ended within the frame, its last rows contradict all others
+            if not _is_sure(estimate) and not estimate.first:
+                estimate = self._without_contradicting(estimate, *frame)
         lasts = row_period * max(len(grounded) - 1, 0)
         if self.fits:
             self._estimate_of_frame = FrameSeen.of(estimate, self._state)
@@ -445,6 +449,42 @@ class Pipeline:
             conductance[pixels] += each.conductance * covered
         return pressure, conductance
 
+    def _as_wired(self, voltages, grounded, drive_voltage, row_period) -> Estimate | None:
+        """The estimate without wires that seem to be exchanged, which is sure then; None where none do.
+
+        Asked until a touch was explained by all, and from then on where wires were: with them, all
+        that the search tries takes seconds, and leaves little over in the wrong place.
+        """
+        if self._explained_one and not self._exchanged:
+            return None
+        frame = self._expected_zero(ordered(self.layout, *last_of_each(voltages, grounded)))
+        exchanged = self._exchanged_wires(frame, drive_voltage)
+        if exchanged is not None:
+            self._exchanged = bool(exchanged.any())
+        if exchanged is None or not self._exchanged:
+            return None
+        given = voltages, grounded, drive_voltage, row_period
+        estimate = self._without(exchanged, *given)
+        return estimate if _is_sure(estimate) else None
+
+    def _exchanged_wires(self, frame, drive_voltage) -> np.ndarray | None:
+        """(E,) channels of an ordered frame (E, E), V, that fit the sheet only if exchanged; None where
+        it does not tell."""
+        noise = self.settings.noise
+        missing, bad = np.isnan(frame), self._excluded.copy()
+        bad |= unread_channels(~missing) | stuck_channels(frame, ~missing, noise)
+        used = np.flatnonzero(~bad)
+        part = frame[np.ix_(used, used)].astype(np.float32)
+        if len(used) < FEWEST or is_idle(frame, missing, bad, self.settings.threshold * noise):
+            return None
+        if np.count_nonzero(np.isnan(part)) > len(used):
+            return None
+        meter = self._model.local(used).meter
+        measured = meter.read(part, drive_voltage)
+        exchanged = np.zeros(len(frame), bool)
+        exchanged[used] = swapped_channels(meter, part, drive_voltage, measured)
+        return exchanged
+
     def _without_contradicting(self, estimate, voltages, grounded, drive_voltage, row_period):
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
@@ -452,14 +492,21 @@ class Pipeline:
         bad[list(estimate.left_out)] = False
         if not bad.any():
             return estimate
+        again = self._without(bad, voltages, grounded, drive_voltage, row_period)
+        if again.state != "valid":
+            return estimate
+        if estimate.state == "valid" and again.misfit > estimate.misfit / 2:
+            return estimate
+        return again
+
+    def _without(self, bad, voltages, grounded, drive_voltage, row_period) -> Estimate:
+        """The estimate without the channels `bad` (E,)."""
         kept = np.array(voltages, float)
         kept[:, bad] = np.nan
         kept[bad[np.asarray(grounded)]] = np.nan
-        again = self._estimate(kept, grounded, drive_voltage, row_period)
-        if again.state != "valid":
-            return estimate
-        again.left_out.update(dict.fromkeys(_numbers(bad), "its couplings contradict all others"))
-        return again
+        found = self._estimate(kept, grounded, drive_voltage, row_period)
+        found.left_out.update(dict.fromkeys(_numbers(bad), CONTRADICTS))
+        return found
 
     def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
         chosen = np.asarray(grounded, int)
@@ -719,6 +766,11 @@ def _may_be_anywhere(contact: ContactEstimate, layout: Layout) -> bool:
     if np.isnan(covariance).any():  # not known, as of contacts read from an image
         return False
     return bool(np.trace(covariance) > (max(layout.outline.size) / 2) ** 2)
+
+
+def _is_sure(estimate: Estimate) -> bool:
+    """Whether contacts explain a frame."""
+    return estimate.state == "valid" and estimate.misfit < SUSPECT
 
 
 def _numbers(bad) -> tuple[int, ...]:
