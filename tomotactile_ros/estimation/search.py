@@ -440,8 +440,10 @@ class Search:
         return found if self._is_likelier(found, discs, first) else discs
 
     def _is_whole_of_discs(self, fit: Fit) -> bool:
-        """Whether a fit is of discs, and nothing asks for other ones."""
-        return fit.unknowns.bond is None and not self._falls_short(fit)
+        """Whether a fit is of discs, none of them long, and nothing asks for other ones."""
+        if fit.unknowns.bond is not None or _is_long(fit).any():
+            return False
+        return not self._falls_short(fit)
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -541,8 +543,7 @@ class Search:
     def _may_be_two(self, fit: Fit) -> bool:
         """Whether a long contact leaves more over than noise does: it may be two, of which no first
         order tells."""
-        long = np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
-        return bool(long.any()) and fit.chi_squared - fit.rows.count > self._threshold
+        return bool(_is_long(fit).any()) and fit.chi_squared - fit.rows.count > self._threshold
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""
@@ -870,6 +871,11 @@ def _spread(fit: Fit) -> np.ndarray:
     """(k, 2) standard deviation of the velocity of each contact, all of which move, m/s."""
     rates = fit.covariance.diagonal()[np.count_nonzero(fit.unknowns.free) :]
     return np.sqrt(rates.reshape(-1, len(RATED))[:, :2] * fit.doubt)
+
+
+def _is_long(fit: Fit) -> np.ndarray:
+    """(k,) which contacts of a fit may be two beside each other."""
+    return np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
 
 
 def _cost(fit: Fit) -> float:
