@@ -456,7 +456,8 @@ class Search:
                 return found
             short = self._falls_short(found)
         if short and self._left > 0:
-            found = self._split(self._formed(found, self._solve), self._solve)
+            found = self._formed(found, self._solve)
+        found = self._split(found, self._solve)
         if short and self._left > 0 and self._falls_short(found):
             many = self._as_discs(look.contacts(), rest)
             if len(many.contacts) > len(first.unknowns.contacts):
