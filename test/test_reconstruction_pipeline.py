@@ -141,6 +141,22 @@ def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
             assert result.faults == {18: CONTRADICTS, 19: CONTRADICTS} and result.misfit < 2
 
 
+def test_wires_that_are_swapped_between_two_touches(layout):
+    """The search left one of them out, and then only the other one was: the frame was withheld."""
+    order = np.arange(64)
+    order[[18, 19]] = 19, 18
+    disc = Contact("disc", center=(-0.0276, -0.0444), radius=0.0078, pressure=4.29e4)
+    scene = Scene("one", DRIVE, [disc], LAW, Noise(1e-3, 5), Adc(12, DRIVE))
+    frame = Simulator(layout, scene, h=0.0035).frame(0.0)
+    pipeline = Pipeline(layout, Settings("accurate", noise=1e-3, contact_law=LAW))
+    assert not pipeline.process(frame, GROUNDED, DRIVE).excluded
+    for readings in (np.where(np.isnan(frame), np.nan, 0.0), frame[np.ix_(order, order)]):
+        result = pipeline.process(readings, GROUNDED, DRIVE)
+    assert result.state == "valid" and result.excluded == (18, 19)
+    (contact,) = result.contacts
+    assert np.hypot(contact.x + 0.0276, contact.y + 0.0444) < 3e-4
+
+
 @pytest.mark.parametrize("radius, pressure", [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)])
 def test_no_contact_is_taken_for_swapped_wires(layout, pipelines, radius, pressure):
     variation = SheetVariation(0.2, 0.05, 1)

@@ -489,8 +489,7 @@ class Pipeline:
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
         bad = self._read(*last_of_each(voltages, grounded), drive_voltage)[1]
-        bad[list(estimate.left_out)] = False
-        if not bad.any():
+        if not set(_numbers(bad)) - set(estimate.left_out):
             return estimate
         again = self._without(bad, voltages, grounded, drive_voltage, row_period)
         if again.state != "valid":
