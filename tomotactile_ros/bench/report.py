@@ -174,7 +174,7 @@ def _beyond(rows):
     marked = [each for each in stated if _mark(each["place_off"]) or _mark(each["force_off"])]
     return (
         f"!n: n times the deviation stated with it, wrong beyond what it says ({len(marked)} of "
-        f"the {len(stated)} outcomes with deviations, more than {BEYOND:g}); fast states none"
+        f"the {len(stated)} outcomes with deviations, more than {BEYOND:g})"
     )
 
 
