@@ -25,6 +25,7 @@ from tomotactile_ros.support.errors import InputError
 DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
 TRUE = [(0.034, 0.051, 20e3), (-0.045, -0.022, 30e3)]
 PROFILES = ("fast", "balanced", "accurate")
+SWAPPED = np.r_[:18, 19, 18, 20:64]  # wires 18 and 19
 
 
 @pytest.fixture(scope="module")
@@ -131,9 +132,7 @@ def test_swapped_wires_are_left_out_and_reported(pipelines, frame, profile, pair
 def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
     """Looked for among contacts with all channels, each frame took seconds, and 3 of 60 ended with
     what leaves 37 to 56 standard deviations squared a reading over."""
-    order = np.arange(64)
-    order[[18, 19]] = 19, 18
-    touched = frame[np.ix_(order, order)]
+    touched = frame[np.ix_(SWAPPED, SWAPPED)]
     pipeline = Pipeline(layout, Settings("accurate", noise=1e-3, contact_law=LAW))
     for readings in (touched, np.where(np.isnan(frame), np.nan, 0.0), touched):
         result = pipeline.process(readings, GROUNDED, DRIVE)
@@ -141,20 +140,35 @@ def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
             assert result.faults == {18: CONTRADICTS, 19: CONTRADICTS} and result.misfit < 2
 
 
-def test_wires_that_are_swapped_between_two_touches(layout):
-    """The search left one of them out, and then only the other one was: the frame was withheld."""
-    order = np.arange(64)
-    order[[18, 19]] = 19, 18
+def near_18_and_19(layout):
     disc = Contact("disc", center=(-0.0276, -0.0444), radius=0.0078, pressure=4.29e4)
     scene = Scene("one", DRIVE, [disc], LAW, Noise(1e-3, 5), Adc(12, DRIVE))
-    frame = Simulator(layout, scene, h=0.0035).frame(0.0)
+    return Simulator(layout, scene, h=0.0035).frame(0.0)
+
+
+def test_wires_that_are_swapped_between_two_touches(layout):
+    """The search left one of them out, and then only the other one was: the frame was withheld."""
+    frame = near_18_and_19(layout)
     pipeline = Pipeline(layout, Settings("accurate", noise=1e-3, contact_law=LAW))
     assert not pipeline.process(frame, GROUNDED, DRIVE).excluded
-    for readings in (np.where(np.isnan(frame), np.nan, 0.0), frame[np.ix_(order, order)]):
+    for readings in (np.where(np.isnan(frame), np.nan, 0.0), frame[np.ix_(SWAPPED, SWAPPED)]):
         result = pipeline.process(readings, GROUNDED, DRIVE)
     assert result.state == "valid" and result.excluded == (18, 19)
+    assert all("contradict" in why for why in result.faults.values())
     (contact,) = result.contacts
     assert np.hypot(contact.x + 0.0276, contact.y + 0.0444) < 3e-4
+
+
+def test_channels_that_are_left_out_anyway_keep_their_reasons(layout):
+    """Those that the settings exclude, and dead ones, were said to contradict all others as well."""
+    frame = near_18_and_19(layout)
+    frame[:, 5] = np.nan
+    settings = Settings("accurate", noise=1e-3, contact_law=LAW, excluded=(2,))
+    pipeline = Pipeline(layout, settings)
+    pipeline.process(frame, GROUNDED, DRIVE)
+    faults = pipeline.process(frame[np.ix_(SWAPPED, SWAPPED)], GROUNDED, DRIVE).faults
+    assert set(faults) == {2, 5, 18, 19}
+    assert (faults[2], faults[5]) == ("excluded by the settings", "no readings")
 
 
 @pytest.mark.parametrize("radius, pressure", [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)])

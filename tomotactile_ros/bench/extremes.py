@@ -144,8 +144,9 @@ def contacts_by_radius(radius: float) -> list[dict]:
 
 def contacts_by_rim(inside: float) -> list[dict]:
     """A contact whose centre is so many of its radii inside the rim."""
-    half_chord = math.sqrt(1 - min(inside, 1.0) ** 2)
-    part = 1 - (math.acos(min(inside, 1.0)) - inside * half_chord) / np.pi
+    cut = min(inside, 1.0)  # where the rim is, in radii from the centre
+    half_chord = math.sqrt(1 - cut**2)
+    part = 1 - (math.acos(cut) - cut * half_chord) / np.pi
     aside = 2 / 3 * half_chord**3 / (np.pi * part)  # of the centre of what is left, in radii
     places = np.array([[0.1 - inside * _RADIUS, 0.026]])
     true = places - [[aside * _RADIUS, 0.0]]

@@ -463,7 +463,7 @@ class Estimator:
 
 
 def _too_noisy(estimate: Estimate, noise: float, readings: int) -> Estimate:
-    reason = f"readings scatter by {1e3 * noise:.2g} mV: {readings} of them do not tell contacts from each other"
+    reason = f"readings scatter by {1e3 * noise:.3g} mV: {readings} of them do not tell contacts from each other"
     return replace(estimate, contacts=[], parts=[], state="withheld", reason=reason, noise=noise)
 
 

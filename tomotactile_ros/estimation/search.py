@@ -431,19 +431,13 @@ class Search:
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
-        if found is not None and (len(seen) > _SEVERAL or self._is_whole_of_discs(found)):
+        if found is not None and (len(seen) > _SEVERAL or _is_round(found)):
             return found
         discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
         if found is None or found.unknowns.bond is None:
             return self._likelier(found, discs)
         return found if self._is_likelier(found, discs, first) else discs
-
-    def _is_whole_of_discs(self, fit: Fit) -> bool:
-        """Whether a fit is of discs, none of them long, and nothing asks for other ones."""
-        if fit.unknowns.bond is not None or _is_long(fit).any():
-            return False
-        return not self._falls_short(fit)
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -877,6 +871,11 @@ def _spread(fit: Fit) -> np.ndarray:
 def _is_long(fit: Fit) -> np.ndarray:
     """(k,) which contacts of a fit may be two beside each other."""
     return np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
+
+
+def _is_round(fit: Fit) -> bool:
+    """Whether a fit is of contacts of which none is long."""
+    return fit.unknowns.bond is None and not _is_long(fit).any()
 
 
 def _cost(fit: Fit) -> float:

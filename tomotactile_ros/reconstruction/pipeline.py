@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -470,12 +471,10 @@ class Pipeline:
     def _exchanged_wires(self, frame, drive_voltage) -> np.ndarray | None:
         """(E,) channels of an ordered frame (E, E), V, that fit the sheet only if exchanged; None where
         it does not tell."""
-        noise = self.settings.noise
-        missing, bad = np.isnan(frame), self._excluded.copy()
-        bad |= unread_channels(~missing) | stuck_channels(frame, ~missing, noise)
+        bad, idle = self._silent(frame)
         used = np.flatnonzero(~bad)
         part = frame[np.ix_(used, used)].astype(np.float32)
-        if len(used) < FEWEST or is_idle(frame, missing, bad, self.settings.threshold * noise):
+        if len(used) < FEWEST or idle:
             return None
         if np.count_nonzero(np.isnan(part)) > len(used):
             return None
@@ -491,11 +490,14 @@ class Pipeline:
         bad = self._read(*last_of_each(voltages, grounded), drive_voltage)[1]
         if not set(_numbers(bad)) - set(estimate.left_out):
             return estimate
+        before = copy(self._state)
         again = self._without(bad, voltages, grounded, drive_voltage, row_period)
-        if again.state != "valid":
+        valid = again.state == "valid"
+        if not valid or (estimate.state == "valid" and again.misfit > estimate.misfit / 2):
+            self._state = before
             return estimate
-        if estimate.state == "valid" and again.misfit > estimate.misfit / 2:
-            return estimate
+        known = {e: why for e, why in estimate.left_out.items() if e in again.left_out}
+        again.left_out.update(known)
         return again
 
     def _without(self, bad, voltages, grounded, drive_voltage, row_period) -> Estimate:
@@ -628,15 +630,11 @@ class Pipeline:
             frame -= self._baseline
         if self.sensor is not None:
             frame = self.sensor.corrected(frame, tared=self._baseline is not None)
-        bad = self._excluded.copy()
-        missing = np.isnan(frame)
-        if np.count_nonzero(missing) > len(frame):
-            bad |= dead_channels(~missing)
-        noise = self.settings.noise
-        bad |= stuck_channels(frame, ~missing, noise)
-        if is_idle(frame, missing, bad, self.settings.threshold * noise):
+        bad, idle = self._silent(frame)
+        if idle:
             return frame, bad, None, None
-        read = ~missing & ~bad & ~bad[:, None]
+        noise = self.settings.noise
+        read = ~np.isnan(frame) & ~bad & ~bad[:, None]
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
         bad |= open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
         changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
@@ -645,6 +643,15 @@ class Pipeline:
             return frame, bad, None, None
         local, measured = self._measure(frame, bad, drive_voltage)
         return frame, bad, local, None if changes else measured
+
+    def _silent(self, frame) -> tuple[np.ndarray, bool]:
+        """(E,) channels of an ordered frame (E, E), V, that are excluded, dead or stuck, and whether the
+        others are idle."""
+        bad, missing, noise = self._excluded.copy(), np.isnan(frame), self.settings.noise
+        if np.count_nonzero(missing) > len(frame):
+            bad |= dead_channels(~missing)
+        bad |= stuck_channels(frame, ~missing, noise)
+        return bad, is_idle(frame, missing, bad, self.settings.threshold * noise)
 
     def _measure_profiles(self):
         """The profile to use, and a line for the log."""
