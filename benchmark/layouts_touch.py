@@ -29,7 +29,8 @@ from scipy.stats import spearmanr
 
 from tomotactile_ros.bench.layouts import EVEN, PROFILES, UNEVEN, Amount, measure, reference
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.evaluation.posterior import Conditions, expected, usual_apart
+from tomotactile_ros.evaluation.places import usual_apart
+from tomotactile_ros.evaluation.posterior import Conditions, expected
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.optimizer.scan import Chooser, spread
 from tomotactile_ros.optimizer.touch_report import save_comparison

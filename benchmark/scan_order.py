@@ -21,7 +21,7 @@ import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.evaluation.posterior import lattice
+from tomotactile_ros.evaluation.places import lattice
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.layouts.scan_order import AdaptiveOrder
 from tomotactile_ros.optimizer.scan import Chooser

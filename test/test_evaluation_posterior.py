@@ -10,12 +10,8 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.solver import solve
-from tomotactile_ros.evaluation.posterior import (
-    Conditions,
-    Expectation,
-    RowInformation,
-    lattice,
-)
+from tomotactile_ros.evaluation.places import lattice
+from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.optimizer.scan import Chooser, spread
 from tomotactile_ros.scenes.contact import ContactLaw

@@ -13,7 +13,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.devices import DeviceSettings, make_device, protocol
 from tomotactile_ros.devices.emulator import EmulatedDevice
 from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.evaluation.posterior import lattice
+from tomotactile_ros.evaluation.places import lattice
 from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread

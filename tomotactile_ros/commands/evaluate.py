@@ -8,14 +8,15 @@ from argparse import ArgumentParser, BooleanOptionalAction, Namespace
 from tomotactile_ros.bench.tables import text
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
+from tomotactile_ros.evaluation.places import CONTACT_RADIUS as TOUCH_RADIUS
+from tomotactile_ros.evaluation.places import has_room
 from tomotactile_ros.evaluation.point_spread import (
     LEAST_REGULARIZATION,
     MOST_CELLS,
     REGULARIZATION,
     RESOLUTION,
 )
-from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS as TOUCH_RADIUS
-from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected, has_room
+from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layouts.layout import load_layout

@@ -44,20 +44,18 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
 from tomotactile_ros.evaluation.metrics import worst
+from tomotactile_ros.evaluation.places import CONTACT_RADIUS, PLACES, lattice
+from tomotactile_ros.evaluation.places import pairs as pairs_about
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError
 
 NOISE = 1e-3  # V rms of a reading: 12 to 16 bits behind an analogue switch, as in the benchmarks
 DRIVE = 3.3  # V
-CONTACT_RADIUS = 0.005  # m, a fingertip
 PRESSURE = 2e4  # Pa: 1.6 N on such a disc
 LAW = ContactLaw(1e-4, 1.0)  # that of the shipped scenes: 2 S/m^2 at this pressure
 PAIRS_APART = 0.04  # m, two fingers
-PAIR_PITCHES = 0.6  # two contacts where pitches differ: 40 mm with 4 x 4 electrodes on 200 mm
 NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
-PLACES = 10  # contacts along the longer side
 MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
@@ -324,76 +322,10 @@ def expected(
     centres = lattice(layout, places, how.radius)
     covariance, force = zip(*(expectation.covariance(centre, grounded) for centre in centres))
     step = 2 if pairs is None else max(2, len(centres) // pairs)
-    middles, ways = _pairs(layout, centres[::step], how.apart, how.radius)
+    middles, ways = pairs_about(layout, centres[::step], how.apart, how.radius)
     separation = [
         expectation.separation(middle, way, grounded) for middle, way in zip(middles, ways)
     ]
     return Posterior(
         how, centres, np.array(covariance), np.array(force), middles, np.array(separation)
     )
-
-
-def usual_apart(layout: Layout) -> float:
-    """Distance of two contacts, m, that tells layouts of so many electrodes apart: 0.6 spacings of
-    as many spread evenly, rim to rim where they are a square grid."""
-    return PAIR_PITCHES * float(np.sqrt(layout.outline.area) / (np.sqrt(layout.electrodes) - 1))
-
-
-def has_room_for_pairs(layout: Layout, conditions: Conditions) -> bool:
-    """Whether pairs `conditions.apart` from each other lie on the sheet anywhere."""
-    centres = lattice(layout, PLACES, conditions.radius)
-    return len(_pairs(layout, centres, conditions.apart, conditions.radius)[0]) > 0
-
-
-def has_room(layout: Layout, radius: float) -> bool:
-    """Whether a disc of `radius`, m, lies wholly on the sheet anywhere that is looked at."""
-    try:
-        return len(lattice(layout, PLACES, radius)) > 0
-    except InputError:
-        return False
-
-
-def lattice(layout: Layout, places: int, radius: float = CONTACT_RADIUS) -> np.ndarray:
-    """(P, 2) middles, m, of discs of `radius` (m) that lie wholly on the sheet, `places` along its
-    longer side.
-
-    One to a cell, moved within it by a fixed share (additive recurrence of the plastic number,
-    Roberts 2018), so that no lattice of electrodes is favoured. (A disc across the rim shows where
-    the part of it lies that is on the sheet; where the rest is, nothing tells.)
-    """
-    xmin, ymin, xmax, ymax = layout.outline.bounds
-    low, high = np.array([xmin, ymin]) + radius, np.array([xmax, ymax]) - radius
-    if not np.all(high > low):
-        raise _no_room(radius)
-    columns, rows = np.maximum(1, np.round(places * (high - low) / (high - low).max())).astype(int)
-    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-    share = np.arange(1, columns * rows + 1)[:, None] * np.array([0.7548776662, 0.5698402910]) % 1
-    at = (np.column_stack([x.ravel(), y.ravel()]) + share) / [columns, rows]
-    points = low + at * (high - low)
-    found = points[_on_sheet(layout, points, radius)]
-    if not len(found):
-        raise _no_room(radius)
-    return found
-
-
-def _no_room(radius):
-    return InputError(
-        f"contact radius: no disc of {radius:g} m has room on the sheet; a smaller one may have"
-    )
-
-
-def _on_sheet(layout, points, radius):
-    """(P,) which discs at `points` (P, 2) lie wholly on the sheet."""
-    slack = 1e-9 * max(layout.outline.size)
-    there = layout.outline.contains(points)
-    return there & (layout.outline.rim_distance(points) >= radius - slack)
-
-
-def _pairs(layout, centres, apart, radius):
-    """Middles (Q, 2) and ways (Q, 2) of the pairs about `centres` that lie on the sheet, turned."""
-    angle = 2 * 2.399963 * np.arange(len(centres))  # twice the golden angle
-    middles, ways = centres, apart * np.column_stack([np.cos(angle), np.sin(angle)])
-    there = np.ones(len(middles), bool)
-    for sign in (1, -1):
-        there &= _on_sheet(layout, middles + sign * ways / 2, radius)
-    return middles[there], ways[there]

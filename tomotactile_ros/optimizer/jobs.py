@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.evaluation.places import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, MEMORY, NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.checkpoint import state_file_of

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tomotactile_ros.evaluation.places import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
-from tomotactile_ros.evaluation.posterior import CONTACT_RADIUS, NOISE
+from tomotactile_ros.evaluation.posterior import NOISE
 from tomotactile_ros.layouts.arrangements import (
     MAX_SPREAD,
     USUAL_SIZE,

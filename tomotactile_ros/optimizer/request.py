@@ -7,14 +7,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
+from tomotactile_ros.evaluation.places import CONTACT_RADIUS, has_room_for_pairs, usual_apart
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import (
-    CONTACT_RADIUS,
-    NOISE,
-    Conditions,
-    has_room_for_pairs,
-    usual_apart,
-)
+from tomotactile_ros.evaluation.posterior import NOISE, Conditions
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint
@@ -115,7 +110,9 @@ class Request:
                     raise InputError(f"{name}: only method touch knows it")
             return
         conditions = self._conditions()  # refuses what cannot be
-        if self.apart is not None and not has_room_for_pairs(self.layout, conditions):
+        if self.apart is not None and not has_room_for_pairs(
+            self.layout, conditions.apart, conditions.radius
+        ):
             raise InputError(
                 f"apart: no pair of contacts that is tried has room on this sheet {self.apart:g} m from "
                 "each other"

@@ -22,7 +22,8 @@ import numpy as np
 
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_layout
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation, lattice
+from tomotactile_ros.evaluation.places import lattice
+from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.support import checks

@@ -30,7 +30,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
-from tomotactile_ros.evaluation.posterior import Conditions, Posterior, expected, usual_apart
+from tomotactile_ros.evaluation.places import usual_apart
+from tomotactile_ros.evaluation.posterior import Conditions, Posterior, expected
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
