@@ -293,3 +293,27 @@ def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, 
     assert out.with_suffix(".png").exists()
     assert main([*words, "--place", "1e-7"]) == 2
     assert "none of these numbers" in capsys.readouterr().err
+
+
+def test_scores_that_are_known_are_not_evaluated_again(monkeypatch):
+    """The start has the score 1, and a trial of which moves begin the one that it has."""
+    objective = objective_of(POOR, Conditions(apart=0.04), 3)
+    search = TouchSearch(objective, Constraints(POOR.outline, 0.018), None, True)
+    evaluated = []
+    plain = TouchObjective.posterior
+
+    def counted(self, positions, radius):
+        evaluated.append(positions.copy())
+        return plain(self, positions, radius)
+
+    monkeypatch.setattr(TouchObjective, "posterior", counted)
+    start = search.first(0)
+    assert start.score == 1.0 and not evaluated
+    assert plain(objective, start.positions, start.radius).score == pytest.approx(
+        plain(objective, POOR.positions, POOR.radius).score, rel=1e-12
+    )
+    found = search.improve(start, 2, 4)
+    assert len(evaluated) == 3
+    assert not any(np.array_equal(each, start.positions) for each in evaluated)
+    anew = plain(objective, found.positions, found.radius)
+    assert found.score == pytest.approx(objective.score(anew), rel=1e-12)

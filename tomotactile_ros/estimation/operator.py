@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from copy import copy
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -308,25 +309,34 @@ class SheetOperator:
         at_places = np.vstack([at_places, np.ones(len(places))])
         potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
         field = self.field.cell_values(places)
-        entries = (root * slope.transpose(0, 2, 1))[order].ravel()  # gradients as one sparse matrix
-        unknowns = np.repeat(fem.unknown[mesh.triangles][order], 2, axis=0).ravel()
-        ends_of_rows = np.arange(0, len(entries) + 1, 3)
-        shape = 2 * len(order), len(potential)
-        flat = csr_matrix((entries, unknowns, ends_of_rows), shape) @ potential
-        flat = flat.reshape(len(order), 2, -1)
-        cells = len(ends) - 1
-        by_cell = np.empty((cells, len(places), self.count))
-        for cell in range(cells):
-            part = slice(ends[cell], ends[cell + 1])
-            by_cell[cell] = -flat[part].reshape(-1, len(places)).T @ gradient[part].reshape(
-                -1, self.count
-            )
+        count, unknowns = len(potential), fem.unknown[mesh.triangles[order]]  # (T, 3)
+        slopes = (root * slope.transpose(0, 2, 1))[order]  # (T, 2, 3)
+        # what the currents of H bring to the unknowns of each cell: fewer than elements
+        inside = np.repeat(np.arange(len(ends) - 1), np.diff(ends))[:, None] * count + unknowns
+        pairs, number = np.unique(inside, return_inverse=True)
+        brought = _scattered(slopes, number.reshape(-1, 3), len(pairs)) @ _flat(gradient)
+        at = np.searchsorted(pairs, np.arange(len(ends)) * count)
+        by_cell = np.empty((len(ends) - 1, len(places), self.count))
+        for cell, (low, high) in enumerate(pairwise(at)):
+            by_cell[cell] = -potential[pairs[low:high] % count].T @ brought[low:high]
         change = np.tensordot(self.field.modes.T, by_cell, 1)
         change -= field.T[:, :, None] * by_cell.sum(axis=0)
-        along = -(flat[:, 0].T @ gradient[:, 0] - flat[:, 1].T @ gradient[:, 1])
-        mixed = -(flat[:, 0].T @ gradient[:, 1] + flat[:, 1].T @ gradient[:, 0])
-        change = np.concatenate([change, [along, mixed]])
-        self._share_change = change
+        turned = gradient * [[1.0], [-1.0]], gradient[:, ::-1]  # along less across, and mixed
+        gather = _scattered(slopes, unknowns, count)
+        ways = [-potential.T @ (gather @ _flat(each)) for each in turned]
+        self._share_change = np.concatenate([change, ways])
+
+
+def _flat(gradient: np.ndarray) -> np.ndarray:
+    """(2 T, n) of (T, 2, n)."""
+    return gradient.reshape(-1, gradient.shape[2])
+
+
+def _scattered(slopes: np.ndarray, unknowns: np.ndarray, count: int) -> csr_matrix:
+    """(count, 2 T) sums over elements of their `slopes` (T, 2, 3) at `unknowns` (T, 3)."""
+    ends = np.arange(0, slopes.size + 1, 3)
+    columns = np.repeat(unknowns, 2, axis=0).ravel()
+    return csr_matrix((slopes.ravel(), columns, ends), (len(ends) - 1, count)).T
 
 
 class Patches:

@@ -165,12 +165,10 @@ class Expectation:
         how = self.conditions
         channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8)  # as good as known
         self.prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
-        self._across = patches_for(how.radius, self.operator.pitch)
 
     def linear(self, *centres: np.ndarray, grounded=None) -> Linear:
         """Normal equations at discs with their middles at `centres` (2,), m, each."""
-        forms = np.array([self.form(centre) for centre in centres])
-        return self._linear(forms, grounded)
+        return self._linear(self._pressed(centres), grounded)
 
     def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
         """Standard deviations of the place, m, and of the force, relative, of a disc at
@@ -189,17 +187,12 @@ class Expectation:
     def separation(self, middle: np.ndarray, way: np.ndarray, grounded=None) -> float:
         """d' of two discs at `middle` +- `way` / 2 (m), each of half the pressure of one."""
         half = np.asarray(way, float) / 2
-        forms = np.array([self.form(middle + s * half) for s in (1, -1)])
-        both = self.unknowns(forms)
-        grounded = self.layout.grounded if grounded is None else grounded
-        frame = Prediction(self.operator, both, grounded).readings
-        together = Touches(self.operator, forms, both.across, both.sheet)
-        one = self.form(middle)
-        one[RADIUS] = np.log(np.hypot(np.exp(one[RADIUS]), np.linalg.norm(half)))
-        touch = Touches(self.operator, one[None], self._patches(one[None]), both.sheet)
+        together = self._pressed([middle + half, middle - half])
+        frame = self._prediction(together, grounded).readings
+        wide = np.log(np.hypot(self.conditions.radius, np.linalg.norm(half)))
+        one = np.array([*middle, 0.0, wide, 0.0, 0.0])
         given = sum(together.conductance(i)[0] for i in range(2))
-        one[CONDUCTANCE] = -np.log(1 / given + touch.mean[0])
-        linear = self._linear(one[None], grounded, frame)
+        linear = self._linear(_conducting(self._felt(one[None]), given), grounded, frame)
         step = np.linalg.solve(linear.normal, linear.right)
         taken = step @ linear.right + linear.beside
         return float(np.sqrt(max(linear.fit.cost - taken, 0.0)))
@@ -213,33 +206,52 @@ class Expectation:
 
     def form(self, centre) -> np.ndarray:
         """(6,) parameters of the disc at `centre` (2,), m."""
-        how = self.conditions
-        form = np.array([*centre, 0.0, np.log(how.radius), 0.0, 0.0])
-        touch = Touches(self.operator, form[None], [self._across], np.zeros(self.operator.modes))
-        g = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2 * touch.covered[0]
-        form[CONDUCTANCE] = -np.log(1 / g + touch.mean[0])
-        return form
-
-    def _patches(self, forms) -> tuple[int, ...]:
-        return tuple(patches_for(np.exp(form[RADIUS]), self.operator.pitch) for form in forms)
+        return self._pressed([centre]).contacts[0]
 
     def unknowns(self, forms: np.ndarray) -> Unknowns:
         """Discs `forms` (k, 6) on an even sheet, with perfect channels."""
         free = np.tile(_DISC, (len(forms), 1))
         return Unknowns.at_rest(self.operator).with_contacts(forms, self._patches(forms), free)
 
-    def _linear(self, forms, grounded=None, readings=None) -> Linear:
-        """Linearised at contacts `forms` (k, 6) that have been read as `readings` (L, n), or
-        exactly."""
-        unknowns = self.unknowns(forms)
+    def _patches(self, forms) -> tuple[int, ...]:
+        return tuple(patches_for(np.exp(form[RADIUS]), self.operator.pitch) for form in forms)
+
+    def _pressed(self, centres) -> Touches:
+        """Discs under the pressure of the conditions at `centres` (k, 2), m."""
+        how = self.conditions
+        forms = [[*centre, 0.0, np.log(how.radius), 0.0, 0.0] for centre in centres]
+        touches = self._felt(np.array(forms))
+        each = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2
+        return _conducting(touches, each * touches.covered)
+
+    def _felt(self, forms) -> Touches:
+        """Contacts `forms` (k, 6) on the even sheet; takes longer than all that follows from it, which
+        is why it is done once for each contact."""
+        sheet = np.zeros(self.operator.modes)
+        return Touches(self.operator, forms, self._patches(forms), sheet)
+
+    def _prediction(self, touches, grounded=None) -> Prediction:
         grounded = self.layout.grounded if grounded is None else np.asarray(grounded)
-        if readings is None:
-            readings = Prediction(self.operator, unknowns, grounded).readings
+        return Prediction(self.operator, self.unknowns(touches.contacts), grounded, touches)
+
+    def _linear(self, touches, grounded=None, readings=None) -> Linear:
+        """Linearised at contacts that have been read as `readings` (L, n), or exactly."""
+        prediction = self._prediction(touches, grounded)
+        grounded = prediction.rows
+        readings = prediction.readings if readings is None else readings
         weight = (self.conditions.drive_voltage / self.conditions.noise) ** 2
         weights = np.full(readings.shape, weight)
         weights[np.arange(len(grounded)), grounded] = 0.0
-        prior = replace(self.prior, radius=float(np.exp(forms[0, RADIUS])))
-        return Linear(Fit(self.operator, unknowns, Rows(readings, weights, grounded), prior))
+        prior = replace(self.prior, radius=float(np.exp(touches.contacts[0, RADIUS])))
+        rows = Rows(readings, weights, grounded)
+        return Linear(Fit(self.operator, prediction.unknowns, rows, prior, prediction))
+
+
+def _conducting(touches: Touches, conductance) -> Touches:
+    """The same contacts, which conduct `conductance`, S, each."""
+    contacts = touches.contacts.copy()
+    contacts[:, CONDUCTANCE] = -np.log(1 / conductance + touches.mean)
+    return touches.stronger(contacts)
 
 
 class RowInformation:

@@ -119,7 +119,8 @@ class TouchSearch:
         radius = reference.radius
         if self.radii is not None:
             radius = self.radii[0] if number % 2 else float(np.clip(radius, *self.radii))
-        return self._try(positions, radius)
+        itself = Trial(reference.positions, reference.radius, 1.0)
+        return self._try(positions, radius, {_key(itself): itself})
 
     @property
     def scales(self) -> tuple[float, ...]:
@@ -150,6 +151,7 @@ class TouchSearch:
         spacing = np.sqrt(reference.outline.area / reference.electrodes)
         reach = _REACH * spacing * trial.reach
         best = trial
+        known = {_key(trial): trial}
 
         def score(steps):
             nonlocal best
@@ -158,9 +160,10 @@ class TouchSearch:
             if self.radii is not None:
                 radius *= np.exp(_RADIUS_REACH * trial.reach * steps[-1])
                 radius = float(np.clip(radius, *self.radii))
-            found = self._try(positions, radius)
+            found = self._try(positions, radius, known)
             if found is None:
                 return _FORBIDDEN
+            known[_key(found)] = found
             if found.score < best.score:
                 best = found
             return found.score
@@ -169,18 +172,22 @@ class TouchSearch:
         minimize(score, np.zeros(count), method="COBYLA", tol=0.05, options=how)
         return replace(best, reach=trial.reach * (0.5 if best is trial else 0.7))
 
-    def _try(self, positions, radius) -> Trial | None:
-        """Electrodes nearby that obey the constraints, and their score."""
+    def _try(self, positions, radius, known: dict) -> Trial | None:
+        """Electrodes nearby that obey the constraints, and their score, which is found out where it is
+        not `known`, by `_key`."""
         obeying = self.constraints.project(positions)
         if obeying is None:
             return None
         xmin, ymin, xmax, ymax = self.constraints.outline.bounds
         obeying = np.clip(obeying, [xmin, ymin], [xmax, ymax])  # what is left of rounding
+        here = Trial(obeying, radius, np.inf)
+        if _key(here) in known:
+            return known[_key(here)]
         try:
             found = self.objective.posterior(obeying, radius)
         except InputError:  # outside a curved rim by rounding
             return None
-        return Trial(obeying, radius, self.objective.score(found))
+        return replace(here, score=self.objective.score(found))
 
     def _group(self, trial):
         if not self.symmetric:
@@ -274,8 +281,8 @@ def _evaluations(number, starts, done):
     """About so many evaluations there are in round `number`, where `done` rounds were taken from a
     file."""
     trials = starts if number == 1 else min(starts, max(starts // 2 ** (number - 1), 2))
-    first = starts if number == max(done, 1) and not done else 0
-    improved = trials * (_EVALUATIONS + _moves(number)) if number > done else 0
+    first = starts - 1 if number == max(done, 1) and not done else 0
+    improved = trials * (_EVALUATIONS + _moves(number) - 1) if number > done else 0
     return first + improved + trials
 
 
