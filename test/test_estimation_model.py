@@ -16,7 +16,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.solver import solve
-from tomotactile_ros.estimation.tables import Around
+from tomotactile_ros.estimation.tables import Around, Sensed, mirrored
 from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.layouts.outline import Outline
@@ -525,3 +525,55 @@ def test_ways_through_the_sheet_change_readings_as_differences_say(monkeypatch):
 
     change = (readings(1 + step) - readings(1 - step)) / (2 * step)
     np.testing.assert_allclose(change, slope, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("layout", [LAYOUT, equal_grid(3, 4, (0.1, 0.07), 0.002, 1e4)])
+def test_what_a_sheet_changes_is_the_integral_over_its_elements(layout):
+    """dH(x) = - int sigma m grad D_x . grad H, element by element; the operator sums it by nodes."""
+    operator = SheetOperator(layout)
+    fem, field = FemSheet(layout), operator.field
+    mesh, places = fem.mesh, mirrored(operator.lattice.points, np.array(layout.outline.size) / 2)
+    bordered = np.ones((layout.electrodes + 1,) * 2)
+    bordered[:-1, :-1], bordered[-1, -1] = fem.electrode_electrode, 0.0
+    inverse = np.linalg.inv(bordered)
+    fed = np.vstack([fem.to_electrodes.T, np.ones(len(fem.where))])
+    element, weights = mesh.locate(places)
+    feed = np.zeros((len(fem.where), len(places)))
+    np.add.at(
+        feed.T, (np.arange(len(places))[:, None], fem.unknown[mesh.triangles[element]]), weights
+    )
+    green = fem._solve(feed) - fed.T @ (inverse @ (fed @ feed))  # D, with all electrodes at 0 V
+    corners = mesh.points[mesh.triangles]
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
+    twice = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
+    steps = np.array([[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
+    slope = np.linalg.inv(edges) @ steps  # (T, 2, 3) gradients of the corners' functions
+    sigma = np.abs(twice) / 2 / layout.sheet_resistance
+    of_share = slope @ (inverse @ fed)[:-1].T[fem.unknown[mesh.triangles]]
+    of_green = slope @ green[fem.unknown[mesh.triangles]]
+    at_places = field.cell_values(places)
+    for mode in (0, 7, operator.modes - 3):
+        values = field.modes[field.owner, mode]
+        change = -np.einsum("t,tdq,tdn->qn", sigma * values, of_green, of_share, optimize=True)
+        whole = -np.einsum("t,tdq,tdn->qn", sigma, of_green, of_share, optimize=True)
+        change -= at_places[:, [mode]] * whole
+        found = operator.share_table[:, mode]
+        assert found == pytest.approx(change, abs=2e-6 * float(np.abs(change).max()))
+    along = np.einsum("t,tq,tn->qn", sigma, of_green[:, 0], of_share[:, 0], optimize=True)
+    across = np.einsum("t,tq,tn->qn", sigma, of_green[:, 1], of_share[:, 1], optimize=True)
+    found = operator.share_table[:, -2]
+    assert found == pytest.approx(across - along, abs=2e-6 * float(np.abs(found).max()))
+
+
+def test_what_electrodes_sense_is_the_same_where_most_places_are_known():
+    random = np.random.default_rng(0)
+    points = random.uniform(-0.09, 0.09, (40, 2))
+    places = points.copy()
+    places[[3, 17]] += 1e-3
+    used = np.arange(0, E, 2)
+    sensed, sheet = Sensed(OPERATOR.sheet, used, points), OPERATOR.sheet
+    kept = sensed.between.copy()
+    moved, anew = sensed.moved(places), Sensed(sheet, used, places)
+    assert moved.between == pytest.approx(anew.between, rel=1e-12)
+    assert moved.own == pytest.approx(anew.own, rel=1e-12)
+    assert np.array_equal(sensed.between, kept) and not np.array_equal(moved.between, kept)

@@ -33,6 +33,7 @@ from tomotactile_ros.estimation.tables import (
     Lattice,
     MutualTable,
     PotentialTable,
+    Sensed,
     mirrored,
     off_electrodes,
 )
@@ -78,11 +79,11 @@ class SheetOperator:
         self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         self.pitch = float(np.median(layout.pitches))
-        self.potentials = PotentialTable(self.sheet, self.used, self.pitch)
-        self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
-        self.mutual = MutualTable(
-            self.sheet, self.lattice, self.potentials, self._inverse, self.used
-        )
+        size, fine = np.array(layout.outline.size, float), Lattice.fine(layout, self.pitch)
+        sensed = Sensed(self.sheet, self.used, mirrored(fine.points, size / 2))
+        self.potentials = PotentialTable(layout, self.used, fine, sensed)
+        self.lattice = Lattice(size, _LATTICE)
+        self.mutual = MutualTable(self.sheet, self.lattice, self.potentials, sensed, self._inverse)
         self.displacement = Displacement(
             layout, self.used, self.resistance, self.potentials, self._inverse
         )

@@ -8,8 +8,11 @@ electrode and far less elsewhere.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.green import FAR, softened
 
 _PER_PITCH = 10  # points of the lattice along one spacing
@@ -72,6 +75,12 @@ class Lattice:
         right = np.array([y_value, y_value, y_slope])
         return first + self._offsets, (left[:, :, None] * right[:, None]).reshape(3, 16)
 
+    @classmethod
+    def fine(cls, layout: Layout, pitch: float) -> Lattice:
+        """That of potentials, with electrodes `pitch`, m, apart."""
+        size = np.array(layout.outline.size, float)
+        return cls(size, int(np.clip(np.ceil(size.max() / pitch * _PER_PITCH), *_POINTS)))
+
 
 class Around:
     """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes
@@ -109,24 +118,48 @@ def mirrored(points: np.ndarray, half: np.ndarray) -> np.ndarray:
     return np.sign(points) * (np.minimum(np.abs(points), half) - beyond)
 
 
-class PotentialTable:
-    """G between the electrodes `used` (n,) of a sheet and any place, ohm."""
+class Sensed:
+    """What the electrodes `used` (n,) of a sheet sense of tiny discs at `points` (K, 2), m: known once
+    for both tables that are made of it.
 
-    def __init__(self, sheet, used: np.ndarray, pitch: float):
-        layout = sheet.layout
-        size = np.array(layout.outline.size, float)
-        along = int(np.clip(np.ceil(size.max() / pitch * _PER_PITCH), *_POINTS))
-        self.lattice = Lattice(size, along)
+    Attributes
+    ----------
+    between (K, n) G between electrodes and points, ohm; own (K,) that of the points with themselves,
+        all other electrodes floating
+    tiny : radius of the discs, m
+    """
+
+    def __init__(self, sheet, used: np.ndarray, points: np.ndarray):
+        self._sheet, self._used, self.points = sheet, used, points
+        self.tiny = 1e-3 * sheet.layout.radius
+        self.between, self.own = np.empty((len(points), len(used))), np.empty(len(points))
+        self._look(np.arange(len(points)))
+
+    def moved(self, places: np.ndarray) -> Sensed:
+        """The same at `places` (K, 2), m, most of which are the points still."""
+        other = copy(self)
+        other.points, other.between, other.own = places, self.between.copy(), self.own.copy()
+        other._look(np.flatnonzero((places != self.points).any(axis=1)))
+        return other
+
+    def _look(self, which):
+        for start in range(0, len(which), _BLOCK):
+            part = which[start : start + _BLOCK]
+            transfer = self._sheet.transfer(self.points[part], np.full(len(part), self.tiny))
+            self.between[part] = transfer.electrode_point[self._used].T
+            self.own[part] = transfer.point_self
+
+
+class PotentialTable:
+    """G between the electrodes `used` (n,) of a layout and any place, ohm; `sensed` at the points of
+    `lattice`, those beyond the rim mirrored."""
+
+    def __init__(self, layout: Layout, used: np.ndarray, lattice: Lattice, sensed: Sensed):
+        self.lattice = lattice
         self._centres = layout.positions[used]
         self._radius = layout.radius
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
-        points = mirrored(self.lattice.points, size / 2)
-        tiny = 1e-3 * self._radius
-        values = np.empty((len(points), len(used)))
-        for start in range(0, len(points), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            values[part] = sheet.transfer(points[part], tiny).electrode_point[used].T
-        self._values = values - self._logarithm(self.lattice.points)[0]
+        self._values = sensed.between - self._logarithm(lattice.points)[0]
 
     def _logarithm(self, places):
         """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared
@@ -205,7 +238,9 @@ class MutualTable:
     and taken as the mean of two for others of the same contact.
     """
 
-    def __init__(self, sheet, lattice: Lattice, potentials: PotentialTable, inverse, used):
+    def __init__(
+        self, sheet, lattice: Lattice, potentials: PotentialTable, sensed: Sensed, inverse
+    ):
         layout = sheet.layout
         self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
         size = np.array(layout.outline.size, float)
@@ -217,18 +252,14 @@ class MutualTable:
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
         self._smooth = between - self._logarithm(nodes, tiny) - self._induced(nodes)
         self._fine = potentials.lattice
-        places = off_electrodes(mirrored(self._fine.points, size / 2), layout)
-        own = np.empty(len(places))
-        for start in range(0, len(places), _BLOCK):
+        sensed = sensed.moved(off_electrodes(sensed.points, layout))
+        own = sensed.own.copy()
+        for start in range(0, len(own), _BLOCK):
             part = slice(start, start + _BLOCK)
-            radii = np.full(len(places[part]), tiny[0])
-            transfer = sheet.transfer(places[part], radii)
-            exact, tabulated = (
-                np.vstack([each, np.ones(len(radii))])
-                for each in (transfer.electrode_point[used], potentials(places[part])[0].T)
-            )
-            own[part] = transfer.point_self - self._own_part(places[part], radii)
-            for sign, fed in ((1, exact), (-1, tabulated)):
+            places = sensed.points[part]
+            own[part] -= self._own_part(places, np.full(len(places), sensed.tiny))
+            for sign, seen in ((1, sensed.between[part]), (-1, potentials(places)[0])):
+                fed = np.vstack([seen.T, np.ones(len(places))])
                 own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
         self._own = own
 
