@@ -95,22 +95,29 @@ class Slopes:
         """(5 n, 5 n) normal matrix of the channels for `weights` (L, n)."""
         count, own = self.count, np.arange(self.count)
         out = np.zeros((self.kinds, count, self.kinds, count))
-        for kind, slope in zip(_IN_COLUMNS, weights * self.in_columns):
-            for other, beside in zip(_IN_COLUMNS, self.in_columns):
-                out[kind, own, other, own] += (slope * beside).sum(axis=0)
+        columns, rows = weights * self.in_columns, weights * self.in_rows
+        in_columns = np.einsum("kln,mln->kmn", columns, self.in_columns)
+        in_rows = self._by_electrode(np.einsum("kln,mln->kml", rows, self.in_rows))
+        for i, kind in enumerate(_IN_COLUMNS):
+            for j, other in enumerate(_IN_COLUMNS):
+                out[kind, own, other, own] += in_columns[i, j]
             for other, beside in zip(_IN_ROWS, self.in_rows):
-                both = self._by_electrode((slope * beside).T)
+                both = self._by_electrode((columns[i] * beside).T)
                 out[kind, :, other] += both
                 out[other, :, kind] += both.T
-        for kind, slope in zip(_IN_ROWS, weights * self.in_rows):
-            for other, beside in zip(_IN_ROWS, self.in_rows):
-                each = (slope * beside).sum(axis=1)
-                out[kind, own, other, own] += self._by_electrode(each[None])[0]
+        for i, kind in enumerate(_IN_ROWS[: len(rows)]):
+            for j, other in enumerate(_IN_ROWS[: len(rows)]):
+                out[kind, own, other, own] += in_rows[i, j]
         return out.reshape(self.kinds * count, -1)
 
     def _by_electrode(self, by_row: np.ndarray) -> np.ndarray:
         """(P, n) sums over the rows of each electrode of `by_row` (P, L)."""
-        return by_row @ self._of_electrode
+        return by_row if self._in_turn else by_row @ self._of_electrode
+
+    @cached_property
+    def _in_turn(self) -> bool:
+        """Whether each electrode is grounded in the row of its own number."""
+        return np.array_equal(self.rows, np.arange(self.count))
 
     @cached_property
     def _of_electrode(self) -> np.ndarray:

@@ -290,12 +290,12 @@ class Prediction:
         operator, touches = self.operator, self.touches
         if touches is None:
             return np.zeros((operator.modes, *self.ratio.shape))
-        change = operator.admittance_change(self.unknowns.sheet)
         moved = operator.share_change(touches.patches.around, self._fed)
-        change = change + moved + moved.transpose(0, 2, 1)
+        change = moved + moved.transpose(0, 2, 1)
+        change += operator.admittance_change(self.unknowns.sheet)
         field = operator.field_at(self.unknowns.contacts[:, :2])
         for i in range(len(touches.parts)):
-            change -= field[i][:, None, None] * self._by_way(i)
+            change -= np.multiply.outer(field[i], self._by_way(i))
         return self._columns(change)
 
     def way_columns(self) -> np.ndarray:
@@ -321,7 +321,11 @@ class Prediction:
     def _columns(self, changes):
         """(P, L, n) derivatives of the readings by parameters that change Y by `changes`
         (P, n, n)."""
-        moved = np.matmul(np.matmul(self.ratio, changes), self.impedance)
+        count = len(self.impedance)
+        driven = np.matmul(self.ratio, changes)
+        moved = (driven.reshape(-1, count) @ self.impedance).reshape(driven.shape)
         at_ground = moved[:, np.arange(len(self.rows)), self.rows]
-        moved -= self.ratio * at_ground[:, :, None]
-        return moved * self.unknowns.gain
+        np.multiply(self.ratio, at_ground[:, :, None], out=driven)
+        moved -= driven
+        moved *= self.unknowns.gain
+        return moved
