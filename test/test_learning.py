@@ -18,6 +18,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.touch import RADIUS
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.learning import findings
@@ -205,6 +206,14 @@ def test_information_is_that_of_all_derivatives_with_contacts_eliminated():
     scale = np.sqrt(wanted.diagonal())
     scale[scale == 0] = 1.0  # across a rim on which an electrode lies, no field is
     assert np.abs((found.matrix - wanted) / scale / scale[:, None]).max() < 0.02
+
+
+def test_touches_are_cut_more_finely_than_the_rims_of_electrodes():
+    """Patches wider than an electrode moved one in a corner by 130 ohm, where a touch lay on its rim."""
+    rows = rows_of(operator(), frames()[1], np.arange(16), DRIVE, NOISE)
+    fit = learner().look(rows)
+    widths = 2 * np.exp(fit.unknowns.contacts[:, RADIUS]) / np.array(fit.unknowns.across)
+    assert (widths <= 0.55 * layout().radius).all()
 
 
 def test_a_resting_load_counts_as_one_touch_however_long_it_rests():

@@ -24,7 +24,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import solve
-from tomotactile_ros.estimation.touch import patches_for
+from tomotactile_ros.estimation.touch import RADIUS, patches_for
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
 from tomotactile_ros.learning.state import PARTS, SensorState
@@ -40,6 +40,10 @@ _AGAIN, _WORTH = 4, 0.9  # models of the sheet that one frame is tried with; of 
 _SUSPECTS = 5  # electrodes that leave most over: two of them may be exchanged
 _SWAPPED = 0.25  # of chi-squared is left at most if they are
 _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact starts
+# radii of an electrode: width of a patch. One that an electrode's rim crosses is taken for partly on the
+# electrode, and with wider ones a touch at a rim moves resistances by more than a hundred ohm
+_PATCH = 0.5
+_MOST_ACROSS = 24  # patches to a touch's width: 450 of them
 
 
 class Exchanged(NamedTuple):
@@ -98,9 +102,9 @@ class Learner:
         prior = self.prior()
         one = self._relinearised(self._single(rows, prior))
         if one is not None and left_over(one) < enough:
-            return one
-        found = self.search.contacts(rows, prior)
-        return found if one is None or left_over(found) < left_over(one) / 2 else one
+            return self._finer(one)
+        found = self._finer(self.search.contacts(rows, prior))
+        return found if one is None or left_over(found) < left_over(one) / 2 else self._finer(one)
 
     def exchanged(self, fit: Fit) -> tuple[tuple[int, int], Fit] | None:
         """Two electrodes whose wires are exchanged, if that explains far more than `fit`, and the
@@ -255,6 +259,20 @@ class Learner:
                 break
             fit = tried
         return fit
+
+    def _finer(self, fit: Fit) -> Fit:
+        """The same or a fit of discs cut as finely as learning asks for."""
+        u = fit.unknowns
+        across = tuple(map(max, u.across, self._patches(u.contacts))) if u.bond is None else u.across
+        if across == tuple(u.across):
+            return fit
+        finer = replace(u, across=across)
+        return solve(fit.operator, finer, fit.rows, fit.prior, _STEPS)
+
+    def _patches(self, contacts: np.ndarray) -> list[int]:
+        """Patches to the width of each contact (k, 6)."""
+        wanted = np.ceil(2 * np.exp(contacts[:, RADIUS]) / (_PATCH * self.operator.layout.radius))
+        return [int(each) for each in np.minimum(wanted, _MOST_ACROSS)]
 
     def _one(self, prior, place, strength, radius):
         """One disc, `strength` S or less: half of what a bare conductor of that size has."""
