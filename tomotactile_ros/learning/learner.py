@@ -263,7 +263,9 @@ class Learner:
     def _finer(self, fit: Fit) -> Fit:
         """The same or a fit of discs cut as finely as learning asks for."""
         u = fit.unknowns
-        across = tuple(map(max, u.across, self._patches(u.contacts))) if u.bond is None else u.across
+        across = (
+            tuple(map(max, u.across, self._patches(u.contacts))) if u.bond is None else u.across
+        )
         if across == tuple(u.across):
             return fit
         finer = replace(u, across=across)
