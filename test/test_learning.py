@@ -508,6 +508,36 @@ def test_frames_without_readings_are_left_out():
         learn(layout(), read[1:2], np.arange(16), DRIVE, noise=NOISE)
 
 
+def test_numbers_that_are_no_readings_of_a_sheet_are_left_out():
+    """They ended in a traceback, and 4 V in all of them were learned as offsets."""
+    random = np.random.default_rng(0)
+    noise = random.uniform(0, DRIVE, (2, 16, 16))
+    found = learn(layout(), np.concatenate([noise, 1e6 * noise]), np.arange(16), DRIVE, noise=NOISE)
+    text = "\n".join(findings.lines(found))
+    assert (found.moved, found.state.touches) == (4, 0)
+    assert "no readings of a sheet" in text and "no gains explain" in text
+    read = frames()[:8].copy()
+    read[1], read[3], read[4] = *noise, 4.0
+    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
+    assert (found.moved, found.constant, found.untouched, found.state.frames) == (2, 1, 3, 2)
+    ratio = found.state["gain"] / truth().gain
+    assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(found.state)
+    assert np.abs(found.state["offset"]).max() < 0.02
+    assert "is anything grounded" in "\n".join(findings.lines(found))
+
+
+def test_frames_that_are_all_at_the_end_of_the_range_are_said_in_one_line(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    layout().save("layout.yaml")
+    full = np.full((3, 16, 16), 4.0)
+    save_frames("frames.npz", layout(), simulator().scene, full, np.arange(16), np.arange(3.0))
+    assert main(["learn", "frames.npz", "--layout", "layout.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "all 3 frames read the same" in said
+
+
 def test_a_report_of_nothing_learned_says_nothing_of_it(tmp_path, monkeypatch, capsys):
     """ "Gains: 0 % apart" was said where no touch had told any."""
     found = learn(layout(), np.zeros((4, 16, 16)), np.arange(16), DRIVE, noise=NOISE)

@@ -94,6 +94,19 @@ def test_a_load_that_rests_changes_nothing():
     assert feed(fresh, np.full(100, 15.75)) == [] and fresh.state.touches == 0
 
 
+@pytest.mark.parametrize("before", [False, True])
+def test_numbers_that_are_no_readings_of_a_sheet_teach_nothing(before):
+    learner = live(state=states()[-1] if before else None)
+    known, random = learner.state, np.random.default_rng(0)
+    for number in range(4):
+        frame = random.uniform(0, DRIVE, (16, 16))
+        for each in (frame, frame, *20 * [np.full((16, 16), DRIVE)]):
+            if learner.offer(each, GROUNDED, DRIVE, 1100.0 + 1000 * number):
+                learner.work()
+    assert learner.state.frames == known.frames and learner.state.idle == known.idle
+    assert learner.health.findings == []
+
+
 def test_a_touch_that_changes_is_not_learned_from_until_it_rests():
     learner = live()
     sensor = simulator(16)

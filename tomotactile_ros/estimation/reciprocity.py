@@ -53,7 +53,7 @@ def fit_gains(
     offset: tuple[np.ndarray, np.ndarray],
     steps: int = _STEPS,
 ) -> Gains:
-    """Gains and offsets of n channels.
+    """Gains and offsets of n channels; LinAlgError where no gains explain the readings.
 
     Parameters
     ----------
@@ -89,8 +89,6 @@ def fit_gains(
         for _ in range(steps):
             normal, right = (sum(each) for each in zip(*(t.equations for t in terms)))
             total = np.diag(deviation**-2.0) + normal
-            if not np.isfinite(total).all():
-                raise np.linalg.LinAlgError("no gains explain the readings")
             factor = cho_factor(total)
             change = cho_solve(factor, (mean - now) / deviation**2 + right)
             follow = np.array([t.follow(change) for t in terms])
@@ -185,6 +183,8 @@ class _Terms:
     def _eliminated(self):
         """Of ln N: (n, 2 n) its block with gains and offsets, what these are pulled by, and what it
         follows them and the readings by."""
+        if not np.isfinite(self._kinds).all() or not np.isfinite(self._e).all():
+            raise np.linalg.LinAlgError("no gains explain the readings")
         scale, *others = self._kinds
         pull = [-(kind * self._e).sum(axis=1) for kind in self._kinds]
         first = _block(scale, scale)

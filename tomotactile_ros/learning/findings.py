@@ -101,14 +101,21 @@ def lines(learned: Learned) -> Iterator[str]:
         yield f"  {count(learned.unexplained, 'frame')} that no contacts explain: not learned from"
     if learned.unread:
         yield f"  {count(learned.unread, 'frame')} without readings"
+    if learned.constant:
+        yield (
+            f"  {count(learned.constant, 'frame')} that read the same whichever electrode is grounded, and far "
+            "more than offsets: not learned from; is anything grounded, is the converter's range wide enough?"
+        )
     if learned.moved:
         yield (
-            f"  {count(learned.moved, 'frame')} in which something moved while rows were read: not "
-            "learned from; hold each touch still for a frame"
+            f"  {count(learned.moved, 'frame')} in which something moved while rows were read, or which are no "
+            "readings of a sheet: not learned from; hold each touch still for a frame"
         )
     for electrode, fault in sorted(learned.faults.items()):
         yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
-    if learned.asymmetry is not None:
+    if learned.asymmetry == np.inf:
+        yield "reciprocity: no gains explain these readings"
+    elif learned.asymmetry is not None:
         yield f"reciprocity: {learned.asymmetry:.2f} times what noise explains, with the gains found"
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
     if _is_told(state, "gain", good):

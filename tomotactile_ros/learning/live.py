@@ -22,7 +22,13 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.learner import Learner, surprise
-from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
+from tomotactile_ros.learning.readings import (
+    are_offsets,
+    is_untouched,
+    offsets,
+    rows_of,
+    square,
+)
 from tomotactile_ros.learning.recorded import WIDE, learn, moves
 from tomotactile_ros.learning.state import SensorState
 
@@ -118,7 +124,7 @@ class LiveLearner:
         with self._lock:
             if is_untouched(frame, np.arange(len(frame)), self._noise):
                 self._last = None
-                return self._offer_idle(found)
+                return self._are_offsets(frame) and self._offer_idle(found)
             steady = self._last is not None and self._like(frame, self._last, _STEADY)
             self._last = frame
             if not steady or any(self._like(frame, each, _NEW) for each in self._seen):
@@ -155,6 +161,12 @@ class LiveLearner:
                     self._learners = {}
                     self.unexplained += 1
         return None if self.state is before else self.state
+
+    def _are_offsets(self, frame) -> bool:
+        """Whether untouched readings are those of channels, not those of a drive that nothing
+        grounds."""
+        where, state = self.state.slice("offset"), self.state
+        return are_offsets(frame, np.arange(len(frame)), state.mean[where], state.expected[where])
 
     def _offer_idle(self, frame) -> bool:
         if frame.time - self._idle_time < _IDLE_EVERY:

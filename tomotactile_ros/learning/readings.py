@@ -14,6 +14,9 @@ from tomotactile_ros.estimation.screening import clipped
 
 _EVEN = 1.2  # variance over the rows in parts of the noise's, up to which nothing touches
 _FLOOR = 1e-4  # V, standard deviation: hum and drift of what is averaged
+# deviations of an offset that nobody expects: rows of which none is grounded read the same as well, but
+# the whole drive voltage
+_FAR_OFF = 10.0
 _GRID = 801  # values of an offset
 _WIDTH = 6.0  # standard deviations that they span
 
@@ -62,6 +65,17 @@ def is_untouched(voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bo
     left = np.where(valid, voltages - mean, 0.0)
     degrees = np.maximum(count - 1, 0).sum()
     return bool(degrees and (left**2).sum() < _EVEN * degrees * noise**2)
+
+
+def are_offsets(voltages: np.ndarray, grounded: np.ndarray, mean, deviation) -> bool:
+    """Whether the readings (L, E), V, of an untouched sheet are those of channels whose offsets are
+    expected to be `mean` +- `deviation` (E,), V: most of them near it."""
+    valid = np.isfinite(voltages)
+    valid[np.arange(len(grounded)), grounded] = False
+    count = valid.sum(axis=0)
+    own = np.where(valid, voltages, 0.0).sum(axis=0) / np.maximum(count, 1)
+    far = np.abs(own - mean)[count > 0] > _FAR_OFF * deviation[count > 0]
+    return bool(2 * np.count_nonzero(far) <= len(far))
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,13 @@ from tomotactile_ros.learning.learner import (
     left_over,
 )
 from tomotactile_ros.learning.ledger import Ledger
-from tomotactile_ros.learning.readings import is_untouched, offsets, rows_of, square
+from tomotactile_ros.learning.readings import (
+    are_offsets,
+    is_untouched,
+    offsets,
+    rows_of,
+    square,
+)
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.support.errors import InputError
 
@@ -57,6 +63,7 @@ class Learned:
     untouched, alike, unexplained : frames without a touch, like another one, and those that no
         contacts explain
     unread : frames without readings
+    constant : frames that read the same whatever is grounded, but far more than offsets
     moved : frames in which something moved while rows were read
     exchanged : two electrodes whose wires are exchanged, None where nothing says so; with them nothing
         but gains and offsets is learned
@@ -74,6 +81,7 @@ class Learned:
     alike: int = 0
     unexplained: int = 0
     unread: int = 0
+    constant: int = 0
     moved: int = 0
     exchanged: Exchanged | None = None
     ended: tuple[int, ...] = ()
@@ -112,6 +120,14 @@ def learn(
     if not len(frames):
         raise InputError("no frame has readings")
     idle = np.array([is_untouched(frame, grounded, noise) for frame in frames])
+    constant = idle & ~_are_offsets(frames, grounded, state)
+    frames, idle = frames[~constant], idle[~constant]
+    if not len(frames):
+        raise InputError(
+            f"all {given} frames read the same whichever electrode is grounded, and far more than "
+            "offsets; readings of a few mV are wanted where nothing touches: is anything grounded, and "
+            "is the range of the converter wide enough?"
+        )
     ends = clipped(frames)
     faults = _faults(frames, grounded, idle, noise)
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
@@ -132,7 +148,8 @@ def learn(
         operator,
         int(idle.sum()),
         int((~idle).sum() - len(chosen)),
-        unread=given - len(frames),
+        unread=given - len(constant),
+        constant=int(constant.sum()),
         ended=ended,
         faults=faults,
     )
@@ -170,6 +187,18 @@ def _read(frames, grounded):
     valid = np.isfinite(frames)
     valid[:, np.arange(len(grounded)), grounded] = False
     return valid.any(axis=(1, 2))
+
+
+def _are_offsets(frames, grounded, state):
+    """(F,) bool, which of the frames read what offsets may be."""
+    count = frames.shape[-1]
+    mean = np.zeros(count) if state is None else state["offset"]
+    expected = (
+        np.full(count, WIDE.offset)
+        if state is None
+        else np.maximum(state.expected[state.slice("offset")], state.std("offset"))
+    )
+    return np.array([are_offsets(frame, grounded, mean, expected) for frame in frames])
 
 
 def _faults(frames, grounded, idle, noise):
@@ -232,8 +261,19 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     half of all there is no telling which are right, and all are judged together.
     """
     kept, at_first, known = np.arange(len(part)), None, np.zeros(len(part))
+    given = learner, frames, ends, grounded
     while 2 * len(kept) >= len(part):
-        gains = _by_reciprocity(learner, frames, ends, grounded, part[kept], drive, noise)
+        try:
+            gains = _by_reciprocity(*given, part[kept], drive, noise)
+        except np.linalg.LinAlgError:  # some are no readings of a sheet: each by itself tells which
+            known[kept] = [_alone(*given, part[[i]], drive, noise) for i in kept]
+            at_first = known.copy() if at_first is None else at_first
+            left = kept[known[kept] < _MOVING]
+            if len(left) == len(kept):
+                known[kept] = np.inf
+                return known
+            kept = left
+            continue
         if gains is None:
             return None
         known[kept] = gains.misfit
@@ -249,8 +289,18 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     return at_first
 
 
+def _alone(learner, frames, ends, grounded, one, drive, noise):
+    """Chi-squared per equation of reciprocity of a frame by itself, infinite where no gains have it."""
+    try:
+        gains = _by_reciprocity(learner, frames, ends, grounded, one, drive, noise)
+    except np.linalg.LinAlgError:
+        return np.inf
+    return 0.0 if gains is None else float(gains.misfit[0])
+
+
 def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bool:
-    """Whether something moved while the rows of a frame (L, E), V, were read, whatever gains are."""
+    """Whether something moved while the rows of a frame (L, E), V, were read, whatever gains are;
+    LinAlgError where they are no readings of a sheet."""
     used, state = learner.operator.used, learner.state
     wide = state.expected[state.slice("gain")][used]
     found = _by_reciprocity(
@@ -270,28 +320,29 @@ def _by_reciprocity(
     learner, frames, ends, grounded, chosen, drive, noise, wide=None
 ) -> Gains | None:
     """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
-    read or no gains explain them; `wide` deviations of gains instead of those that are known."""
+    read; LinAlgError where no gains explain them; `wide` deviations of gains instead of those that are
+    known."""
     used, state = learner.operator.used, learner.state
     matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
     if both.sum() < 4 * both[:, np.eye(len(used), dtype=bool)].size:
         return None
-    try:
-        return fit_gains(
-            matrices,
-            drive,
-            noise,
-            (state["gain"][used], state.std("gain")[used] if wide is None else wide),
-            (state["offset"][used], state.std("offset")[used]),
-        )
-    except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
-        return None
+    return fit_gains(
+        matrices,
+        drive,
+        noise,
+        (state["gain"][used], state.std("gain")[used] if wide is None else wide),
+        (state["offset"][used], state.std("offset")[used]),
+    )
 
 
 def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
     """Start from the gains that reciprocity gives."""
     used, state = learner.operator.used, learner.state
-    found = _by_reciprocity(learner, frames, ends, grounded, chosen[:_GAINS], drive, noise)
+    try:
+        found = _by_reciprocity(learner, frames, ends, grounded, chosen[:_GAINS], drive, noise)
+    except np.linalg.LinAlgError:  # contacts decide about each frame then
+        return
     if found is None:
         return
     where = np.concatenate([state.slice("gain").start + used, state.slice("offset").start + used])
