@@ -531,7 +531,7 @@ def test_frames_that_are_all_at_the_end_of_the_range_are_said_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     layout().save("layout.yaml")
-    full = np.full((3, 16, 16), 4.0)
+    full = np.full((3, 16, 16), DRIVE)
     save_frames("frames.npz", layout(), simulator().scene, full, np.arange(16), np.arange(3.0))
     assert main(["learn", "frames.npz", "--layout", "layout.yaml"]) == 2
     said = capsys.readouterr().err
