@@ -29,12 +29,12 @@ _SURE = 5.0  # standard deviations
 _OHM = 400.0  # more than the other electrodes: a switch has some tens to hundreds, all alike
 _OHM_FLOOR = 30.0  # ohm, deviation: what the models of electrodes differ by
 _GAIN = 3e-3  # relative change: resistors of 100 ppm / K make it in 30 K
-_SHEET = 0.2  # loss of conductance, logarithm
 _WHOLE = 0.1  # change of all resistances by one factor, logarithm
-_TORN = 0.1  # the same where channels and an even change of the sheet leave misfits
 _EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
 _LAST = 5  # touches
-_SHEET_FLOOR = 0.02  # the same, deviation: what the modes of the field cannot show
+_SHEET_FLOOR = (
+    0.02  # of the logarithm of conductance, deviation: what modes of the field cannot show
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Health:
         compared = self._reference is not None and self._reference is not state
         channels = [*self._wires(state), *(self._gains(state) if compared else ())]
         odd = bool(self._misfits) and np.median(self._misfits) > _EXPLAINED
-        torn = list(self._tear(state, _TORN if odd else _SHEET)) if compared else []
+        torn = list(self._tear(state)) if compared else []
         yield from torn
         if compared:
             yield from self._whole(state)
@@ -144,10 +144,15 @@ class Health:
                 float(sure[n]),
             )
 
+    def _before(self, state) -> SensorState:
+        """What all is compared with, as uncertain as it has become since by use alone."""
+        return self._reference.walked(state.time - self._reference.time)
+
     def _gains(self, state):
-        change = np.log(np.maximum(state["gain"], 1e-6) / self._reference["gain"])
+        reference = self._before(state)
+        change = np.log(np.maximum(state["gain"], 1e-6) / reference["gain"])
         change -= np.median(change)  # the common factor is that of the touches' forces
-        now, before = (each.std_of_differences("gain") for each in (state, self._reference))
+        now, before = (each.std_of_differences("gain") for each in (state, reference))
         sure = np.abs(change) / np.hypot(now, before)
         for n in np.flatnonzero((np.abs(change) > _GAIN) & (sure > _SURE)):
             yield (
@@ -156,13 +161,14 @@ class Health:
                 float(sure[n]),
             )
 
-    def _tear(self, state, least):
+    def _tear(self, state):
+        """The place where the sheet surely conducts less than it did."""
         now, deviation = findings.field(state, self._operator)
-        before, uncertain = findings.field(self._reference, self._operator)
+        before, uncertain = findings.field(self._before(state), self._operator)
         loss = before - now
         sure = loss / np.sqrt(deviation**2 + uncertain**2 + _SHEET_FLOOR**2)
-        worst = int(np.where(loss > least, loss, -np.inf).argmax())
-        if loss[worst] > least and sure[worst] > _SURE:
+        worst = int(sure.argmax())
+        if sure[worst] > _SURE:
             x, y = 1e3 * self._operator.field.centres[worst]
             yield (
                 "tear",
