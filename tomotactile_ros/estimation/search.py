@@ -303,9 +303,10 @@ class Search:
         """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
         seems out of reach."""
         start = self._coarse(start)
-        if like.prior.learned and len(start.contacts):
-            start = self._settled(start, like)
         at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
+        far = at.chi_squared > _MISFIT * at.rows.count  # from the touch that goes on, say
+        if far and like.prior.learned and len(start.contacts):
+            at = Fit(self.operator, self._settled(start, like), like.rows, like.prior)
         if steps > 1 and len(start.contacts) and not at.steps:
             at = self._approached(at)
         most = max(self._left, _LEAST_WORK)
