@@ -229,6 +229,18 @@ def test_a_resting_load_counts_as_one_touch_however_long_it_rests():
     assert deviations[-1] == pytest.approx(deviations[19], rel=0.1)
 
 
+def test_a_wide_load_that_rests_bends_the_sheet_no_further_than_is_said():
+    """Its model errs for all readings of an electrode together, which counted as if each erred alone."""
+    load = Contact("disc", center=(0.01, -0.015), radius=0.025, pressure=1e4)
+    scene = Scene("load", DRIVE, (load,), LAW, Noise(NOISE), Adc(12, 4.0))
+    sensor, own = Simulator(layout(), scene, row_period=0.0), learner()
+    for number in range(3):
+        rows = rows_of(operator(), sensor.frame(0.5, number), np.arange(16), DRIVE, NOISE)
+        own.learn(own.look(rows))
+    assert own.state.touches == 1
+    assert (np.abs(own.state["sheet"]) < 3 * own.state.std("sheet")).all()
+
+
 def test_ledger_lets_touches_fade_and_tells_them_apart():
     ledger, here = Ledger(0.03), np.array([[0.0, 0.0, -8.0, -5.0, 0.0, 0.0]])
     aside = here + [0.01, 0, 0, 0, 0, 0]

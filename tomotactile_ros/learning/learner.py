@@ -166,10 +166,10 @@ class Learner:
     def learn(self, fit: Fit, time: float = 0.0) -> bool:
         """Take what a frame says of the sensor, once its contacts are explained; whether it was
         taken."""
-        rows, contacts = fit.rows, fit.unknowns.contacts
+        contacts = fit.unknowns.contacts
         if not len(contacts) or left_over(fit) > DOUBTFUL:
             return False
-        weight = self.ledger.weight(contacts, fit.chi_squared / max(rows.count, 1), time)
+        weight = self.ledger.weight(contacts, fit.doubt, time)
         found = self.information(fit)
         self._add([(found, weight)], self._theta(fit.unknowns))
         self.about()

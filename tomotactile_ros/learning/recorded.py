@@ -390,9 +390,9 @@ def _together(learner, start, fits, watch):
         fits, enough = _settled(learner, fits)
         ledger, parts = Ledger(learner.operator.pitch), []
         for fit in fits:
-            contacts, misfit = fit.unknowns.contacts, _by_reading(fit)
+            contacts = fit.unknowns.contacts
             if len(contacts) and left_over(fit) < max(DOUBTFUL, enough):
-                parts.append((learner.information(fit), ledger.weight(contacts, misfit)))
+                parts.append((learner.information(fit), ledger.weight(contacts, fit.doubt)))
                 ledger.add(contacts)
         learner.again(start, parts)
         learner.ledger = ledger
@@ -416,10 +416,6 @@ def _settled(learner, fits):
             now = again if again.chi_squared < now.chi_squared else now
         after.append(now)
     return after, enough
-
-
-def _by_reading(fit: Fit) -> float:
-    return fit.chi_squared / max(fit.rows.count, 1)
 
 
 def _is_good(fit: Fit) -> bool:
