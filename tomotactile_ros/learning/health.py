@@ -146,7 +146,8 @@ class Health:
 
     def _before(self, state) -> SensorState:
         """What all is compared with, as uncertain as it has become since by use alone."""
-        return self._reference.walked(state.time - self._reference.time)
+        reference = self._reference or state
+        return reference.walked(state.time - reference.time)
 
     def _gains(self, state):
         reference = self._before(state)
