@@ -47,7 +47,7 @@ def test_a_pair_is_told_by_the_misfit_that_is_left_when_one_contact_has_done_its
     there."""
     expectation = EXPECTATION
     middle, way = np.array([0.004, 0.03]), np.array([0.03, 0.02])
-    forms = np.array([expectation.form(middle + s * way / 2) for s in (1, -1)])
+    forms = expectation.pressed([middle + s * way / 2 for s in (1, -1)]).contacts
     pair = expectation.unknowns(forms)
     read = Prediction(expectation.operator, pair, LAYOUT.grounded).readings
     one = expectation.linear(middle)

@@ -168,7 +168,7 @@ class Expectation:
 
     def linear(self, *centres: np.ndarray, grounded=None) -> Linear:
         """Normal equations at discs with their middles at `centres` (2,), m, each."""
-        return self._linear(self._pressed(centres), grounded)
+        return self._linear(self.pressed(centres), grounded)
 
     def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
         """Standard deviations of the place, m, and of the force, relative, of a disc at
@@ -187,7 +187,7 @@ class Expectation:
     def separation(self, middle: np.ndarray, way: np.ndarray, grounded=None) -> float:
         """d' of two discs at `middle` +- `way` / 2 (m), each of half the pressure of one."""
         half = np.asarray(way, float) / 2
-        together = self._pressed([middle + half, middle - half])
+        together = self.pressed([middle + half, middle - half])
         frame = self._prediction(together, grounded).readings
         wide = np.log(np.hypot(self.conditions.radius, np.linalg.norm(half)))
         one = np.array([*middle, 0.0, wide, 0.0, 0.0])
@@ -204,9 +204,13 @@ class Expectation:
         share = touches.direct[0].sum() / touches.covered[0]
         return float(share * 4 / self.layout.radius**2)
 
-    def form(self, centre) -> np.ndarray:
-        """(6,) parameters of the disc at `centre` (2,), m."""
-        return self._pressed([centre]).contacts[0]
+    def pressed(self, centres) -> Touches:
+        """Discs under the pressure of the conditions at `centres` (k, 2), m."""
+        how = self.conditions
+        forms = [[*centre, 0.0, np.log(how.radius), 0.0, 0.0] for centre in centres]
+        touches = self._felt(np.array(forms))
+        each = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2
+        return _conducting(touches, each * touches.covered)
 
     def unknowns(self, forms: np.ndarray) -> Unknowns:
         """Discs `forms` (k, 6) on an even sheet, with perfect channels."""
@@ -215,14 +219,6 @@ class Expectation:
 
     def _patches(self, forms) -> tuple[int, ...]:
         return tuple(patches_for(np.exp(form[RADIUS]), self.operator.pitch) for form in forms)
-
-    def _pressed(self, centres) -> Touches:
-        """Discs under the pressure of the conditions at `centres` (k, 2), m."""
-        how = self.conditions
-        forms = [[*centre, 0.0, np.log(how.radius), 0.0, 0.0] for centre in centres]
-        touches = self._felt(np.array(forms))
-        each = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2
-        return _conducting(touches, each * touches.covered)
 
     def _felt(self, forms) -> Touches:
         """Contacts `forms` (k, 6) on the even sheet; takes longer than all that follows from it, which

@@ -32,9 +32,8 @@ _GAIN = 3e-3  # relative change: resistors of 100 ppm / K make it in 30 K
 _WHOLE = 0.1  # change of all resistances by one factor, logarithm
 _EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
 _LAST = 5  # touches
-_SHEET_FLOOR = (
-    0.02  # of the logarithm of conductance, deviation: what modes of the field cannot show
-)
+# of the logarithm of conductance, deviation: what modes of the field cannot show
+_SHEET_FLOOR = 0.02
 
 
 @dataclass(frozen=True)

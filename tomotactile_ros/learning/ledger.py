@@ -2,7 +2,8 @@
 
 Noise differs from frame to frame. What the model lacks (elements, patches, the shape of a finger)
 does not: the same touch errs in the same way each time, and all readings of an electrode together
-(`Fit.doubt`). Where the model's error has m times the variance of the noise, k frames of one touch hold the information of
+(`Fit.doubt`). Where the model's error has m times the variance of the noise, k frames of one touch
+hold the information of
 
     k / (1 + k m)
 

@@ -58,10 +58,7 @@ def is_untouched(voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bo
 
     A touch drives the sheet, and which electrode is grounded then makes a difference.
     """
-    valid = np.isfinite(voltages)
-    valid[np.arange(len(grounded)), grounded] = False
-    count = valid.sum(axis=0)
-    mean = np.where(valid, voltages, 0.0).sum(axis=0) / np.maximum(count, 1)
+    valid, count, mean = _means(voltages, grounded)
     left = np.where(valid, voltages - mean, 0.0)
     degrees = np.maximum(count - 1, 0).sum()
     return bool(degrees and (left**2).sum() < _EVEN * degrees * noise**2)
@@ -70,12 +67,17 @@ def is_untouched(voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bo
 def are_offsets(voltages: np.ndarray, grounded: np.ndarray, mean, deviation) -> bool:
     """Whether the readings (L, E), V, of an untouched sheet are those of channels whose offsets are
     expected to be `mean` +- `deviation` (E,), V: most of them near it."""
+    _, count, own = _means(voltages, grounded)
+    far = np.abs(own - mean)[count > 0] > _FAR_OFF * deviation[count > 0]
+    return bool(2 * np.count_nonzero(far) <= len(far))
+
+
+def _means(voltages, grounded):
+    """What was read of electrodes that are not grounded (L, E), how often (E,), and means (E,), V."""
     valid = np.isfinite(voltages)
     valid[np.arange(len(grounded)), grounded] = False
     count = valid.sum(axis=0)
-    own = np.where(valid, voltages, 0.0).sum(axis=0) / np.maximum(count, 1)
-    far = np.abs(own - mean)[count > 0] > _FAR_OFF * deviation[count > 0]
-    return bool(2 * np.count_nonzero(far) <= len(far))
+    return valid, count, np.where(valid, voltages, 0.0).sum(axis=0) / np.maximum(count, 1)
 
 
 @dataclass(frozen=True)
