@@ -298,6 +298,15 @@ class Prediction:
             change -= np.multiply.outer(field[i], self._by_way(i))
         return self._columns(change)
 
+    def pressure_columns(self) -> np.ndarray:
+        """(k Q, L, n) derivatives of the readings by the `pressure_modes` of all contacts, discs."""
+        changes = []
+        for i, across in enumerate(self.unknowns.across):
+            inner, g = self._inner[:, self.touches.parts[i]], self.conductances[i]
+            for weight, direct in zip(*self.touches.d_pressure(i, across), strict=True):
+                changes.append((inner * (g * weight)) @ inner.T + np.diag(g * direct))
+        return self._columns(np.array(changes))
+
     def way_columns(self) -> np.ndarray:
         """(k, L, n) derivatives of the readings by the logarithm of D of each contact, c held."""
         count = len(self.unknowns.contacts)

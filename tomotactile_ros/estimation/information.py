@@ -10,7 +10,8 @@ and the same of the gradient. A resting load is in c: it says nothing but what a
 Frames add up (batch Gauss-Newton with contacts eliminated, as bundle adjustment does with cameras;
 Triggs et al. 2000) or follow each other (information filter). Channels touch one column or one row
 of the readings each: no dense derivative is formed. What electrodes as modelled err in this frame
-(`SheetOperator.inexact`) is eliminated likewise.
+(`SheetOperator.inexact`) is eliminated likewise, and how the pressure under discs differs from an even
+one (`pressure_modes`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from tomotactile_ros.estimation.equations import contact_priors
 from tomotactile_ros.estimation.fit import Fit
@@ -33,26 +34,32 @@ class Information:
     """Of one frame, in the units of `SensorState`, of the electrodes in use only.
 
     matrix (d, d), vector (d,): information and gradient at the point where it was taken
-    back (F, d), start (F,): contacts' step = start - back @ (step of theta)
-    chi_squared, readings : of the fit
+    chi_squared : of the fit, once contacts have followed; readings : of the fit
     """
 
     matrix: np.ndarray
     vector: np.ndarray
-    back: np.ndarray
-    start: np.ndarray
     chi_squared: float
     readings: int
 
 
 def information(
-    operator: SheetOperator, unknowns: Unknowns, rows: Rows, prior: Prior, drive: float
+    operator: SheetOperator,
+    unknowns: Unknowns,
+    rows: Rows,
+    prior: Prior,
+    drive: float,
+    uneven: float = 0.0,
 ) -> Information:
-    """Information of `rows` at `unknowns`; `prior` of contacts is used, that of the sensor is
-    not."""
+    """Information of `rows` at `unknowns`; `prior` of contacts is used, that of the sensor is not.
+
+    uneven : standard deviation of each of the `pressure_modes` of discs, 0: discs are even
+    """
     fit = Fit(operator, unknowns, rows, prior)
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
     contacts, sheet = prediction.contact_columns(), prediction.sheet_columns()
+    if uneven and len(unknowns.contacts) and unknowns.bond is None:
+        contacts = np.concatenate([contacts, uneven * prediction.pressure_columns()])
     slopes = fit.slopes.beside(_by_electrode(fit))
     free, modes, count = len(contacts), operator.modes, operator.count
     columns = np.concatenate([contacts, sheet])
@@ -93,20 +100,21 @@ def _in_units(normal, right, offset, drive):
 def _without_contacts(fit, normal, right, free) -> Information:
     readings = fit.rows.count
     if not free:
-        nothing = np.zeros((0, len(normal))), np.zeros(0)
-        return Information(normal, right, *nothing, fit.chi_squared, readings)
+        return Information(normal, right, fit.chi_squared, readings)
     curvature, pull = contact_priors(fit)
+    modes = free - len(pull)
+    curvature = block_diag(curvature, np.eye(modes))
+    pull = np.concatenate([pull, np.zeros(modes)])
     own = normal[:free, :free] + curvature
     scale = 1 / np.sqrt(own.diagonal())
     factor = cho_factor(own * scale[:, None] * scale)
     mixed, rest = normal[:free, free:], normal[free:, free:]
     back = scale[:, None] * cho_solve(factor, scale[:, None] * mixed)
     start = scale * cho_solve(factor, scale * (right[:free] + pull))
+    follows = scale * cho_solve(factor, scale * right[:free])
     return Information(
         rest - mixed.T @ back,
         right[free:] - mixed.T @ start,
-        back,
-        start,
-        fit.chi_squared,
+        fit.chi_squared - float(right[:free] @ follows),
         readings,
     )

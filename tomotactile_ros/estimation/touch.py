@@ -27,6 +27,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.disc import square_patches, unit_patches
 from tomotactile_ros.estimation.operator import Patches, SheetOperator
+from tomotactile_ros.estimation.pressure_modes import pressure_modes
 
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
 X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)
@@ -181,6 +182,15 @@ class Touches:
         direct = np.zeros((len(MOVING), self.operator.count + 1))
         np.add.at(direct.T, self._electrode[part], (by_rim * (1 - off) - on * by_electrode).T)
         return by_rim * off + on * by_electrode, direct[:, :-1]
+
+    def d_pressure(self, i: int, across: int) -> tuple[np.ndarray, np.ndarray]:
+        """(Q, p) change of the weights of disc i, `across` patches wide, by its `pressure_modes`, and
+        (Q, n) of what it has on electrodes."""
+        part, modes = self.parts[i], pressure_modes(across)
+        on, off = (each[part] for each in self._on[:2])
+        direct = np.zeros((len(modes), self.operator.count + 1))
+        np.add.at(direct.T, self._electrode[part], (modes * (on * (1 - off))).T)
+        return modes * self.weight[part], direct[:, :-1]
 
     @_once
     def d_impedance(self, i: int) -> np.ndarray:

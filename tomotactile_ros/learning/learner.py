@@ -44,6 +44,10 @@ _SIZES = 1.0, 2.5  # times the typical radius: where the fit of one contact star
 # electrode, and with wider ones a touch at a rim moves resistances by more than a hundred ohm
 _PATCH = 0.5
 _MOST_ACROSS = 24  # patches to a touch's width: 450 of them
+# rms by which each mode of the pressure under a touch may differ from an even one: that of an elastic
+# ball (Hertz) does in all, sqrt(1 / 8)
+_UNEVEN = 0.35
+_FITTED = 4  # times that a touch is fitted until the sensor stays where it was thought to be
 
 
 class Exchanged(NamedTuple):
@@ -169,16 +173,32 @@ class Learner:
         contacts = fit.unknowns.contacts
         if not len(contacts) or left_over(fit) > DOUBTFUL:
             return False
-        weight = self.ledger.weight(contacts, fit.doubt, time)
-        found = self.information(fit)
-        self._add([(found, weight)], self._theta(fit.unknowns))
+        self._take(fit, time)
         self.about()
         self._count(frames=1, touches=int(self.ledger.add(contacts, time)))
         return True
 
-    def information(self, fit: Fit) -> Information:
-        """What a frame says of the sensor where its fit is."""
-        return information(fit.operator, fit.unknowns, fit.rows, self.like, self.drive)
+    def weighed(self, fit: Fit, ledger: Ledger, time: float = 0.0) -> tuple[Information, float]:
+        """What a frame says of the sensor where its fit is, and how often that counts after what is
+        in the `ledger`."""
+        found = information(fit.operator, fit.unknowns, fit.rows, self.like, self.drive, _UNEVEN)
+        misfit = found.chi_squared / max(found.readings, 1)
+        return found, ledger.weight(fit.unknowns.contacts, misfit, time)
+
+    def _take(self, fit: Fit, time: float):
+        """Add what a frame says.
+
+        A fit that bent the sensor to explain what its contacts cannot is not where the sensor comes
+        to be: the frame is fitted again about that, and what it says is taken there.
+        """
+        before = self._precision, self._mean
+        for _ in range(_FITTED):
+            at = self._theta(fit.unknowns)
+            self._precision, self._mean = before
+            self._add([self.weighed(fit, self.ledger, time)], at)
+            if (np.abs(self._mean - at) < self.state.deviation).all():
+                break
+            fit = self.settle(fit.unknowns, fit.rows)
 
     def untouched(self, found: Offsets, frames: int = 1) -> None:
         """Take what untouched `frames` say."""
@@ -201,6 +221,7 @@ class Learner:
     def _add(self, parts, at):
         """Information that was taken at theta `at` (D,)."""
         change = self._precision @ ((self._mean - at) / self._scale)
+        self._precision = self._precision.copy()
         scale = self._scale[self._where]
         block = np.ix_(self._where, self._where)
         for found, weight in parts:

@@ -1,9 +1,8 @@
 """Touches that were learned from already: how often a touch counts.
 
 Noise differs from frame to frame. What the model lacks (elements, patches, the shape of a finger)
-does not: the same touch errs in the same way each time, and all readings of an electrode together
-(`Fit.doubt`). Where the model's error has m times the variance of the noise, k frames of one touch
-hold the information of
+does not: the same touch errs in the same way each time. Where the model's error has m times the
+variance of the noise, k frames of one touch hold the information of
 
     k / (1 + k m)
 
@@ -33,9 +32,10 @@ class Ledger:
         self._pitch = pitch
         self._touches: list[list] = []  # contacts (k, 3) in units of difference, count, time
 
-    def weight(self, contacts: np.ndarray, doubt: float, time: float = 0.0) -> float:
-        """How much one more frame of `contacts` (k, 6) counts; `doubt` of its fit, `time` s."""
-        model = max(doubt - 1.0, _MODEL)
+    def weight(self, contacts: np.ndarray, misfit: float, time: float = 0.0) -> float:
+        """How much one more frame of `contacts` (k, 6) counts; `misfit` is its chi-squared a reading,
+        `time` s."""
+        model = max(misfit - 1.0, _MODEL)
         number = self._number(contacts, time)
         return _total(number + 1, model) - _total(number, model)
 

@@ -392,7 +392,7 @@ def _together(learner, start, fits, watch):
         for fit in fits:
             contacts = fit.unknowns.contacts
             if len(contacts) and left_over(fit) < max(DOUBTFUL, enough):
-                parts.append((learner.information(fit), ledger.weight(contacts, fit.doubt)))
+                parts.append(learner.weighed(fit, ledger))
                 ledger.add(contacts)
         learner.again(start, parts)
         learner.ledger = ledger
