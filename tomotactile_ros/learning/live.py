@@ -61,6 +61,44 @@ class _Frame:
         return np.flatnonzero(np.isfinite(self.voltages).any(axis=1))
 
 
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Frames that others are compared with: readings (K, E E), V, 0 where there is none; their squares;
+    1 where there is one."""
+
+    values: np.ndarray | None = None
+    squares: np.ndarray | None = None
+    read: np.ndarray | None = None
+
+    def joined_by(self, frame: np.ndarray) -> _Frames:
+        """The latest of these and `frame` (E, E), `_KEPT` at the most."""
+        values, read = _filled(frame)
+        new = values, values**2, read
+        if self.values is None:
+            return _Frames(*(each[None] for each in new))
+        known = self.values, self.squares, self.read
+        return _Frames(
+            *(np.vstack([old[-_KEPT + 1 :], one]) for old, one in zip(known, new, strict=True))
+        )
+
+    def like(self, frame: np.ndarray, part: float, noise: float) -> bool:
+        """Whether `frame` (E, E) differs from one of these by no more than `part` of the readings, or
+        by noise."""
+        if self.values is None:
+            return False
+        values, read = _filled(frame)
+        size = self.squares @ read
+        apart = size - 2 * (self.values @ values) + self.read @ values**2
+        count = self.read @ read
+        return bool((apart < np.maximum(2 * (_NOISE * noise) ** 2 * count, part**2 * size)).any())
+
+
+def _filled(frame):
+    """(E E,) readings, 0 where there is none, and 1 where there is one."""
+    read = np.isfinite(frame).ravel()
+    return np.where(read, frame.ravel(), 0.0), read.astype(float)
+
+
 class LiveLearner:
     """Learns one sensor from the frames that it gives.
 
@@ -95,8 +133,8 @@ class LiveLearner:
         self._working = threading.Lock()
         self._touched: list[_Frame] = []  # that are waiting, oldest first
         self._idle: list[_Frame] = []
-        self._seen: list[np.ndarray] = []
-        self._last: np.ndarray | None = None
+        self._seen = _Frames()
+        self._last: _Frames | None = None
         self._idle_time = -np.inf
         self._first: list[_Frame] = []  # touches of the time in which all are fitted together
         self._first_idle: list[_Frame] = []
@@ -125,11 +163,11 @@ class LiveLearner:
             if is_untouched(frame, np.arange(len(frame)), self._noise):
                 self._last = None
                 return self._are_offsets(frame) and self._offer_idle(found)
-            steady = self._last is not None and self._like(frame, self._last, _STEADY)
-            self._last = frame
-            if not steady or any(self._like(frame, each, _NEW) for each in self._seen):
+            steady = self._last is not None and self._last.like(frame, _STEADY, self._noise)
+            self._last = _Frames().joined_by(frame)
+            if not steady or self._seen.like(frame, _NEW, self._noise):
                 return False
-            self._seen = [*self._seen[-_KEPT + 1 :], frame]
+            self._seen = self._seen.joined_by(frame)
             self._touched.append(found)
             return True
 
@@ -176,13 +214,6 @@ class LiveLearner:
             return False
         self._idle_time = frame.time
         return True
-
-    def _like(self, first, second, part) -> bool:
-        """Whether two frames differ by no more than `part` of the readings, or by noise."""
-        read = np.isfinite(first) & np.isfinite(second)
-        apart = float(np.mean((first - second)[read] ** 2)) if read.any() else np.inf
-        size = float(np.mean(second[read] ** 2)) if read.any() else 0.0
-        return apart < max(2 * (_NOISE * self._noise) ** 2, part**2 * size)
 
     def _learn_together(self) -> None:
         """All touches so far, whenever there are enough more of them."""

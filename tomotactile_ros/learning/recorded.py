@@ -192,12 +192,9 @@ def _read(frames, grounded):
 def _are_offsets(frames, grounded, state):
     """(F,) bool, which of the frames read what offsets may be."""
     count = frames.shape[-1]
-    mean = np.zeros(count) if state is None else state["offset"]
-    expected = (
-        np.full(count, WIDE.offset)
-        if state is None
-        else np.maximum(state.expected[state.slice("offset")], state.std("offset"))
-    )
+    mean, expected = np.zeros(count), np.full(count, WIDE.offset)
+    if state is not None:
+        mean, expected = state["offset"], state.expected[state.slice("offset")]
     return np.array([are_offsets(frame, grounded, mean, expected) for frame in frames])
 
 
