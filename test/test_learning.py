@@ -253,6 +253,21 @@ def test_a_wide_load_that_rests_bends_the_sensor_no_further_than_is_said(x, y, r
         assert (np.abs(moved) < 3 * own.state.std(part)).all()
 
 
+def test_an_untouched_sensor_whose_offsets_are_known_to_be_none_needs_no_search():
+    """A converter that begins at 0 V cuts noise in half: means are 0.4 of its deviations above offsets
+    that were known to 0.1 mV, and contacts were looked for in every frame of an untouched sheet."""
+    sheet = SheetOperator(equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4))
+    state = SensorState.unknown(sheet, WIDE)
+    covariance, where = state.covariance.copy(), state.slice("offset")
+    covariance[where, where] = np.diag(np.full(64, 6e-5**2))
+    like = Prior.unknown(sheet, WIDE, 0.005, DRIVE)
+    sure = replace(state, covariance=covariance, touches=1).prior(sheet, DRIVE, like)
+    quiet = np.maximum(np.random.default_rng(3).normal(0.0, NOISE, (64, 64)), 0.0)
+    rows = rows_of(sheet, quiet, np.arange(64), DRIVE, NOISE)
+    found = Search(sheet).untouched(rows, sure)
+    assert found is not None and len(found.unknowns.contacts) == 0
+
+
 def test_modes_of_pressure_are_orthonormal_and_what_they_say_of_the_readings_is_true():
     across = 24
     modes, (_, area, _) = pressure_modes(across), unit_patches(across)

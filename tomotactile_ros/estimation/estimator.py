@@ -38,6 +38,7 @@ from tomotactile_ros.estimation.screening import (
 )
 from tomotactile_ros.estimation.search import (
     BUDGET,
+    CUT_OFF,
     FIRST_LOOK,
     SUSPECT,
     Search,
@@ -73,9 +74,6 @@ _MOST_LEFT_OUT = 3  # channels that are only known by their misfit
 _SECOND_LOOK = 4000  # budget of a search in other rows or without a channel
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
-# mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
-# negative half
-_CUT_OFF = (2 * np.pi) ** -0.5
 
 
 @dataclass
@@ -271,7 +269,7 @@ class Estimator:
         return clipped(voltages) & (below | (voltages > 0))
 
     def _prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
-        offset = float(np.hypot(self.channels.offset, _CUT_OFF * noise))
+        offset = float(np.hypot(self.channels.offset, CUT_OFF * noise))
         channels = replace(self.channels, offset=offset)
         prior = Prior.unknown(operator, channels, self.radius, drive_voltage)
         if self.spread is not None:

@@ -67,6 +67,12 @@ class Prior:
             precision = precision * units[:, None] * units
         return replace(self, sheet_deviation=_HELD * self.sheet_deviation, precision=precision)
 
+    def with_offsets_off(self, by: float) -> Prior:
+        """The same sensor with offsets that may be `by` (in parts of V0) off as well, each by itself:
+        what is known of several together is left out."""
+        gain, offset, *others = self.deviations
+        return replace(self, deviations=(gain, np.hypot(offset, by), *others), precision=None)
+
     def told(self, found: Unknowns, information: np.ndarray) -> Prior:
         """The sensor as it was `found`, with what rows say of it: `information` (J + 5 n, J + 5 n)
         in the units of `precision`."""

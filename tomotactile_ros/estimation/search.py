@@ -61,6 +61,9 @@ _SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts with the sensor hel
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 _DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
 _WIDER = 1.0  # of ln a: so much wider a contact is made at once
+# mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
+# negative half
+CUT_OFF = (2 * np.pi) ** -0.5
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
@@ -379,6 +382,7 @@ class Search:
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         """The fit without contacts, where offsets of the channels may be all there is, and are;
         else None."""
+        prior = prior.with_offsets_off(CUT_OFF * float(rows.weights.max()) ** -0.5)
         largest = (_OFFSETS * prior.deviations[1]) ** 2
         squares = (rows.weights * (rows.readings - prior.offset) ** 2).sum()
         if squares > (rows.weights * largest).sum() + 2.0 * rows.count:
