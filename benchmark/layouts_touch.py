@@ -4,6 +4,7 @@ what is expected without frames.
     scripts/setup python3 benchmark/layouts_touch.py 4
     scripts/setup python3 benchmark/layouts_touch.py 8 --layout mine.yaml --only equal r_2 mine
     scripts/setup python3 benchmark/layouts_touch.py 4 --only equal r_2 --singles 120
+    scripts/setup python3 benchmark/layouts_touch.py 8 --only equal r_2 --pairs 20 --apart 0.012 0.014
     scripts/setup python3 benchmark/layouts_touch.py ring-16 --layout mine.yaml
 
 Tables are Markdown on standard output. What electrodes see is kept in build/layouts: half a minute
@@ -104,7 +105,8 @@ def words(name: str, kind: str) -> str:
 def figures(layout: Layout, kind: str, amount: Amount, profiles) -> dict:
     """What is expected and what is measured, as plain data."""
     found = expected(layout, Conditions(apart=usual_apart(layout)), PLACES[kind])
-    measured = list(measure(reference(layout, amount, DATA), profiles, layout.grounded))
+    folder = DATA if amount.apart in ((), AMOUNTS[kind].apart) else DATA / _distances(amount)
+    measured = list(measure(reference(layout, amount, folder), profiles, layout.grounded))
     return {
         "expected": [*map(float, found.lengths), found.score],
         "measured": {each.profile: each.figures for each in measured},
@@ -223,6 +225,8 @@ def main():
     parser.add_argument("--only", nargs="+", metavar="NAME", help="layouts to compare")
     parser.add_argument("--layout", action="append", default=[], help="another one, a file")
     parser.add_argument("--singles", type=int, help="so many single contacts, and no pairs")
+    parser.add_argument("--pairs", type=int, help="so many pairs at each distance")
+    parser.add_argument("--apart", type=float, nargs="+", help="distances of pairs, m, rising")
     parser.add_argument("--profiles", nargs="+", choices=PROFILES, default=PROFILES)
     parser.add_argument("--rows", type=int, help="best so many rows against all of them, instead")
     parser.add_argument("--picture", help="ellipses of the layouts, a file, instead")
@@ -242,6 +246,11 @@ def main():
     every, amount = layouts(args.kind), AMOUNTS[args.kind]
     if args.singles is not None:
         amount = Amount(checks.integer(args.singles, "--singles", 1, 10_000), 0, ())
+    if args.pairs is not None:
+        amount = replace(amount, pairs=checks.integer(args.pairs, "--pairs", 1, 10_000))
+    if args.apart is not None:
+        apart = tuple(checks.length(each, "--apart") for each in args.apart)
+        amount = replace(amount, apart=apart)
     every |= {Path(path).stem: load_layout(path) for path in args.layout}
     found = {}
     DATA.mkdir(parents=True, exist_ok=True)
@@ -250,6 +259,8 @@ def main():
         if args.only and name not in args.only and layout.name not in map(_stem, args.layout):
             continue
         which = "-".join([today, str(amount.singles), *args.profiles])
+        if amount.pairs and amount != AMOUNTS[args.kind]:
+            which += f"-{amount.pairs}-{_distances(amount)}"
         kept = DATA / f"{layout.id.replace('#', '-')}-errors-{which}.json"
         if kept.exists():
             found[name] = json.loads(kept.read_text())
@@ -267,6 +278,11 @@ def main():
     for table in tables:
         print()
         print("\n".join(table(found, args.profiles, args.kind)))
+
+
+def _distances(amount):
+    """Those of its pairs, mm, as part of a name."""
+    return "-".join(f"{1e3 * each:g}" for each in amount.apart)
 
 
 def _stem(path):

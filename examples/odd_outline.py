@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Place 12 electrodes on a sheet that is no rectangle and has a hole, and see what it brings.
 
-    python3 examples/odd_outline.py --generations 30 --out l-shaped.yaml
+    python3 examples/odd_outline.py --steps 30 --out l-shaped.yaml
 
 The same search as `tomotactile optimize --method free`, on an outline of one's own. Outlines other
-than rectangles have no closed form: evolution searches, with scores from finite elements.
+than rectangles have no closed form: the search goes by scores from finite elements alone, without a gradient.
 """
 
 import argparse
@@ -30,7 +30,7 @@ def start_layout() -> tt.Layout:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--generations", type=int, default=30, help="of the search (default: 30)")
+    parser.add_argument("--steps", type=int, default=30, help="of the search (default: 30)")
     parser.add_argument("--resolution", type=int, default=30, help="contacts along the longer side")
     parser.add_argument("--out", default="l-shaped.yaml", help="layout file to write")
     args = parser.parse_args()
@@ -38,7 +38,7 @@ def main() -> None:
     request = tt.Request(
         start_layout(),
         "free",
-        steps=args.generations,
+        steps=args.steps,
         margin=0.004,  # m, from the rim to a centre
         resolution=args.resolution,
         seed=1,

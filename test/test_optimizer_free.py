@@ -1,5 +1,6 @@
 """The free search: gradient, constraints, symmetries, and that it finds better layouts."""
 
+import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.descent import Descent, Evolution
+from tomotactile_ros.optimizer.descent import Descent, Probing
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
@@ -26,7 +27,7 @@ from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.support.errors import Doubt, InputError
 
 SQUARE = Outline.rectangle(0.2, 0.2)
-SHORT = Effort(starts=2, rounds=2, descents=3, generations=2)
+SHORT = Effort(starts=2, rounds=2, descents=3, probes=2)
 
 
 @pytest.mark.parametrize(
@@ -253,7 +254,7 @@ def test_last_digits_do_not_decide_what_is_found():
 def test_extremes_stay_valid(count, radius, spacing):
     layout = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
     constraints = Constraints(SQUARE, spacing)
-    effort = Effort(starts=2, rounds=1, descents=2, generations=1)
+    effort = Effort(starts=2, rounds=1, descents=2, probes=1)
     found = list(free(layout, constraints=constraints, effort=effort, resolution=12))
     assert all(np.isfinite(step.score) for step in found)
     assert constraints.violation(found[-1].layout.positions) <= constraints.tolerance
@@ -278,7 +279,7 @@ HOLE = [[-0.06, -0.06], [-0.03, -0.06], [-0.03, -0.03], [-0.06, -0.03]]
 def test_outlines_through_finite_elements(outline, positions):
     layout = Layout("start", outline, 1e4, 0.004, positions)
     constraints = Constraints(outline, 0.01, 0.005)
-    effort = Effort(starts=1, rounds=1, descents=1, generations=1)
+    effort = Effort(starts=1, rounds=1, descents=1, probes=1)
     found = list(free(layout, constraints=constraints, effort=effort, resolution=10))
     assert len(found) == 2
     assert found[-1].score < found[0].score
@@ -302,7 +303,7 @@ def test_descent_stops_where_the_objective_is_flat():
     assert np.array_equal(descent.best, [0.3, 0.4])
 
 
-def test_descent_and_evolution_find_a_minimum():
+def test_descent_and_probing_find_a_minimum():
     centre = np.array([0.3, -0.2, 0.1])
     scale = np.array([1.0, 5.0, 20.0])
 
@@ -312,18 +313,42 @@ def test_descent_and_evolution_find_a_minimum():
     descent = Descent(np.zeros(3), step=0.05, total=200)
     descent.run(lambda p: (value(p), 2 * scale * (p - centre)), lambda p: p, 200)
     assert descent.best == pytest.approx(centre, abs=1e-2)
-    evolution = Evolution(np.zeros(3), 0.1)
-    for _ in range(120):
-        candidates = evolution.ask()
-        evolution.tell(candidates, [value(each) for each in candidates])
-    assert evolution.best == pytest.approx(centre, abs=1e-3)
+    probing = Probing(np.zeros(3), value(np.zeros(3)), step=0.05, reach=4.0)
+    probing.run(lambda p: (p, value(p)), 150)
+    assert probing.best == pytest.approx(centre, abs=5e-3)
+    assert probing.score == value(probing.best)
 
 
-def test_evolution_survives_candidates_that_are_not_feasible():
-    evolution = Evolution(np.zeros(2), 0.1)
+def rough(p):
+    """With jumps, and nothing feasible on one side."""
+    return (p, np.inf) if p[0] > 0.3 else (p, float(np.round(10 * ((p - 0.25) ** 2).sum(), 2)))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_probing_in_parts_is_probing_at_once(seed):
+    """Wherever it is left, and sent to another process meanwhile."""
+    whole = Probing(np.zeros(4), 9.0, step=0.02, reach=8.0, seed=seed)
+    whole.run(rough, 60)
+    parts = Probing(np.zeros(4), 9.0, step=0.02, reach=8.0, seed=seed)
+    looked = []
+
+    def look(p):
+        looked.append(p)
+        return rough(p)
+
+    for count in (1, 2, 7, 20, 30):
+        before = len(looked)
+        parts.run(look, count)
+        assert len(looked) == before + count
+        parts = pickle.loads(pickle.dumps(parts))
+    assert np.array_equal(parts.best, whole.best) and parts.score == whole.score < 1.0
+
+
+def test_probing_where_nothing_is_feasible_or_nothing_moves():
+    probing = Probing(np.zeros(2), 1.0, step=0.1, reach=4.0)
     for _ in range(5):
-        candidates = evolution.ask()
-        evolution.tell(candidates, np.full(len(candidates), np.inf))
-    assert evolution.score == np.inf
-    assert np.array_equal(evolution.best, np.zeros(2))
-    assert np.isfinite(evolution.ask()).all()
+        probing.run(lambda p: (p, np.inf), 20)
+    assert probing.score == 1.0 and np.array_equal(probing.best, np.zeros(2))
+    still = Probing(np.zeros(0), 1.0, step=0.1, reach=4.0)
+    still.run(lambda p: pytest.fail("nothing to try"), 20)
+    assert still.score == 1.0

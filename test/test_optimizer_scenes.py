@@ -51,7 +51,7 @@ def test_search_makes_scenes_sharper_where_they_count_alone():
     start = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4)
     anything = (10.0, 10.0, 10.0)
     aims = Aims(anything, anything, 10.0, scenes=0.8)
-    effort = Effort(starts=2, rounds=2, descents=4, generations=0)
+    effort = Effort(starts=2, rounds=2, descents=4, probes=0)
     *_, last = free(start, aims=aims, effort=effort, resolution=16)
     reached = Objective(start, aims=aims, resolution=16).figures(last.layout.positions)[-1]
     assert reached < 0.97

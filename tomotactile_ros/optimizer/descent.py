@@ -3,19 +3,25 @@ and sent.
 
 `Descent` follows a gradient that jumps a little (contacts change the pixels that count): steps of
 bounded size along running means of gradient and square (Kingma and Ba 2015), shrinking towards the
-end. `Evolution` needs only scores and samples around a mean with an adapted covariance (Hansen
-2016, rank-one and rank-mu updates, step size by its path). Both are deterministic.
+end. `Probing` needs only scores: COBYLA of `scipy.optimize` (Powell 1994), again from the best as
+long as there are evaluations left. Both are deterministic.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 
 _MEMORY, _SQUARE_MEMORY = 0.8, 0.95
 _LAST = 0.05  # of the first step
+_FINEST = 1 / 16  # of the first radius of COBYLA: that at which it ends
+_SHORTER = 0.7  # is the next first radius, and a half where nothing was gained
+_LEAST = 0.1  # of its step: first radius from which on COBYLA is not begun again
+_FORBIDDEN = 10.0  # score where nothing is feasible
+_DIGITS = 7  # of scores and moves that count: what is beyond them decides nothing
 
 
 @dataclass
@@ -58,67 +64,66 @@ class Descent:
                 self.parameters = moved
 
 
-class Evolution:
-    """Evolution around `mean` (n,) with standard deviation `step` (m) in each parameter."""
+class Probing:
+    """Search by scores alone, from parameters (n,) whose `score` is known.
 
-    def __init__(self, mean, step: float, seed: int = 0):
-        self.best, self.score = np.array(mean, float), np.inf
-        self._mean, self._step = self.best, float(step)
-        count = max(len(self._mean), 1)
-        self.population = 4 + int(3 * np.log(count))
-        self._random = np.random.default_rng(seed)
-        weights = np.log(self.population // 2 + 0.5) - np.log(1 + np.arange(self.population // 2))
-        self._weights = weights / weights.sum()
-        mass = 1 / (self._weights**2).sum()
-        self._rates = _rates(count, mass)
-        self._mass = mass
-        self._covariance = np.eye(count)[: len(self._mean), : len(self._mean)]
-        self._path = np.zeros_like(self._mean)
-        self._step_path = np.zeros_like(self._mean)
+    COBYLA calls for scores and cannot be left in the midst of it. A part of the search therefore
+    begins where COBYLA began, with the scores that are known since; they cost next to nothing.
 
-    def ask(self) -> np.ndarray:
-        """(population, n) candidates."""
-        variances, axes = np.linalg.eigh(self._covariance)
-        self._scale, self._axes = np.sqrt(np.maximum(variances, 1e-20)), axes
-        normal = self._random.standard_normal((self.population, len(self._mean)))
-        self._moves = normal * self._scale @ axes.T
-        return self._mean + self._step * self._moves
+    step : m, unit of lengths
+    reach : first radius, in steps
+    seed : for the order and the directions in which parameters are first tried
+    best, score : (n,) the parameters of the lowest score so far
+    """
 
-    def tell(self, candidates: np.ndarray, scores: Iterable[float]) -> None:
-        """The scores of what `ask` gave; infinite where a candidate is not feasible."""
-        scores = np.array(list(scores))
-        order = np.argsort(scores, kind="stable")
-        if scores[order[0]] < self.score:
-            self.score, self.best = float(scores[order[0]]), candidates[order[0]]
-        count = len(self._mean)
-        if not count or not np.isfinite(scores[order[len(self._weights) - 1]]):
-            self._step /= 2
-            return
-        step_rate, damping, path_rate, one, mu, expected = self._rates
-        chosen = self._moves[order[: len(self._weights)]]
-        move = self._weights @ chosen
-        self._mean = self._mean + self._step * move
-        white = self._axes @ ((self._axes.T @ move) / self._scale)
-        self._step_path *= 1 - step_rate
-        self._step_path += np.sqrt(step_rate * (2 - step_rate) * self._mass) * white
-        length = np.linalg.norm(self._step_path) / expected
-        self._path *= 1 - path_rate
-        if length < 1.4 + 2 / (count + 1):
-            self._path += np.sqrt(path_rate * (2 - path_rate) * self._mass) * move
-        self._covariance = (
-            (1 - one - mu) * self._covariance
-            + one * np.outer(self._path, self._path)
-            + mu * (chosen.T * self._weights) @ chosen
-        )
-        self._step *= np.exp(step_rate / damping * (length - 1))
+    def __init__(self, parameters, score: float, step: float, reach: float, seed=0):
+        self.best, self.score = np.array(parameters, float), float(score)
+        self._step, self._reach = step, reach
+        random = np.random.default_rng(seed)
+        self._order = random.permutation(len(self.best))
+        self._signs = random.choice([-1.0, 1.0], len(self.best))
+        self._begin()
+
+    def run(self, attempt: Callable, evaluations: int) -> None:
+        """So many more evaluations, or fewer where the search is at its end.
+
+        attempt : parameters to feasible ones nearby and their score, infinite where there are none
+        """
+        left = evaluations if len(self.best) else 0
+
+        def score(moves):
+            nonlocal left
+            key = _rounded(moves).tobytes()
+            if key not in self._known:
+                if not left:
+                    raise _Enough
+                left -= 1
+                changes = self._step * self._reach * (self._signs * moves)[self._order]
+                moved, found = attempt(self._start + changes)
+                if found < self.score:
+                    self.best, self.score = moved, float(found)
+                self._known[key] = float(_rounded(min(found, _FORBIDDEN)))
+            return self._known[key]
+
+        while left and self._reach >= _LEAST:
+            how = {"rhobeg": 1.0, "maxiter": 10**6}
+            nowhere = np.zeros(len(self.best))
+            try:
+                minimize(score, nowhere, method="COBYLA", tol=_FINEST, options=how)
+            except _Enough:
+                return
+            self._reach *= _SHORTER if self.score < self._first else 0.5
+            self._begin()
+
+    def _begin(self):
+        """COBYLA once more, from the best."""
+        self._start, self._first = self.best, self.score
+        self._known = {_rounded(np.zeros(len(self.best))).tobytes(): float(_rounded(self.score))}
 
 
-def _rates(count, mass):
-    """Learning rates for `count` parameters and the effective number `mass` of parents."""
-    step_rate = (mass + 2) / (count + mass + 5)
-    damping = 1 + step_rate + 2 * max(0.0, np.sqrt((mass - 1) / (count + 1)) - 1)
-    path_rate = (4 + mass / count) / (count + 4 + 2 * mass / count)
-    one = 2 / ((count + 1.3) ** 2 + mass)
-    mu = min(1 - one, 2 * (mass - 2 + 1 / mass) / ((count + 2) ** 2 + mass))
-    expected = np.sqrt(count) * (1 - 1 / (4 * count) + 1 / (21 * count**2))
-    return step_rate, damping, path_rate, one, mu, expected
+class _Enough(Exception):
+    """There are no evaluations left."""
+
+
+def _rounded(values):
+    return np.round(values, _DIGITS) + 0.0  # no -0

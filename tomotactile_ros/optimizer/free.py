@@ -54,7 +54,7 @@ def free(
     executor : any `concurrent.futures` executor; the result does not depend on it
     resolution : contact positions along the longer side
 
-    Yields the start (iteration 0) and the best layout after each round and generation; its score is
+    Yields the start (iteration 0) and the best layout after each round and probe; its score is
     1 for the aims, lower is better.
 
     Raises InputError for constraints that cannot be met.

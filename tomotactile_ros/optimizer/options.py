@@ -155,7 +155,7 @@ SEARCH = (
     Option(
         "steps",
         int,
-        "Rounds of touch (default: 2), updates of equalize (default: 5), or generations of evolution "
+        "Rounds of touch (default: 2), updates of equalize (default: 5), or steps without a gradient "
         "at the end of free (default: none on rectangles, 30 on other outlines)",
         high=100_000,
         methods=METHODS,

@@ -47,8 +47,8 @@ class Request:
     layout : the start
     method : `touch`, `equalize` or `free`
     select : of equalize, the update that is taken: `mean` or `worst`
-    steps : rounds of touch, updates of equalize, or generations at the end of free; None for the
-        default
+    steps : rounds of touch, updates of equalize, or steps without a gradient at the end of
+        free; None for the default
     regularization : lambda^2 of images
     spacing : of touch and free, smallest distance of two centres, m; 2.2 radii by default
     margin : of touch and free, from the rim to a centre, m

@@ -1,9 +1,9 @@
-"""Where to look for better electrode positions: starts, descent by the gradient, evolution.
+"""Where to look for better electrode positions: starts, descent by the gradient, probing.
 
 On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
-every round the worse half is dropped. Evolution (`descent`) can refine the best, but finds hardly
-anything. Other outlines have no closed form: there evolution alone searches, with scores from
-finite elements.
+every round the worse half is dropped. Probing (`descent`) can refine the best, but finds hardly
+anything. Other outlines have no closed form: there probing alone searches, with scores from finite
+elements, twice side by side with different first radii.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.descent import Descent, Evolution
+from tomotactile_ros.optimizer.descent import Descent, Probing
 from tomotactile_ros.optimizer.objective import Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.support.errors import InputError
@@ -26,37 +26,38 @@ _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anythin
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
 _FIRST = 0.02  # step of descent, of the mean pitch
 _GRAIN = 1e-3  # of that step: parameters are whole multiples
+_REACHES = 8.0, 4.0  # first radii of probing, in such steps
 
 
 @dataclass(frozen=True)
 class Effort:
     """How long to search.
 
-    starts       layouts to descend from
-    rounds       of descent; after each the worse half of the starts is dropped
-    descents     gradient steps in each round
-    generations  of evolution afterwards
+    starts    layouts to descend from
+    rounds    of descent; after each the worse half of the starts is dropped
+    descents  gradient steps in each round
+    probes    afterwards, without a gradient, of some evaluations each
     """
 
     starts: int = 8
     rounds: int = 4
     descents: int = 10
-    generations: int = 0
+    probes: int = 0
 
     def total(self, layout: Layout) -> int:
         """Number of steps: descent is possible on uniform rectangles only."""
-        return self.generations + (self.rounds if layout.outline.is_uniform_rectangle else 0)
+        return self.probes + (self.rounds if layout.outline.is_uniform_rectangle else 0)
 
 
-def effort_for(layout: Layout, generations: int | None = None, starts: int | None = None) -> Effort:
+def effort_for(layout: Layout, probes: int | None = None, starts: int | None = None) -> Effort:
     """Effort by default: less than a minute for 8 x 8 electrodes on two cores.
 
     One more round for every doubling of the starts.
     """
-    if generations is None:
-        generations = 0 if layout.outline.is_uniform_rectangle else 30
+    if probes is None:
+        probes = 0 if layout.outline.is_uniform_rectangle else 30
     starts = Effort.starts if starts is None else starts
-    return Effort(starts, 1 + max(starts - 1, 1).bit_length(), Effort.descents, generations)
+    return Effort(starts, 1 + max(starts - 1, 1).bit_length(), Effort.descents, probes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class Search:
     symmetric: bool
 
     def run(self, effort: Effort, seed: int, spread) -> Iterator[tuple[np.ndarray, float]]:
-        """Positions (E, 2) and score of the best so far, after every round and generation.
+        """Positions (E, 2) and score of the best so far, after every round and probe.
 
         spread : `map`, or that of an executor
         """
@@ -91,13 +92,15 @@ class Search:
                 best, score = states[0].best, states[0].score
                 yield orbits.positions(best), score
             step /= 4
-        evolution = Evolution(best, step, seed)
-        for _ in range(effort.generations):
-            tried = list(spread(self._try, repeat(orbits), evolution.ask()))
-            evolution.tell(np.array([each for each, _ in tried]), [found for _, found in tried])
-            if evolution.score < score:
-                best, score = evolution.best, evolution.score
-            yield orbits.positions(best), score
+        trials = [
+            Probing(best, score, step, reach, (seed, number))
+            for number, reach in enumerate(_REACHES)
+        ]
+        evaluations = _evaluations(len(best))
+        for _ in range(effort.probes):
+            trials = list(spread(self._probe, repeat(orbits), trials, repeat(evaluations)))
+            lead = min(trials, key=lambda trial: trial.score)
+            yield orbits.positions(lead.best), lead.score
 
     @cached_property
     def group(self) -> np.ndarray:
@@ -146,6 +149,10 @@ class Search:
         state.run(value_and_gradient, lambda moved: self._feasible(orbits, moved), steps)
         return state
 
+    def _probe(self, orbits, trial, evaluations):
+        trial.run(lambda parameters: self._try(orbits, parameters), evaluations)
+        return trial
+
     def _starts(self, count, seed, spread):
         """(count) layouts to start from: first the best scaled one, then warps of it."""
         layout, constraints = self.objective.reference, self.constraints
@@ -166,6 +173,11 @@ class Search:
             moved = self._feasible(orbits, orbits.parameters(warped))
             starts.append(starts[0] if moved is None else orbits.positions(moved))
         return starts
+
+
+def _evaluations(parameters):
+    """Of each trial in one probe: more where there are more parameters, but not many more."""
+    return 2 + int(1.5 * np.log(max(parameters, 1)))
 
 
 def _warp(positions, amount):
