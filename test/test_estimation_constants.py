@@ -28,7 +28,7 @@ INTERNAL = {
     *(
         "follow._NOT_READ",
         "scatter._OF_NORMAL",
-        "estimator._CUT_OFF",
+        "search.CUT_OFF",
         "state._HOUR",
         "picture._CELLS",
     ),

@@ -382,7 +382,8 @@ class Search:
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         """The fit without contacts, where offsets of the channels may be all there is, and are;
         else None."""
-        prior = prior.with_offsets_off(CUT_OFF * float(rows.weights.max()) ** -0.5)
+        if prior.learned:  # of one that is not, offsets are expected to be off by as much
+            prior = prior.with_offsets_off(CUT_OFF * float(rows.weights.max()) ** -0.5)
         largest = (_OFFSETS * prior.deviations[1]) ** 2
         squares = (rows.weights * (rows.readings - prior.offset) ** 2).sum()
         if squares > (rows.weights * largest).sum() + 2.0 * rows.count:

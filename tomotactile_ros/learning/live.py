@@ -66,17 +66,19 @@ class _Frames:
     """Frames that others are compared with: readings (K, E E), V, 0 where there is none; their squares;
     1 where there is one."""
 
-    values: np.ndarray | None = None
-    squares: np.ndarray | None = None
-    read: np.ndarray | None = None
+    values: np.ndarray
+    squares: np.ndarray
+    read: np.ndarray
+
+    @classmethod
+    def none(cls, electrodes: int) -> _Frames:
+        """No frame of so many electrodes."""
+        return cls(*np.zeros((3, 0, electrodes**2)))
 
     def joined_by(self, frame: np.ndarray) -> _Frames:
         """The latest of these and `frame` (E, E), `_KEPT` at the most."""
         values, read = _filled(frame)
-        new = values, values**2, read
-        if self.values is None:
-            return _Frames(*(each[None] for each in new))
-        known = self.values, self.squares, self.read
+        known, new = (self.values, self.squares, self.read), (values, values**2, read)
         return _Frames(
             *(np.vstack([old[-_KEPT + 1 :], one]) for old, one in zip(known, new, strict=True))
         )
@@ -84,8 +86,6 @@ class _Frames:
     def like(self, frame: np.ndarray, part: float, noise: float) -> bool:
         """Whether `frame` (E, E) differs from one of these by no more than `part` of the readings, or
         by noise."""
-        if self.values is None:
-            return False
         values, read = _filled(frame)
         size = self.squares @ read
         apart = size - 2 * (self.values @ values) + self.read @ values**2
@@ -133,7 +133,7 @@ class LiveLearner:
         self._working = threading.Lock()
         self._touched: list[_Frame] = []  # that are waiting, oldest first
         self._idle: list[_Frame] = []
-        self._seen = _Frames()
+        self._seen = _Frames.none(layout.electrodes)
         self._last: _Frames | None = None
         self._idle_time = -np.inf
         self._first: list[_Frame] = []  # touches of the time in which all are fitted together
@@ -164,7 +164,7 @@ class LiveLearner:
                 self._last = None
                 return self._are_offsets(frame) and self._offer_idle(found)
             steady = self._last is not None and self._last.like(frame, _STEADY, self._noise)
-            self._last = _Frames().joined_by(frame)
+            self._last = _Frames.none(len(frame)).joined_by(frame)
             if not steady or self._seen.like(frame, _NEW, self._noise):
                 return False
             self._seen = self._seen.joined_by(frame)
