@@ -247,7 +247,8 @@ def main():
     if args.singles is not None:
         amount = Amount(checks.integer(args.singles, "--singles", 1, 10_000), 0, ())
     if args.pairs is not None:
-        amount = replace(amount, pairs=checks.integer(args.pairs, "--pairs", 1, 10_000))
+        count = checks.integer(args.pairs, "--pairs", 1, 10_000)
+        amount = replace(amount, pairs=count, apart=AMOUNTS[args.kind].apart)
     if args.apart is not None:
         apart = tuple(checks.length(each, "--apart") for each in args.apart)
         amount = replace(amount, apart=apart)

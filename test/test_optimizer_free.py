@@ -313,9 +313,9 @@ def test_descent_and_probing_find_a_minimum():
     descent = Descent(np.zeros(3), step=0.05, total=200)
     descent.run(lambda p: (value(p), 2 * scale * (p - centre)), lambda p: p, 200)
     assert descent.best == pytest.approx(centre, abs=1e-2)
-    probing = Probing(np.zeros(3), value(np.zeros(3)), step=0.05, reach=4.0)
-    probing.run(lambda p: (p, value(p)), 150)
-    assert probing.best == pytest.approx(centre, abs=5e-3)
+    probing = Probing(np.zeros(3), value(np.zeros(3)), step=0.0125, reach=8.0)
+    probing.run(lambda p: (p, value(p)), 840)
+    assert probing.best == pytest.approx(centre, abs=1e-3)
     assert probing.score == value(probing.best)
 
 
