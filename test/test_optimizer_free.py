@@ -16,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.descent import Descent, Probing
+from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
@@ -298,9 +298,17 @@ def test_flat_objective_keeps_the_start():
 
 
 def test_descent_stops_where_the_objective_is_flat():
-    descent = Descent(np.array([0.3, 0.4]), step=0.1, total=10)
-    descent.run(lambda p: (1.0, np.zeros(2)), lambda p: p, 10)
-    assert np.array_equal(descent.best, [0.3, 0.4])
+    looked = []
+
+    def flat(p):
+        looked.append(p)
+        return 1.0, np.full(2, 1e-12)
+
+    descent = Descending(np.array([0.3, 0.4]), step=0.1)
+    for _ in range(3):
+        descent.run(flat, lambda p: p, 10)
+    assert len(looked) == 1
+    assert np.array_equal(descent.best, [0.3, 0.4]) and descent.score == 1.0
 
 
 def test_descent_and_probing_find_a_minimum():
@@ -310,13 +318,41 @@ def test_descent_and_probing_find_a_minimum():
     def value(p):
         return float((scale * (p - centre) ** 2).sum())
 
-    descent = Descent(np.zeros(3), step=0.05, total=200)
-    descent.run(lambda p: (value(p), 2 * scale * (p - centre)), lambda p: p, 200)
-    assert descent.best == pytest.approx(centre, abs=1e-2)
+    descent = Descending(np.zeros(3), step=0.01)
+    for _ in range(6):
+        descent.run(lambda p: (value(p), 2 * scale * (p - centre)), lambda p: p, 10)
+    assert descent.best == pytest.approx(centre, abs=1e-3)
+    assert descent.score == value(descent.best)
     probing = Probing(np.zeros(3), value(np.zeros(3)), step=0.0125, reach=8.0)
     probing.run(lambda p: (p, value(p)), 840)
     assert probing.best == pytest.approx(centre, abs=1e-3)
     assert probing.score == value(probing.best)
+
+
+def test_descent_goes_on_beyond_jumps_and_along_what_is_forbidden():
+    """Steps in the way end the line search; nothing is feasible beyond 0.3."""
+
+    def value_and_gradient(p):
+        bowl = 10 * ((p - 0.25) ** 2).sum()
+        return bowl + 0.02 * np.floor(40 * p[1]) % 0.04, 20 * (p - 0.25)
+
+    def feasible(p):
+        return None if p[0] > 0.3 else p
+
+    descent = Descending(np.array([0.0, -0.3]), step=0.02)
+    scores, looked = [], 0
+
+    def look(p):
+        nonlocal looked
+        looked += 1
+        return value_and_gradient(p)
+
+    for count in (1, 2, 7, 20, 30):
+        descent.run(look, feasible, count)
+        descent = pickle.loads(pickle.dumps(descent))
+        scores.append(descent.score)
+    assert scores == sorted(scores, reverse=True) and looked <= 60
+    assert descent.score < 0.05 and descent.best[0] <= 0.3
 
 
 def rough(p):

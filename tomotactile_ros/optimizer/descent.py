@@ -1,22 +1,21 @@
 """Two searches that keep their whole state in small objects, so that they can be stopped, resumed
 and sent.
 
-`Descent` follows a gradient that jumps a little (contacts change the pixels that count): steps of
-bounded size along running means of gradient and square (Kingma and Ba 2015), shrinking towards the
-end. `Probing` needs only scores: COBYLA of `scipy.optimize` (Powell 1994), again from the best as
-long as there are evaluations left. Both are deterministic.
+`Descending` follows a gradient that jumps a little (contacts change the pixels that count): L-BFGS-B
+of `scipy.optimize` (Byrd, Lu, Nocedal and Zhu 1995) in a box about the best. `Probing` needs only
+scores: COBYLA (Powell 1994). Both begin again from the best as long as there are evaluations left,
+and both are deterministic.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
-_MEMORY, _SQUARE_MEMORY = 0.8, 0.95
-_LAST = 0.05  # of the first step
+_BOX = 8.0  # steps to each side: the first box of L-BFGS-B
+_SMALLEST = 0.1  # steps: boxes below it are not searched
 _FINEST = 1 / 16  # of the first radius of COBYLA: that at which it ends
 _SHORTER = 0.7  # is the next first radius, and a half where nothing was gained
 _LEAST = 0.1  # of its step: first radius from which on COBYLA is not begun again
@@ -24,44 +23,69 @@ _FORBIDDEN = 10.0  # score where nothing is feasible
 _DIGITS = 7  # of scores and moves that count: what is beyond them decides nothing
 
 
-@dataclass
-class Descent:
-    """Descent of `total` steps of at most about `step` (m) in each parameter.
+class Descending:
+    """Search by scores and gradients, from parameters (n,).
 
-    parameters (n,) ; best (n,) the parameters of the lowest score so far
+    L-BFGS-B ends where a jump leaves its line search nothing better, and sees no jump beyond. It is
+    then begun again from the best, in half the box where nothing was gained.
+
+    step : m, unit of lengths
+    best, score : (n,) the parameters of the lowest score so far
     """
 
-    parameters: np.ndarray
-    step: float
-    total: int
-    done: int = 0
-    score: float = np.inf
+    def __init__(self, parameters, step: float):
+        self.best, self.score = np.array(parameters, float), np.inf
+        self._gradient = np.zeros_like(self.best)
+        self._box = _BOX * step
+        self._smallest = _SMALLEST * step
 
-    def __post_init__(self):
-        self.best = self.parameters
-        self._mean = np.zeros_like(self.parameters)
-        self._square = np.zeros_like(self.parameters)
+    def run(self, value_and_gradient: Callable, feasible: Callable, evaluations: int) -> None:
+        """So many more evaluations, or fewer where the search is at its end.
 
-    def run(self, value_and_gradient: Callable, feasible: Callable, steps: int) -> None:
-        """Some more steps; `feasible` maps parameters to feasible ones, or to None."""
-        for _ in range(min(steps, self.total - self.done)):
-            score, gradient = value_and_gradient(self.parameters)
+        feasible : parameters to feasible ones nearby, or to None
+        """
+        left = evaluations
+
+        def look(parameters):
+            nonlocal left
+            if not left:
+                raise _Enough
+            left -= 1
+            score, gradient = value_and_gradient(parameters)
             if score < self.score:
-                self.score, self.best = score, self.parameters
-            self.done += 1
-            self._mean += (1 - _MEMORY) * (gradient - self._mean)
-            self._square += (1 - _SQUARE_MEMORY) * (gradient**2 - self._square)
-            mean = self._mean / (1 - _MEMORY**self.done)
-            square = self._square / (1 - _SQUARE_MEMORY**self.done)
-            if not square.any():
-                return  # flat
-            length = self.step * (1 - self.done / self.total + _LAST)
-            moved = feasible(self.parameters - length * mean / np.sqrt(square + 1e-300))
-            if moved is None:
-                self.parameters = self.best
-                self.step /= 2
+                self.score, self.best, self._gradient = float(score), parameters, gradient
+            return score, gradient
+
+        if left and not np.isfinite(self.score):
+            look(self.best)
+        while left and self._box >= self._smallest:
+            first = self.score
+            try:
+                self._in_box(look, feasible)
+            except _Enough:
+                return
+            if not self.score < first:
+                self._box /= 2
+
+    def _in_box(self, look, feasible):
+        """L-BFGS-B once; its first move is as long as the box is wide to one side."""
+        start, first, gradient, box = self.best, self.score, self._gradient, self._box
+        unit = box * np.linalg.norm(gradient)  # of scores
+        if _rounded(unit) == 0:
+            return  # flat
+
+        def value(moves):
+            if not moves.any():
+                score, slope = first, gradient
+            elif (moved := feasible(start + box * moves)) is None:
+                score, slope = _FORBIDDEN, np.zeros_like(start)
             else:
-                self.parameters = moved
+                score, slope = look(moved)
+            return float(_rounded(score)) / unit, _rounded(box * slope / unit)
+
+        here = np.zeros(len(start))
+        bounds = [(-1, 1)] * len(start)
+        minimize(value, here, jac=True, method="L-BFGS-B", bounds=bounds)
 
 
 class Probing:

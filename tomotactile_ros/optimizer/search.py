@@ -1,9 +1,9 @@
 """Where to look for better electrode positions: starts, descent by the gradient, probing.
 
 On a uniform rectangle several starts, the layout scaled and warped, descend by the gradient; after
-every round the worse half is dropped. Probing (`descent`) can refine the best, but finds hardly
-anything. Other outlines have no closed form: there probing alone searches, with scores from finite
-elements, twice side by side with different first radii.
+every round the worse half is dropped. Probing can refine the best, but finds hardly anything. Both
+are searches of scipy (`descent`). Other outlines have no closed form: there probing alone searches,
+with scores from finite elements, twice side by side with different first radii.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.descent import Descent, Probing
+from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.objective import Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.support.errors import InputError
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
-_FIRST = 0.02  # step of descent, of the mean pitch
-_GRAIN = 1e-3  # of that step: parameters are whole multiples
+_STEP = 0.02  # unit of lengths, of the mean pitch
+_GRAIN = 1e-3  # of a step: parameters are whole multiples
 _REACHES = 8.0, 4.0  # first radii of probing, in such steps
 
 
@@ -35,7 +35,7 @@ class Effort:
 
     starts    layouts to descend from
     rounds    of descent; after each the worse half of the starts is dropped
-    descents  gradient steps in each round
+    descents  evaluations of score and gradient in each round, for each start
     probes    afterwards, without a gradient, of some evaluations each
     """
 
@@ -82,8 +82,7 @@ class Search:
         step = self._step
         best, score = parameters[0], self._score(orbits, parameters[0])
         if self.objective.differentiable:
-            total = effort.rounds * effort.descents
-            states = [Descent(each, step, total) for each in parameters]
+            states = [Descending(each, step) for each in parameters]
             for _ in range(effort.rounds):
                 states = list(
                     spread(self._descend, repeat(orbits), states, repeat(effort.descents))
@@ -115,9 +114,9 @@ class Search:
 
     @property
     def _step(self) -> float:
-        """Of descent at first, m."""
+        """Unit of lengths of the searches, m."""
         layout = self.objective.reference
-        return _FIRST * np.sqrt(layout.outline.area / layout.electrodes)
+        return _STEP * np.sqrt(layout.outline.area / layout.electrodes)
 
     def _feasible(self, orbits, parameters):
         """Parameters nearby that obey the constraints, or None.
@@ -141,12 +140,12 @@ class Search:
         moved = self._feasible(orbits, parameters)
         return (parameters, np.inf) if moved is None else (moved, self._score(orbits, moved))
 
-    def _descend(self, orbits, state, steps):
+    def _descend(self, orbits, state, evaluations):
         def value_and_gradient(parameters):
             score, gradient = self.objective(orbits.positions(parameters))
             return score, orbits.matrix.T @ gradient.ravel()
 
-        state.run(value_and_gradient, lambda moved: self._feasible(orbits, moved), steps)
+        state.run(value_and_gradient, lambda moved: self._feasible(orbits, moved), evaluations)
         return state
 
     def _probe(self, orbits, trial, evaluations):
