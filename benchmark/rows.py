@@ -42,6 +42,7 @@ INSIDE = 0.085  # m: centres are at most so far from the middle along each side
 SPEEDS = (0.2, 0.5, 1.0)  # m/s
 AFTER = (1, 2, 4, 12)  # rows
 FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
+BESIDE = 2 * ROWS  # rows after which a resting contact is known: those of a frame, and until it is told
 SETTLED = 30  # rows after which velocities are judged
 PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
 
@@ -183,7 +184,7 @@ def onset(sensor: Sensor, touches: int, beside: bool) -> Tally:
     for touch in range(touches):
         held = anywhere(random)
         place = anywhere(random, held)
-        first = int(random.integers(8, ROWS)) + (ROWS if beside else 0)
+        first = int(random.integers(8, ROWS)) + BESIDE * beside
         last = first + int(random.integers(ROWS // 2, 3 * ROWS // 2))
         frames = last // ROWS + 2
         tap = disc(place, (first - 0.5) * ROW_PERIOD, (last - 0.5) * ROW_PERIOD)
