@@ -7,7 +7,9 @@ alone, the rest is nearly linear.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -80,6 +82,8 @@ class Contacts:
     free : number of the contacts' free parameters; flat (F, L n) derivatives by them, times the
         weights; normal (P, P), right (P,) of all parameters; beside : what all that is not a
         parameter here takes off the cost
+    stiffness : of each parameter of a contact, the part that is left of its diagonal element of the
+        normal matrix where the sheet gives way; damping is in parts of it
     promised, whole : of the last step: how much the cost should fall by the linear model; whether
         the step is hardly damped and not limited
     """
@@ -93,12 +97,20 @@ class Contacts:
         self.normal = self.flat @ contacts.reshape(self.flat.shape).T + curvature
         self.right = self.flat @ fit.misfit.ravel() + pull
         self.beside = 0.0
+        self.stiffness: np.ndarray | float = 1.0
+
+    def about(self, fit: Fit) -> Contacts:
+        """The same derivatives with the right side of a fit nearby: a chord for a tangent."""
+        other = copy(self)
+        other.fit = fit
+        other.right = self.flat @ fit.misfit.ravel() + contact_priors(fit)[1]
+        return other
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads."""
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaled = self.normal * scale[:, None] * scale
-        scaled[np.diag_indices(self.free)] += damping
+        scaled[np.diag_indices(self.free)] += damping * self.stiffness
         step = scale * cho_solve(cho_factor(scaled), scale * self.right)
         self.promised = float(step @ (2 * self.right - self.normal @ step)) + self.beside
         longest = np.abs(self._by_contact(step) / _limits(self.fit)).max(initial=0.0)
@@ -164,6 +176,14 @@ class Equations:
         self.normal = normal - self.channels.normal
         # what rounding takes off a difference of matrices
         self.normal[np.diag_indices(len(normal))] += _ROUNDING * normal.diagonal()
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """(F,) see `Contacts`."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        scaled, count = self.normal * scale[:, None] * scale, len(self.contacts)
+        mixed = scaled[count:, :count]
+        return 1 - np.einsum("jf,jf->f", mixed, np.linalg.solve(scaled[count:, count:], mixed))
 
     def response(self, misfits: np.ndarray) -> np.ndarray:
         """(F, m) how the contacts' parameters answer to `misfits` (m, L, n), all else marginal."""
@@ -236,7 +256,18 @@ class Linear(Contacts):
         if known is None or not known.serves(fit):
             super().__init__(fit)
             known = Equations(self, None if known is None else known.sheet)
-        self.equations, self.normal = known, known.normal
+        self.equations, self.normal, self.stiffness = known, known.normal, known.stiffness
+        self._aim(pull)
+
+    def about(self, fit: Fit) -> Linear:
+        other = copy(self)
+        other.fit = fit
+        other._aim(contact_priors(fit)[1])
+        return other
+
+    def _aim(self, pull: np.ndarray) -> None:
+        """The right side, of what the fit leaves over and `pull` (F,) of the contacts' priors."""
+        fit, known = self.fit, self.equations
         sensor = -fit.prior.pull(fit.prior.apart(fit.unknowns))
         modes, misfit = fit.operator.modes, fit.misfit.ravel()
         both = known.contacts @ misfit + pull, known.sheet.weighted @ misfit + sensor[:modes]

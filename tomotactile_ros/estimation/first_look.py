@@ -16,6 +16,7 @@ squares; Chen et al. 1989).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -37,6 +38,7 @@ _LEFT = 3e-3  # of the sum of squares: what points leave of small contacts, all 
 _DISTINCT = 0.7  # spacings between points that are contacts each, not parts of one
 _ADJACENT = 2.2  # pixels: those nearer are taken for one contact at first
 _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fitted
+_STRONG = 0.3  # of the strongest: what an uneven sheet looks like beside a contact is weaker
 _INEXACT = 0.02  # of a current: points stand for contacts of any size
 _FILLING = 20  # steps that fill in missing readings from their neighbours
 _DEPENDENT = 1e-2  # of a column's square: what is less beside the others is rounding and errors
@@ -84,6 +86,23 @@ class FirstLook:
     def points(self, radius: float) -> list[tuple[np.ndarray, float]] | None:
         """Place (2,), m, and conductance, S, of points that explain all but what these leave of small
         contacts of `radius`, m, strongest first; None where no few of them do."""
+        found = self._slid_to(radius)
+        if not len(found.places) or found.left @ found.left > _LEFT * self._total:
+            return None
+        points = self._gathered(found.places, found.strengths)
+        return points if _are_distinct(points, _DISTINCT * self._operator.pitch) else None
+
+    def strongest(self, radius: float) -> list[tuple[np.ndarray, float]]:
+        """The same of the strongest points that explain most, whatever they leave: an uneven sheet
+        leaves more than small contacts do, and looks like weak ones. None where many are strong."""
+        found = self._slid_to(radius)
+        points = self._gathered(found.places, found.strengths)
+        strong = [each for each in points if each[1] > _STRONG * points[0][1]]
+        return strong if len(strong) < _SLIDING else []
+
+    @lru_cache(1)
+    def _slid_to(self, radius: float) -> _Points:
+        """Few points of `radius`, m, of which no further one explains anything."""
         found = _Points(np.empty((0, 2)), np.empty(0), self._currents.wanted)
         enough = _EXPLAINED * self._total
         settled = False
@@ -100,10 +119,7 @@ class FirstLook:
                 found, settled = self._slid(found.places, radius, _LAST), True
                 if found.left @ found.left < enough:
                     break
-        if not len(found.places) or found.left @ found.left > _LEFT * self._total:
-            return None
-        points = self._gathered(found.places, found.strengths)
-        return points if _are_distinct(points, _DISTINCT * self._operator.pitch) else None
+        return found
 
     def contacts(self) -> list[tuple[np.ndarray, float]]:
         """Place (2,), m, and conductance, S, of contacts of any form, which together explain most, in

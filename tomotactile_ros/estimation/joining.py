@@ -5,7 +5,8 @@ only where the readings say that nothing presses between them: a disc that would
 strong for its area as both, is tried. To first order what it may conduct follows from the normal
 equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
 an estimate so large lies within the deviation, both are one. Where first order says no and the gap is narrow, all
-else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Discs that
+else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Where cells
+explain the readings as well, they tell more, and discs that lie on one contact of theirs are one. Discs that
 touch at some time are one anyway, and two alone were compared with one ellipse before.
 """
 
@@ -33,14 +34,19 @@ _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
 _NARROW = 0.5  # spacings: wider gaps show to first order
 
 
-def groups(fit: Fit, allows: Callable[[Unknowns, Fit], bool]) -> np.ndarray:
+def groups(
+    fit: Fit, allows: Callable[[Unknowns, Fit], bool], shown: np.ndarray | None = None
+) -> np.ndarray:
     """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
-    readings of a fit allow other contacts as well."""
+    readings of a fit allow other contacts as well, and `shown` (k,), where cells explain them, of
+    which contact of theirs each is."""
     contacts = fit.unknowns.contacts
     reach = _reaches(contacts)
     reach = reach + reach.T
     touching = _nearest(fit) < TOUCHING * reach
     gaps = _apart(contacts) - reach
+    if shown is not None:
+        touching |= (gaps < fit.operator.pitch) & (shown[:, None] == shown)
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
         may_be = _filled(fit, near)

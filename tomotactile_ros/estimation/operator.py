@@ -356,7 +356,7 @@ class Patches:
     """
 
     def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
-        self._operator, self._places = operator, places
+        self._operator, self._places, self._radii = operator, places, radii
         self._stencil = stencil = operator.potentials.lattice.stencil(places)
         potentials, steep = operator.potentials(places, stencil=stencil)
         alone = operator.mutual.alone(stencil)
@@ -381,6 +381,7 @@ class Patches:
         members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
         self.near = [members[each] for each in group]
         self.impedance = np.zeros((len(places), len(places)))
+        self._bare = np.zeros(len(places), bool)  # at the rim of an electrode: D is as good as 0
         for chosen in members:
             block = operator.mutual(
                 places[chosen], radii[chosen], owner[chosen], alone[chosen], self.around, chosen
@@ -388,26 +389,32 @@ class Patches:
             block -= potentials[chosen] @ self._solved[:, chosen] + constant[chosen]
             block = (block + block.T) / 2
             own = np.einsum("ii->i", block)
+            self._bare[chosen] = own < 0
             np.maximum(own, 0.0, out=own)
             self.impedance[np.ix_(chosen, chosen)] = (
                 block * self._factor[chosen, None] * self._factor[chosen]
             )
 
-    def impedance_slope(self, part: slice, near: np.ndarray) -> np.ndarray:
+    def impedance_slope(self, part: slice, near: np.ndarray):
         """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
-        ohm/m."""
-        mutual = self._operator.mutual
-        out = mutual.slope(self._places[part], self._places[near])
+        ohm/m, and (p, m) what it falls by as the radii of both grow by their logarithms, ohm."""
+        mutual, around = self._operator.mutual, self.around
+        out, grown = mutual.slope(
+            self._places[part],
+            self._radii[part],
+            self._places[near],
+            self._radii[near],
+            around.weights[near],
+            around.slopes[:, part],
+            around.nodes,
+        )
         points, weights, slopes = self._stencil
         alone = mutual.alone_slope((points[part], weights[part], slopes[:, part])) / 2
         out += alone[..., None] * ((near >= part.start) & (near < part.stop))
         out -= np.matmul(self._steep[:, part], self._solved[:, near])
-        return out * self._factor[part, None] * self._factor[near]
-
-    def half_per_log(self, part: slice) -> np.ndarray:
-        """(p,) half of what D of a patch with itself loses as its radius grows by its logarithm,
-        ohm."""
-        return self._operator.resistance / (4 * np.pi) * self._factor[part] ** 2
+        factor = self._factor[part, None] * self._factor[near]
+        factor[(np.arange(part.start, part.stop)[:, None] == near) & self._bare[near]] = 0.0
+        return out * factor, grown * factor
 
 
 def _groups(forms: np.ndarray, reach: float) -> np.ndarray:

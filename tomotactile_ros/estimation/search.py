@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.arrangement import (
@@ -448,7 +449,9 @@ class Search:
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
         first `look` at the rows of `rest`, of no contacts, shows which."""
-        found = self._simplified(self._solve(first.unknowns, first))
+        found = first
+        if found.covariance is None:
+            found = self._simplified(self._solve(first.unknowns, first))
         short = self._falls_short(found)
         if shapes and short and not self._changing:
             found = self._of_any_shape(found, look, rest)
@@ -493,6 +496,15 @@ class Search:
         if self._cells is None or self._cells[0] is not look:
             self._cells = look, self.shapes.fitted(look, rest)
         return self._cells[1]
+
+    def as_cells(self, fit: Fit) -> np.ndarray | None:
+        """(k,) the contact of a shape that each contact of `fit` lies on; None where no cells explain
+        its rows."""
+        shape = None if self._cells is None else self._cells[1]
+        if shape is None or shape.rows is not fit.rows or not explains(shape):
+            return None
+        cells, places = shape.unknowns.contacts[:, :2], fit.unknowns.contacts[:, :2]
+        return groups(shape)[cdist(places, cells).argmin(axis=1)]
 
     def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
@@ -581,8 +593,8 @@ class Search:
 
     def _looks_like(self, like: Fit) -> Start | None:
         """Where a fit of the rows of `like`, of no contacts, begins, the sensor being as expected: near
-        discs where points explain the currents, or else with a shape of cells that explains most, or
-        near the likeliest of discs and of what looks like something wide. None where noise explains
+        discs where points explain the currents, or with few small contacts that explain them on a sensor
+        that is not, or else with a shape of cells that explains most, or near the likeliest of discs and of what looks like something wide. None where noise explains
         all."""
         look = self._seen(like)
         if look is None:
@@ -592,11 +604,31 @@ class Search:
             discs = self._of_any_size(points, like)
             if self._is_near(discs):
                 return Start(look, discs)
+        if not self._changing:
+            few = self._of_sensor(look, discs, like)
+            if few is not None:
+                return Start(look, few)
         shape = None if self._changing else self._in_cells(look, like)
         if shape is not None and explains(shape):
             return Start(look, shape, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
+
+    def _of_sensor(self, look: FirstLook, discs: Fit | None, like: Fit) -> Fit | None:
+        """The best fit from near `discs`, or else from the strongest points of a first look, the sensor
+        being free, if that explains the readings with a likely one: what few small contacts leave
+        over may be the sheet's."""
+        if discs is None:
+            discs = self._of_any_size(look.strongest(like.prior.radius), like)
+        if most_together(discs.unknowns.contacts[:, :2], self.operator.pitch) != 1:
+            return None
+        linear = Linear(discs, self._known)
+        self._known = linear.equations
+        if discs.cost - linear.promise > SUSPECT * like.rows.count:
+            return None
+        found = self._simplified(self._solve(discs.unknowns, discs))
+        likely = _is_likely(found.prior.apart(found.unknowns), found.prior)
+        return found if likely and not self._falls_short(found) else None
 
     def _parts(self, shape: Fit, like: Fit) -> Fit:
         """Near the best fit of one disc or ellipse for each part of a shape, as many as may be or as

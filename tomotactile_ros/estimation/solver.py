@@ -27,6 +27,9 @@ _TRIES = 6  # of damping in one step
 _FEW_TRIES, _LITTLE = 2, 0.2
 # of the doubted cost: a standard deviation, squared; the whole fit takes on from there
 _NEARER = 1.0
+# steps at most with the derivatives of where a step began that went too far; and from the second of
+# them on, the part of the cost above that beginning which one may leave
+_CHORDS, _CONTRACTS = 5, 0.5
 _HOPE = 3.0  # times what a step gained, all that follow may gain
 
 
@@ -41,12 +44,13 @@ def approach(fit: Fit, most: float = np.inf) -> Fit:
     rows, damping, steps, work = fit.rows, FIRST_DAMPING, 0, 0
     while steps < STEPS and work < most:
         doubted = fit.weighed(replace(rows, weights=rows.weights / fit.doubt))
-        better, damping, more = _descend(Contacts(doubted), damping)
+        linear = Contacts(doubted)
+        better, damping, more = _descend(linear, damping)
         steps, work = steps + 1, work + more
         if better is None:
             break
         fit = better.weighed(rows)
-        if doubted.cost - better.cost < _NEARER:
+        if max(doubted.cost - better.cost, linear.promised) < _NEARER:
             break
     fit.steps, fit.work = steps, work
     return fit
@@ -73,7 +77,7 @@ def solve(
     for step in range(steps):
         linear = Linear(fit, known)
         known = linear.equations
-        better, damping, more = _descend(linear, damping)
+        better, damping, more = _descend(linear, damping, _CHORDS)
         work += more
         gained = 0.0 if better is None else fit.cost - better.cost
         if better is not None:
@@ -93,7 +97,26 @@ def solve(
     return fit
 
 
-def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float, int]:
+def _back(linear: Contacts, tried: Fit, chords: int) -> tuple[Fit | None, int]:
+    """What is better than the fit that `linear` is of, and the work that it took; None where there is
+    nothing.
+
+    The valley of equal misfit bends: a step along it leads to a slope beside it, from where the same
+    derivatives lead back (second-order correction, Nocedal and Wright 2006, chapter 15).
+    """
+    fit, work = linear.fit, 0
+    for chord in range(chords):
+        reached = Fit(fit.operator, linear.about(tried).step(0.0), fit.rows, fit.prior)
+        work += reached.prediction.size
+        if reached.cost < fit.cost:
+            return reached, work
+        if chord and reached.cost - fit.cost > _CONTRACTS * (tried.cost - fit.cost):
+            break
+        tried = reached
+    return None, work
+
+
+def _descend(linear: Contacts, damping: float, chords: int = 0) -> tuple[Fit | None, float, int]:
     """The next fit that is better, None if there is none, the damping to begin with there, and the
     work that it took."""
     fit, work = linear.fit, 0
@@ -107,5 +130,9 @@ def _descend(linear: Contacts, damping: float) -> tuple[Fit | None, float, int]:
         work += tried.prediction.size
         if tried.cost < fit.cost:
             return tried, damping / 10, work
+        back, more = _back(linear, tried, chords)
+        work += more
+        if back is not None:
+            return back, max(damping, 1e-4) * 10, work
         damping = max(damping, 1e-4) * 10
     return None, damping, work

@@ -13,14 +13,13 @@ from copy import copy
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.sheet.green import FAR, softened
+from tomotactile_ros.sheet.green import CLOUD, FAR, softened
 
 _PER_PITCH = 10  # points of the lattice along one spacing
 _POINTS = 41, 131  # along the longer side, at least and at most
 _BEYOND = 1.6  # radii from the centre of an electrode: nearer, its rim is not a few charges
 # radii from the centre of an electrode: patches on it are moved here and have no weight
 RIM = 1.001
-_NEAR_RIM = 0.3  # spacings from a rim within which derivatives know of images in it
 _TINY = 1e-15  # m²: a patch does not push itself
 _CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
 _BLOCK = 512  # points at a time, for memory
@@ -279,21 +278,78 @@ class MutualTable:
                 product = product * squared
         return scale * np.log(product)
 
-    def slope(self, places: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """(2, P, Q) change of G with the first of two places (P, 2) and (Q, 2), ohm/m, but for what
-        changes slowly."""
-        size = np.array(self._outline.size)
-        mirrors = [np.zeros((1, 2))]
+    def slope(
+        self, places, radii, others, other_radii, weights, slopes, nodes
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What follows from places (P, 2), m, with radii (P,), m, and others (Q, 2), (Q,): (2, P, Q)
+        change of G with the first place, ohm/m, and (P, Q) what G falls by as both radii grow by
+        their logarithms, ohm; but for what `alone` says.
+
+        nodes (m,) of the coarse lattice around all; slopes (2, P, m) there of the former, 1/m, and
+        weights (Q, m) of the latter
+        """
+        out, grown = self._logarithm_slope(places, radii, others, other_radii)
+        out += self._induced_slope(places, others)
+        out += np.matmul(slopes, self._smooth[np.ix_(nodes, nodes)] @ weights.T)
+        return out, grown
+
+    def _logarithm_slope(self, places, radii, others, other_radii):
+        """The part of `slope` with logarithms."""
+        mutual = np.add.outer(radii**2, other_radii**2) / 2
+        apart = [self._mirror_ways(places[:, i], others[:, i], i) for i in range(2)]
+        squared = apart[0][:, None] ** 2 + apart[1] ** 2
+        inverse = 1 / np.maximum(squared, _TINY)
+        grown = np.zeros(mutual.shape)
+        for i, j in np.argwhere(squared.min(axis=(2, 3)) < FAR * mutual.max()):
+            hidden = np.exp(-squared[i, j] / (CLOUD * mutual))  # of `softened`
+            inverse[i, j] *= 1 - hidden
+            grown += hidden
+        ways = [
+            (apart[0] * inverse.sum(axis=1)).sum(axis=0),
+            (apart[1] * inverse.sum(axis=0)).sum(axis=0),
+        ]
+        scale = self._resistance / (2 * np.pi)
+        return -scale * np.array(ways), scale * grown
+
+    def _mirror_ways(self, at, to, axis: int) -> np.ndarray:
+        """(3 or 1, P, Q) ways along one axis to `to` (Q,) and to its images in both rims, from `at`
+        (P,), m; their derivatives by `at` are 1."""
+        ways = [np.subtract.outer(at, to)]
         if self._outline.is_uniform_rectangle:
-            near = np.abs(places).max(axis=0) > size / 2 - _NEAR_RIM * self._pitch
-            for axis in np.flatnonzero(near):
-                mirrors.append(np.sign(places[:, axis].mean()) * size[axis] * np.eye(2)[[axis]])
-        out = np.zeros((2, len(places), len(others)))
-        for mirror in mirrors:
-            image = np.where(mirror != 0, mirror - others, others)
-            apart = places[:, None] - image
-            out -= (apart / ((apart**2).sum(axis=-1) + _TINY)[..., None]).transpose(2, 0, 1)
-        return out * self._resistance / (2 * np.pi)
+            sums, side = np.add.outer(at, to), self._outline.size[axis]
+            ways += [sums + side, sums - side]
+        return np.array(ways)
+
+    def _induced_slope(self, places, others):
+        """(2, P, Q) change of `_induced` with the first place, ohm/m.
+
+        s = R^2 / a^2 changes by -2 s^2 a / R^2 with the way a from an electrode, and the inverse point
+        s a with it.
+        """
+        least, reach = (RIM * self._radius) ** 2, (_CLOSE[1] * self._pitch) ** 2
+        middle = places.mean(axis=0)
+        beside = np.sqrt(reach) + np.hypot(*(places - middle).T).max()
+        centres = self._centres[np.hypot(*(self._centres - middle).T) < beside]
+        apart, beyond = (each - centres[:, None] for each in (places, others))
+        squared, far = ((each**2).sum(axis=-1) for each in (apart, beyond))
+        near = (squared.min(axis=1) < reach) & (far.min(axis=1) < reach)
+        apart, squared, beyond, far = (each[near] for each in (apart, squared, beyond, far))
+        squared, far = np.maximum(squared, least), np.maximum(far, least)
+        share, other = self._radius**2 / squared, self._radius**2 / far
+        weight, other_weight = self._nearness(squared), self._nearness(far)
+        image = beyond * other[..., None]
+        by_share = other[:, None] - (2 / self._radius**2) * (apart @ image.transpose(0, 2, 1))
+        part = share[..., None] * by_share
+        kept = np.maximum(part, RIM - 2)
+        rate = weight[..., None] * other_weight[:, None] / (1 + kept) * (part > RIM - 2)
+        fades = self._nearness_slope(squared)[..., None] * other_weight[:, None] * np.log1p(kept)
+        radial = 2 * fades - rate * by_share * (2 * share**2 / self._radius**2)[..., None]
+        turned = -(2 / self._radius**2) * share[..., None] * rate
+        out = [
+            (radial * apart[..., d, None] + turned * image[:, None, :, d]).sum(axis=0)
+            for d in range(2)
+        ]
+        return self._resistance / (4 * np.pi) * np.array(out)
 
     def _mirror_distances(self, at, side, own_only):
         """Squared distances along one axis to places and to their images in both rims, m²."""
@@ -319,6 +375,12 @@ class MutualTable:
         """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
         far = np.clip((np.sqrt(squared) / self._pitch - _CLOSE[0]) / (_CLOSE[1] - _CLOSE[0]), 0, 1)
         return 1 - far**2 * (3 - 2 * far)
+
+    def _nearness_slope(self, squared):
+        """Change of `_nearness` with the squared distance, 1/m²."""
+        distance, wide = np.sqrt(squared), _CLOSE[1] - _CLOSE[0]
+        far = np.clip((distance / self._pitch - _CLOSE[0]) / wide, 0, 1)
+        return -6 * far * (1 - far) / (2 * distance * self._pitch * wide)
 
     def _induced(self, places):
         """(P, P) what floating electrodes close by add: the charge that a current induces on a

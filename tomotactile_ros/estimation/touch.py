@@ -28,6 +28,7 @@ import numpy as np
 from tomotactile_ros.estimation.disc import square_patches, unit_patches
 from tomotactile_ros.estimation.operator import Patches, SheetOperator
 from tomotactile_ros.estimation.pressure_modes import pressure_modes
+from tomotactile_ros.estimation.tables import RIM
 
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
 X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)
@@ -146,7 +147,9 @@ class Touches:
         beyond, inwards = layout.outline.depth(places)
         there, grows = _part(beyond / radii)
         self._moving = np.abs(places) < np.array(layout.outline.size) / 2
-        self.places, distance, nearest, way, self._inside = operator.placed(places)
+        self.places, distance, nearest, way, inside = operator.placed(places)
+        longer = RIM * layout.radius / np.maximum(distance, 1e-12)
+        self._aside = inside, way, np.where(distance > 1e-6 * layout.radius, longer, 0.0)
         off, rises = _part((distance - layout.radius) / radii)
         self.radii = radii
         self.weight = area * there * off
@@ -163,10 +166,16 @@ class Touches:
 
     @_once
     def moves(self, i: int) -> np.ndarray:
-        """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; none on
-        electrodes."""
+        """(5, p, 2) how the patches of contact i move with its parameters `MOVING`, m; along the rims
+        of electrodes where they were moved to these."""
         part = self.parts[i]
-        return self.forms[i].moves * (self._moving[part] & ~self._inside[part][:, None])
+        moves = self.forms[i].moves * self._moving[part]
+        inside, way, longer = (each[part] for each in self._aside)
+        if inside.any():
+            outwards = np.einsum("kpd,pd->kp", moves[:, inside], way[inside])
+            moves[:, inside] -= outwards[..., None] * way[inside]
+            moves[:, inside] *= longer[inside, None]
+        return moves
 
     @_once
     def d_covered(self, i: int) -> tuple[np.ndarray, np.ndarray]:
@@ -197,11 +206,11 @@ class Touches:
         """(5, p, m) E with dD = E + E^T by `MOVING` of contact i, ohm: its patches, and the patches
         `near(i)`."""
         part, near = self.parts[i], self.near(i)
-        slope = self.patches.impedance_slope(part, near)
+        slope, grown = self.patches.impedance_slope(part, near)
         moved = self.moves(i)
         out = moved[..., 0][:, :, None] * slope[0] + moved[..., 1][:, :, None] * slope[1]
-        own = np.arange(part.stop - part.start)
-        out[2, own, self._first(i) + own] -= self.patches.half_per_log(part)
+        own = slice(self._first(i), self._first(i) + part.stop - part.start)
+        out[2, :, own] -= grown[:, own] / 2
         return out
 
     def near(self, i: int) -> np.ndarray:

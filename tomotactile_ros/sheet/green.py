@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import exp1
 
-_CLOUD = np.exp(np.euler_gamma)
+CLOUD = np.exp(np.euler_gamma)
 _FAR = 12.0  # E1 is below 5e-7 from here on
-FAR = _CLOUD * _FAR  # squared distance of points, in parts of the squared radius
+FAR = CLOUD * _FAR  # squared distance of points, in parts of the squared radius
 _SMALLEST = 1e-17  # relative size of the first neglected term of the remainder
 
 
@@ -68,12 +68,12 @@ def softened(squared: np.ndarray, radius_squared: ArrayLike) -> np.ndarray:
 
 def _soften(measure, radius_squared, squared_distance):
     """`measure` for clouds, nearly x^2 where small; there x^2 is `squared_distance(near)`."""
-    reach = _CLOUD * np.broadcast_to(radius_squared, measure.shape)
+    reach = CLOUD * np.broadcast_to(radius_squared, measure.shape)
     near = measure < _FAR * reach
     out = np.array(measure)
     ratio = squared_distance(near) / reach[near]
     apart = ratio > 1e-12
-    clouds = reach[near] / _CLOUD
+    clouds = reach[near] / CLOUD
     clouds[apart] = measure[near][apart] * np.exp(exp1(ratio[apart]))
     out[near] = clouds
     return out
