@@ -456,7 +456,7 @@ class Estimator:
         changed."""
         contacts = fit.unknowns.contacts
         if state.joined is None or not similar(contacts, state.joined[0], fit.operator.pitch):
-            state.joined = contacts, groups(fit, search.allows, search.as_cells(fit))
+            state.joined = contacts, groups(fit, search.allows)
         return state.joined[1]
 
 

@@ -94,11 +94,13 @@ class FirstLook:
 
     def strongest(self, radius: float) -> list[tuple[np.ndarray, float]]:
         """The same of the strongest points that explain most, whatever they leave: an uneven sheet
-        leaves more than small contacts do, and looks like weak ones. None where many are strong."""
+        leaves more than small contacts do, and looks like weak ones. None where many are strong, or
+        some near each other."""
         found = self._slid_to(radius)
         points = self._gathered(found.places, found.strengths)
         strong = [each for each in points if each[1] > _STRONG * points[0][1]]
-        return strong if len(strong) < _SLIDING else []
+        few = len(strong) < _SLIDING and _are_distinct(strong, _DISTINCT * self._operator.pitch)
+        return strong if few else []
 
     @lru_cache(1)
     def _slid_to(self, radius: float) -> _Points:

@@ -5,8 +5,9 @@ only where the readings say that nothing presses between them: a disc that would
 strong for its area as both, is tried. To first order what it may conduct follows from the normal
 equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
 an estimate so large lies within the deviation, both are one. Where first order says no and the gap is narrow, all
-else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Where cells
-explain the readings as well, they tell more, and discs that lie on one contact of theirs are one. Discs that
+else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Two long ones
+are no fingertips, but parts of something; they are two things only if the readings ask for one more
+contact, by the evidence that a contact needs anywhere. Discs that
 touch at some time are one anyway, and two alone were compared with one ellipse before.
 """
 
@@ -17,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from tomotactile_ros.estimation.arrangement import LONG
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
@@ -24,6 +26,7 @@ from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     PARAMETERS,
     RADIUS,
+    STRETCH,
     patches_for,
     stretch,
 )
@@ -31,31 +34,32 @@ from tomotactile_ros.estimation.touch import (
 TOUCHING = 1.15  # of what two contacts reach towards each other: nearer ones are one
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
-_NARROW = 0.5  # spacings: wider gaps show to first order
+_NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, show to first order
 
 
-def groups(
-    fit: Fit, allows: Callable[[Unknowns, Fit], bool], shown: np.ndarray | None = None
-) -> np.ndarray:
+def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarray:
     """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
-    readings of a fit allow other contacts as well, and `shown` (k,), where cells explain them, of
-    which contact of theirs each is."""
+    readings of a fit allow other contacts as well, or do not ask for one contact more than those."""
     contacts = fit.unknowns.contacts
     reach = _reaches(contacts)
     reach = reach + reach.T
     touching = _nearest(fit) < TOUCHING * reach
     gaps = _apart(contacts) - reach
-    if shown is not None:
-        touching |= (gaps < fit.operator.pitch) & (shown[:, None] == shown)
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
         may_be = _filled(fit, near)
         for i, j in near[may_be]:
             touching[i, j] = touching[j, i] = True
-        narrow = near[~may_be & (gaps[tuple(near.T)] < _NARROW * fit.operator.pitch)]
+        long = np.hypot(*contacts[:, STRETCH:].T) > LONG
+        widths = 2 * np.exp(contacts[near, RADIUS].min(axis=1))
+        most = np.minimum(_NARROW * fit.operator.pitch, widths)
+        narrow = near[~may_be & (gaps[tuple(near.T)] < most)]
         for i, j in narrow[np.argsort(gaps[tuple(narrow.T)])]:
             group = connected_components(touching, directed=False)[1]
-            if group[i] != group[j] and allows(_with_fillings(fit, np.array([[i, j]])), fit):
+            if group[i] == group[j]:
+                continue
+            filled = _with_fillings(fit, np.array([[i, j]]))
+            if allows(filled, fit, bool(long[i] and long[j])):
                 touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
 

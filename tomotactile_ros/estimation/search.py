@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 from tomotactile_ros.estimation.arrangement import (
@@ -270,12 +269,13 @@ class Search:
         more = None if fit.unknowns.bond is not None else self._one_more(fit)
         return fit if more is None else self._simplified(more)
 
-    def allows(self, contacts: Unknowns, fit: Fit) -> bool:
-        """Whether the readings of a fit allow other contacts as well, all that is free fitted
-        anew."""
-        self._left, self._known = FIRST_LOOK, None
-        limit = fit.cost + _EXCLUDED * fit.doubt
-        return self._solve(contacts, fit, goal=limit).cost < limit
+    def allows(self, contacts: Unknowns, fit: Fit, fewer: bool) -> bool:
+        """Whether the readings of a fit allow other contacts as well, all that is free fitted anew;
+        `fewer` : or do not ask for one contact more than those."""
+        limit = fit.cost + (self._threshold if fewer else _EXCLUDED) * fit.doubt
+        # to the end: neighbours give way slowly
+        found = solve(self.operator, self._coarse(contacts), fit.rows, fit.prior, most=BUDGET)
+        return found.cost < limit
 
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""
@@ -497,15 +497,6 @@ class Search:
             self._cells = look, self.shapes.fitted(look, rest)
         return self._cells[1]
 
-    def as_cells(self, fit: Fit) -> np.ndarray | None:
-        """(k,) the contact of a shape that each contact of `fit` lies on; None where no cells explain
-        its rows."""
-        shape = None if self._cells is None else self._cells[1]
-        if shape is None or shape.rows is not fit.rows or not explains(shape):
-            return None
-        cells, places = shape.unknowns.contacts[:, :2], fit.unknowns.contacts[:, :2]
-        return groups(shape)[cdist(places, cells).argmin(axis=1)]
-
     def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
@@ -619,8 +610,11 @@ class Search:
         being free, if that explains the readings with a likely one: what few small contacts leave
         over may be the sheet's."""
         if discs is None:
-            discs = self._of_any_size(look.strongest(like.prior.radius), like)
-        if most_together(discs.unknowns.contacts[:, :2], self.operator.pitch) != 1:
+            strongest = look.strongest(like.prior.radius)
+            if not strongest:
+                return None
+            discs = self._of_any_size(strongest, like)
+        elif most_together(discs.unknowns.contacts[:, :2], self.operator.pitch) > 1:
             return None
         linear = Linear(discs, self._known)
         self._known = linear.equations

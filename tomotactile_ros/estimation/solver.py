@@ -130,9 +130,10 @@ def _descend(linear: Contacts, damping: float, chords: int = 0) -> tuple[Fit | N
         work += tried.prediction.size
         if tried.cost < fit.cost:
             return tried, damping / 10, work
-        back, more = _back(linear, tried, chords)
-        work += more
-        if back is not None:
-            return back, max(damping, 1e-4) * 10, work
+        if not tries:
+            back, more = _back(linear, tried, chords)
+            work += more
+            if back is not None:
+                return back, max(damping, 1e-4) * 10, work
         damping = max(damping, 1e-4) * 10
     return None, damping, work
