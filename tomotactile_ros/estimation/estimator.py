@@ -257,7 +257,10 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
-            reason = "something touches, too weakly or too widely to say where"
+            reason = (
+                "something touches, too weakly or too widely to say where; or offsets of the channels "
+                "have changed, which a tare takes off"
+            )
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), fit
 
