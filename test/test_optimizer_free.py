@@ -3,6 +3,7 @@
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
+from tomotactile_ros.optimizer import search as search_module
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.free import free
@@ -238,9 +240,41 @@ def test_last_digits_do_not_decide_what_is_found():
     found = []
     for kind in (Objective, OtherLastDigits):
         search = Search(kind(layout, resolution=20), constraints, True)
-        *_, (positions, _) = search.run(SHORT, 0, map)
+        *_, (positions, *_) = search.run(SHORT, 0, map)
         found.append(positions)
     assert np.array_equal(*found)
+
+
+def test_a_warp_that_cannot_be_is_halved(monkeypatch):
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.002, 1e4)
+    search = Search(Objective(layout, resolution=8), Constraints(SQUARE, 0.0284), True)
+    starts, score = search._starts(8, 0, map)
+    assert score == search.objective.score(search._orbits.positions(starts[0]))
+    assert len(starts) == 8
+    assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(starts, 2))
+    monkeypatch.setattr(search_module, "_HALVINGS", 0)
+    warp = np.random.default_rng(0).uniform(-1, 1, 4) * search_module._SPREAD
+    assert search._warped(starts[:1], warp) is None
+
+
+def test_a_warp_that_ends_at_the_first_start_is_left_out_and_that_is_said():
+    """Two of these only press electrodes against the rim that they lie on."""
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4)
+    request = Request(layout, "free", spacing=0.09, steps=0, resolution=8)
+    with pytest.warns(Doubt, match="starts: 6 instead of 8; for the others there is no room"):
+        history, best = best_of(request.steps_of())
+    assert len(history) == 1 + request.total and best.score < history[0].score
+
+
+@pytest.mark.parametrize("starts", [1, 2])
+def test_every_scaled_layout_is_scored_once(monkeypatch, starts):
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.005, 1e4)
+    objective = Objective(layout, resolution=8)
+    scored = []
+    score = objective.score
+    monkeypatch.setattr(objective, "score", lambda positions: scored.append(1) or score(positions))
+    list(Search(objective, Constraints(SQUARE, 0.011), True).run(Effort(starts, 1, 2, 0), 0, map))
+    assert len(scored) == len(search_module._SCALES)
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,12 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.objective import Objective
-from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
+from tomotactile_ros.support.errors import InputError, doubt
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
 _SPREAD = np.array([0.06, 0.1, 0.1, 0.06])  # of starts: scale, and the amounts of `_warp`
+_HALVINGS = 6  # of a warp that cannot be
 _STEP = 0.02  # unit of lengths, of the mean pitch
 _GRAIN = 1e-3  # of a step: parameters are whole multiples
 _REACHES = 8.0, 4.0  # first radii of probing, in such steps
@@ -76,13 +77,12 @@ class Search:
 
         spread : `map`, or that of an executor
         """
-        starts = self._starts(effort.starts, seed, spread)
-        orbits = find_orbits(starts[0], self.group)
-        parameters = [orbits.parameters(start) for start in starts]
-        step = self._step
-        best, score = parameters[0], self._score(orbits, parameters[0])
-        if self.objective.differentiable:
-            states = [Descending(each, step) for each in parameters]
+        orbits, step = self._orbits, self._step
+        descends = self.objective.differentiable
+        starts, score = self._starts(effort.starts if descends else 1, seed, spread)
+        best = starts[0]
+        if descends:
+            states = [Descending(each, step) for each in starts]
             for _ in range(effort.rounds):
                 states = list(
                     spread(self._descend, repeat(orbits), states, repeat(effort.descents))
@@ -100,6 +100,11 @@ class Search:
             trials = list(spread(self._probe, repeat(orbits), trials, repeat(evaluations)))
             lead = min(trials, key=lambda trial: trial.score)
             yield orbits.positions(lead.best), lead.score
+
+    @cached_property
+    def _orbits(self) -> Orbits:
+        """Of the start, and of all that keeps its symmetries."""
+        return find_orbits(self.objective.reference.positions, self.group)
 
     @cached_property
     def group(self) -> np.ndarray:
@@ -153,9 +158,12 @@ class Search:
         return trial
 
     def _starts(self, count, seed, spread):
-        """(count) layouts to start from: first the best scaled one, then warps of it."""
-        layout, constraints = self.objective.reference, self.constraints
-        orbits = find_orbits(layout.positions, self.group)
+        """Parameters of `count` layouts to start from, first the best scaled one, then warps of it;
+        and the score of the first.
+
+        A warp that cannot be is halved until it can. Where none can there are fewer starts.
+        """
+        layout, constraints, orbits = self.objective.reference, self.constraints, self._orbits
         scaled = [orbits.parameters(layout.positions * scale) for scale in _SCALES]
         first, score = min(spread(self._try, repeat(orbits), scaled), key=lambda each: each[1])
         if not np.isfinite(score):
@@ -163,15 +171,35 @@ class Search:
                 f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m "
                 f"spacing, {constraints.margin:g} m margin and the zones to keep out of"
             )
-        starts = [orbits.positions(first)]
         random = np.random.default_rng(seed)
-        half = np.array(layout.outline.size) / 2
-        while len(starts) < count:
-            scale, *amount = random.uniform(-1, 1, 4) * _SPREAD
-            warped = _warp(starts[0] / half, amount) * half * (1 + scale)
+        starts = [first]
+        for _ in range(count - 1):
+            warped = self._warped(starts, random.uniform(-1, 1, 4) * _SPREAD)
+            if warped is not None:
+                starts.append(warped)
+        if len(starts) < count:
+            doubt(
+                f"starts: {len(starts)} instead of {count}; for the others there is no room beside "
+                f"these with {constraints.spacing:g} m spacing, {constraints.margin:g} m margin and the "
+                "zones to keep out of"
+            )
+        return starts, score
+
+    def _warped(self, starts, warp):
+        """The first start changed by `warp`, or by a half, a quarter, ... of it, so that it is
+        feasible and none of the starts; None where there is no such change."""
+        orbits = self._orbits
+        half = np.array(self.objective.reference.outline.size) / 2
+        for halving in range(_HALVINGS + 1):
+            scale, *amount = warp * 0.5**halving
+            warped = _warp(orbits.positions(starts[0]) / half, amount) * half * (1 + scale)
             moved = self._feasible(orbits, orbits.parameters(warped))
-            starts.append(starts[0] if moved is None else orbits.positions(moved))
-        return starts
+            if moved is None:
+                continue
+            away = np.abs(np.array(starts) - moved).max(axis=1, initial=0.0).min()
+            if away > _GRAIN * self._step:
+                return moved
+        return None
 
 
 def _evaluations(parameters):
