@@ -13,7 +13,6 @@ from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer import step
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.options import START, start_of
@@ -138,38 +137,6 @@ def test_a_figure_that_gets_worse_is_not_paid_for_by_another():
     Found.lengths = start * [0.95, 1.0, 1.0]
     assert objective.score(Found) < 1.0 < 1.2 * traded
     assert objective.score(Found) < traded * np.exp(0.05)
-
-
-def test_a_search_goes_on_where_it_was_and_not_with_another_question(tmp_path):
-    path = tmp_path / "x.search.json"
-    grid = equal_grid(2, 2, SQUARE, 0.005, 1e4, 0.04)
-    constraints = Constraints(grid.outline, 0.02)
-    how = {"constraints": constraints, "rounds": 2, "starts": 1, "places": 3, "resolution": 12}
-    whole = []
-    for each in touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1})):
-        whole.append(each)
-        if each.iteration == 1:
-            state = path.read_text()  # as a stop leaves it
-    assert json.loads(state)["done"] == 1
-    path.write_text(state)
-    resumed = list(touch(grid, **how, checkpoint=Checkpoint(path, {"q": 1}, resume=True)))
-    assert [step.iteration for step in resumed] == [0, 1, 2]
-    assert np.allclose(resumed[-1].layout.positions, whole[-1].layout.positions, atol=1e-9)
-    with pytest.raises(InputError, match="another q"):
-        Checkpoint(path, {"q": 2}, resume=True).taken()
-    path.write_text("{}")
-    with pytest.raises(InputError, match="no state of a search"):
-        Checkpoint(path, {}, resume=True).taken()
-    with pytest.raises(InputError, match="not there"):
-        Checkpoint(tmp_path / "none", {}, resume=True).taken()
-
-
-def test_a_trial_survives_its_file(tmp_path):
-    kept = Checkpoint(tmp_path / "s.json", {"a": [1, 2]})
-    kept.keep(2, [Trial(POOR.positions, 0.004, 0.9, 0.5)])
-    done, (trial,) = replace(kept, resume=True).taken()
-    assert done == 2 and np.array_equal(trial.positions, POOR.positions)
-    assert (trial.radius, trial.score, trial.reach) == (0.004, 0.9, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
+from tomotactile_ros.optimizer.checkpoint import numbers
+
 _BOX = 8.0  # steps to each side: the first box of L-BFGS-B
 _SMALLEST = 0.1  # steps: boxes below it are not searched
 _FINEST = 1 / 16  # of the first radius of COBYLA: that at which it ends
@@ -38,6 +40,25 @@ class Descending:
         self._gradient = np.zeros_like(self.best)
         self._box = _BOX * step
         self._smallest = _SMALLEST * step
+
+    def plain(self) -> dict:
+        """The whole state, plain values."""
+        return {
+            "best": self.best.tolist(),
+            "score": self.score,
+            "gradient": self._gradient.tolist(),
+            "box": self._box,
+        }
+
+    @classmethod
+    def read(cls, plain: dict, count: int, step: float) -> Descending:
+        """From plain values and `count` parameters; ValueError, KeyError or TypeError where they are
+        no such state."""
+        search = cls(numbers(plain, "best", (count,)), step)
+        search.score = float(numbers(plain, "score"))
+        search._gradient = numbers(plain, "gradient", (count,))
+        search._box = float(numbers(plain, "box"))
+        return search
 
     def run(self, value_and_gradient: Callable, feasible: Callable, evaluations: int) -> None:
         """So many more evaluations, or fewer where the search is at its end.
@@ -108,6 +129,28 @@ class Probing:
         self._signs = random.choice([-1.0, 1.0], len(self.best))
         self._begin()
 
+    def plain(self) -> dict:
+        """The whole state, but for what comes of the seed; plain values."""
+        return {
+            "best": self.best.tolist(),
+            "score": self.score,
+            "reach": self._reach,
+            "start": self._start.tolist(),
+            "first": self._first,
+            "known": [[*moves, score] for moves, score in self._known.items()],
+        }
+
+    @classmethod
+    def read(cls, plain: dict, count: int, step: float, seed=0) -> Probing:
+        """From plain values and `count` parameters; ValueError, KeyError or TypeError where they are
+        no such state."""
+        score, reach, first = (float(numbers(plain, name)) for name in ("score", "reach", "first"))
+        search = cls(numbers(plain, "best", (count,)), score, step, reach, seed)
+        search._start, search._first = numbers(plain, "start", (count,)), first
+        known = numbers(plain, "known", (None, count + 1)).tolist()
+        search._known = {tuple(moves): score for *moves, score in known}
+        return search
+
     def run(self, attempt: Callable, evaluations: int) -> None:
         """So many more evaluations, or fewer where the search is at its end.
 
@@ -117,7 +160,7 @@ class Probing:
 
         def score(moves):
             nonlocal left
-            key = _rounded(moves).tobytes()
+            key = tuple(_rounded(moves).tolist())
             if key not in self._known:
                 if not left:
                     raise _Enough
@@ -142,7 +185,7 @@ class Probing:
     def _begin(self):
         """COBYLA once more, from the best."""
         self._start, self._first = self.best, self.score
-        self._known = {_rounded(np.zeros(len(self.best))).tobytes(): float(_rounded(self.score))}
+        self._known = {(0.0,) * len(self.best): float(_rounded(self.score))}
 
 
 class _Enough(Exception):

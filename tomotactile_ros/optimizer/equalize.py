@@ -21,7 +21,8 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilaterals
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -30,7 +31,12 @@ _HALVINGS = 6
 
 
 def equalize(
-    layout: Layout, updates: int = 5, *, select: str = SELECTIONS[0], **evaluation
+    layout: Layout,
+    updates: int = 5,
+    *,
+    select: str = SELECTIONS[0],
+    checkpoint: Checkpoint | None = None,
+    **evaluation,
 ) -> Iterator[Step]:
     """Equalize the resolution of a grid of electrodes on a rectangle.
 
@@ -39,24 +45,43 @@ def equalize(
     layout : R x C electrodes, row by row from the lower left, symmetric under the sheet's mirrors
     updates : how many; every one costs one evaluation
     select : one of `SELECTIONS`
+    checkpoint : where the state is kept after every update, and taken from
     evaluation : keywords of `evaluate_layout`
 
     Yields the start and every update. Ends early where no valid layout is left in the wanted
-    direction.
+    direction. A search that goes on yields the start and the best of the updates that are done.
 
     Raises InputError for layouts that the method cannot treat.
     """
     checks.integer(updates, "updates", 0, 1000)
     shape = _checked_shape(layout)
-    clock = Clock(updates)
+    state = None if checkpoint is None else checkpoint.taken(updates, layout.electrodes)
+    done = 0 if state is None else state.done
+    clock = Clock(updates, after_resuming(updates, done))
+
+    def moved(positions):
+        return evaluate_layout(replace(layout, positions=positions), **evaluation)
+
     quality = evaluate_layout(layout, **evaluation)
     yield clock.step(0, quality, _score(quality, select))
-    for iteration in range(1, updates + 1):
-        layout = _update(quality, shape)
-        if layout is None:
+    best = Trial(layout.positions, layout.radius, np.inf)
+    if state is not None:
+        best = state.best
+        quality = moved(best.positions)
+        yield clock.step(done, quality, best.score)
+        last = state.trials[0].positions
+        if not np.array_equal(last, best.positions):
+            quality = moved(last)
+    for iteration in range(done + 1, updates + 1):
+        updated = _update(quality, shape)
+        if updated is None:
             return
-        quality = evaluate_layout(layout, **evaluation)
-        yield clock.step(iteration, quality, _score(quality, select))
+        quality = evaluate_layout(updated, **evaluation)
+        last = Trial(updated.positions, updated.radius, _score(quality, select))
+        best = min(best, last, key=lambda each: each.score)
+        if checkpoint is not None:
+            checkpoint.keep(iteration, [last], best)
+        yield clock.step(iteration, quality, last.score)
 
 
 def _score(quality, select):

@@ -12,17 +12,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import doubt
 
@@ -40,6 +42,7 @@ def free(
     effort: Effort | None = None,
     seed: int = 0,
     executor: Executor | None = None,
+    checkpoint: Checkpoint | None = None,
     resolution: int = RESOLUTION,
 ) -> Iterator[Step]:
     """Search for a better layout.
@@ -52,10 +55,12 @@ def free(
     constraints : by default only a spacing of 2.2 radii
     symmetric : keep the symmetries that layout and outline share
     executor : any `concurrent.futures` executor; the result does not depend on it
+    checkpoint : where the state is kept after every round and probe, and taken from
     resolution : contact positions along the longer side
 
     Yields the start (iteration 0) and the best layout after each round and probe; its score is
-    1 for the aims, lower is better.
+    1 for the aims, lower is better. A search that goes on yields the start and the best of what is
+    done.
 
     Raises InputError for constraints that cannot be met.
     """
@@ -64,21 +69,35 @@ def free(
     checks.positive(regularization, "regularization", "number")
     objective = Objective(layout, regularization, aims, resolution=resolution)
     effort = effort or effort_for(layout)
-    clock = Clock(effort.total(layout))
-    positions, best = layout.positions, objective.score(layout.positions)
-    allowed = constraints.kept_by(positions)
-    search = Search(objective, constraints, symmetric)
+    search, total = Search(objective, constraints, symmetric), effort.total(layout)
+    state = None
+    if checkpoint is not None:
+        read = partial(search.read, effort, seed)
+        state = checkpoint.taken(total, layout.electrodes, read)
+    done = 0 if state is None else state.done
+    clock = Clock(total, after_resuming(total, done))
+    best = Trial(layout.positions, layout.radius, objective.score(layout.positions))
+    allowed = constraints.kept_by(best.positions)
     _say_what_is_dropped(search)
     how = {"regularization": regularization, "resolution": resolution}
-    yield clock.step(0, evaluate_layout(layout, **how), best, allowed)
+
+    def moved():
+        return evaluate_layout(replace(layout, positions=best.positions, provenance={}), **how)
+
+    yield clock.step(0, evaluate_layout(layout, **how), best.score, allowed)
     if not allowed:
-        best = np.inf
+        best = replace(best, score=np.inf)
+    if state is not None:
+        best = state.best
+        yield clock.step(done, moved(), best.score)
     spread = map if executor is None else executor.map
-    for iteration, (found, score) in enumerate(search.run(effort, seed, spread), 1):
-        if score < best - _SAME:
-            positions, best = found, score
-        moved = replace(layout, positions=positions, provenance={})
-        yield clock.step(iteration, evaluate_layout(moved, **how), best)
+    found = search.run(effort, seed, spread, state)
+    for iteration, (positions, score, trials) in enumerate(found, done + 1):
+        if score < best.score - _SAME:
+            best = replace(best, positions=positions, score=score)
+        if checkpoint is not None:
+            checkpoint.keep(iteration, trials, best)
+        yield clock.step(iteration, moved(), best.score)
 
 
 def _say_what_is_dropped(search):

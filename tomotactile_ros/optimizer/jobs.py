@@ -114,12 +114,14 @@ class Move(Job):
             electrodes = self.start.electrodes
             memory.check(busy * MEMORY * electrodes, f"{busy} processes at {electrodes} electrodes")
         self._history: list[Step] = []
+        self._ended = False
 
     def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
         for step in self.request.steps_of(executor):
             self._history.append(step)
             figures = {"score": step.score, "eta": step.eta}
             yield Stage(step.iteration, _note(step), figures, step.hwhm_map)
+        self._ended = True
 
     @property
     def has_result(self) -> bool:
@@ -133,11 +135,11 @@ class Move(Job):
         best = [step for step in history if step.best][-1]
         command = command_of(request.method, self.values)
         request.result(self.name, history, best, command=command).save(self.out)
-        done = len(history) - 1
+        done = history[-1].iteration
         if done < request.total:
             yield f"ended after {done} of {request.total} steps; the best so far is kept"
-            if request.method == "touch":
-                yield f"{self.mark}resume, with the same options, goes on"
+        if done < request.total and not self._ended:
+            yield f"{self.mark}resume, with the same options, goes on"
         elif request.state_file is not None:
             request.state_file.unlink(missing_ok=True)  # there is nothing to go on with
         title = f"{self.start.name} -> {self.name}, method {request.method}"

@@ -233,9 +233,9 @@ SEARCH = (
     Option(
         "resume",
         bool,
-        "Of touch: go on where a search that was stopped has been",
+        "Go on where a search of touch, free or equalize that was stopped has been",
         False,
-        methods=("touch",),
+        methods=METHODS,
     ),
     Option(
         "aims",
@@ -383,7 +383,7 @@ def request_of(
 ) -> Request:
     """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places.
 
-    state_file : where a search keeps its state after every round
+    state_file : where a search keeps its state after every step
     """
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")

@@ -63,8 +63,8 @@ class Request:
     noise : of touch, of a reading, V rms; None for the default
     contact_radius : of touch, of the contacts, m; None for the default
     apart : of touch, distance of two contacts that are to be told apart, m; None for the default
-    resume : of touch, go on from `state_file`
-    state_file : of touch, where the state is kept after every round; None: nowhere
+    resume : go on from `state_file`
+    state_file : where the state is kept after every step; None: nowhere
     """
 
     layout: Layout
@@ -99,13 +99,15 @@ class Request:
         checks.integer(self.seed, "seed", 0, 2**32 - 1)
         checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
         checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
+        if self.resume and self.state_file is None:
+            raise InputError("resume: there is no file with the state of a search")
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
             raise InputError("spacing, margin and keep_out: only methods touch and free know them")
         if self.method != "equalize":
             largest = self.radius_range[1] if self.radius_range else self.layout.radius
             self._constraints().check(self.layout.electrodes, largest)
         if self.method != "touch":
-            for name in ("fixed", "radius_range", "noise", "contact_radius", "apart", "resume"):
+            for name in ("fixed", "radius_range", "noise", "contact_radius", "apart"):
                 if getattr(self, name):
                     raise InputError(f"{name}: only method touch knows it")
             return
@@ -117,8 +119,6 @@ class Request:
                 f"apart: no pair of contacts that is tried has room on this sheet {self.apart:g} m from "
                 "each other"
             )
-        if self.resume and self.state_file is None:
-            raise InputError("resume: there is no file with the state of a search")
 
     def _check_radii(self) -> None:
         if self.radius_range is None:
@@ -144,6 +144,7 @@ class Request:
                 self.layout,
                 self.total,
                 select=self.select,
+                checkpoint=self._checkpoint(),
                 regularization=self.regularization,
                 resolution=self.resolution,
             )
@@ -170,6 +171,7 @@ class Request:
             effort=self._effort(),
             seed=self.seed,
             executor=executor,
+            checkpoint=self._checkpoint(),
             resolution=self.resolution,
         )
 
@@ -230,7 +232,10 @@ class Request:
     def _checkpoint(self) -> Checkpoint | None:
         if self.state_file is None:
             return None
-        asked = self.settings() | {"start": self.layout.id}
+        asked = {"method": self.method} | self.settings() | {"start": self.layout.id}
+        asked["sheet_resistance"] = self.layout.sheet_resistance
+        if self.method != "touch":  # which goes by no images
+            asked |= {"regularization": self.regularization, "resolution": self.resolution}
         return Checkpoint(self.state_file, asked, self.resume)
 
     def _effort(self) -> Effort:

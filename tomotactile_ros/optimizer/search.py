@@ -8,7 +8,7 @@ with scores from finite elements, twice side by side with different first radii.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import repeat
@@ -16,6 +16,7 @@ from itertools import repeat
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.optimizer.checkpoint import Kept, State
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.objective import Objective
@@ -72,34 +73,58 @@ class Search:
     constraints: Constraints
     symmetric: bool
 
-    def run(self, effort: Effort, seed: int, spread) -> Iterator[tuple[np.ndarray, float]]:
-        """Positions (E, 2) and score of the best so far, after every round and probe.
+    def run(
+        self, effort: Effort, seed: int, spread, state: State | None = None
+    ) -> Iterator[tuple[np.ndarray, float, Sequence[Kept]]]:
+        """Positions (E, 2) and score of the best so far, after every round and probe, and what goes
+        on from there.
 
         spread : `map`, or that of an executor
+        state : to go on from; its trials are those of `read`
         """
-        orbits, step = self._orbits, self._step
-        descends = self.objective.differentiable
-        starts, score = self._starts(effort.starts if descends else 1, seed, spread)
-        best = starts[0]
-        if descends:
-            states = [Descending(each, step) for each in starts]
-            for _ in range(effort.rounds):
-                states = list(
-                    spread(self._descend, repeat(orbits), states, repeat(effort.descents))
-                )
-                states = sorted(states, key=lambda state: state.score)[: (len(states) + 1) // 2]
-                best, score = states[0].best, states[0].score
-                yield orbits.positions(best), score
-            step /= 4
-        trials = [
-            Probing(best, score, step, reach, (seed, number))
-            for number, reach in enumerate(_REACHES)
-        ]
+        orbits, rounds = self._orbits, self._rounds(effort)
+        trials: list
+        if state is None:
+            done = 0
+            starts, score = self._starts(effort.starts if rounds else 1, seed, spread)
+            best, trials = starts[0], [Descending(each, self._step) for each in starts]
+        else:
+            done, trials = state.done, list(state.trials)
+            best, score = trials[0].best, trials[0].score
+        for _ in range(done, rounds):
+            trials = list(spread(self._descend, repeat(orbits), trials, repeat(effort.descents)))
+            trials = sorted(trials, key=lambda each: each.score)[: (len(trials) + 1) // 2]
+            best, score = trials[0].best, trials[0].score
+            yield orbits.positions(best), score, trials
+        if done <= rounds:
+            trials = [
+                Probing(best, score, self._probing_step, reach, (seed, number))
+                for number, reach in enumerate(_REACHES)
+            ]
         evaluations = _evaluations(len(best))
-        for _ in range(effort.probes):
+        for _ in range(max(done, rounds), rounds + effort.probes):
             trials = list(spread(self._probe, repeat(orbits), trials, repeat(evaluations)))
             lead = min(trials, key=lambda trial: trial.score)
-            yield orbits.positions(lead.best), lead.score
+            yield orbits.positions(lead.best), lead.score, trials
+
+    def read(self, effort: Effort, seed: int, done: int, plain: list[dict]) -> Sequence[Kept]:
+        """What `run` has left after `done` rounds and probes, from plain values.
+
+        Raises ValueError, KeyError or TypeError where they are nothing of that kind.
+        """
+        count = self._orbits.matrix.shape[1]
+        if done <= self._rounds(effort):
+            return [Descending.read(each, count, self._step) for each in plain]
+        if len(plain) != len(_REACHES):
+            raise ValueError(f"trials: {len(plain)}, where {len(_REACHES)} are needed")
+        return [
+            Probing.read(each, count, self._probing_step, (seed, number))
+            for number, each in enumerate(plain)
+        ]
+
+    def _rounds(self, effort):
+        """Of descent, for which there has to be a gradient."""
+        return effort.total(self.objective.reference) - effort.probes
 
     @cached_property
     def _orbits(self) -> Orbits:
@@ -122,6 +147,10 @@ class Search:
         """Unit of lengths of the searches, m."""
         layout = self.objective.reference
         return _STEP * np.sqrt(layout.outline.area / layout.electrodes)
+
+    @property
+    def _probing_step(self) -> float:
+        return self._step / 4 if self.objective.differentiable else self._step
 
     def _feasible(self, orbits, parameters):
         """Parameters nearby that obey the constraints, or None.

@@ -88,6 +88,12 @@ class Clock:
         return Step(iteration, self.total, quality, float(score), best, left, posterior)
 
 
+def after_resuming(total: int, done: int) -> list[float]:
+    """Efforts of the start and `total` steps that are alike, where `done` were taken from a file: the
+    best of these is evaluated once more, as the start is."""
+    return [1.0, *(float(number >= done) for number in range(1, total + 1))]
+
+
 def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
     """Run an optimization; Ctrl-C after the first step ends it and keeps what is there.
 

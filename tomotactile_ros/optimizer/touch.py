@@ -225,13 +225,15 @@ def touch(
     evaluation : keywords of `evaluate_layout`, for the images that are shown beside
 
     Yields the start (iteration 0) and the best layout after each round; a score below 1 is better
-    than the start, at places that the search does not see.
+    than the start, at places that the search does not see. A search that goes on yields the best of
+    the rounds that are done in the place of the last of these.
 
     Raises InputError for constraints that cannot be met.
     """
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
-    done, trials = checkpoint.taken() if checkpoint is not None else (0, [])
+    state = checkpoint.taken(rounds, layout.electrodes) if checkpoint is not None else None
+    done = 0 if state is None else state.done
     clock = Clock(
         rounds, [2, *(_evaluations(number, starts, done) for number in range(1, rounds + 1))]
     )
@@ -245,28 +247,32 @@ def touch(
     yield clock.step(0, evaluate_layout(layout, **evaluation), 1.0, allowed, found)
     objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
-    if not trials:
+    if state is None:
         trials = [each for each in spread(search.first, range(starts)) if each is not None]
+    else:
+        trials = list(state.trials)
     if not trials:
         raise InputError(
             f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m spacing, "
             f"{constraints.margin:g} m margin and the zones to keep out of; where there is room, another "
             "start helps, for instance fewer electrodes or, with electrodes, a larger inset"
         )
-    judged = trials
-    known = {_key(layout): (Trial(layout.positions, layout.radius, 1.0), found)}  # at these places
+    judged = trials if state is None else [state.best]  # the starts as they are, too
+    lead = Trial(layout.positions, layout.radius, np.inf)  # of what is handed over
+    known = {_key(layout): (replace(lead, score=1.0), found)}  # at these places
     for number in range(max(done, 1), rounds + 1):
         if number > done:
             moves = _moves(number)
             evaluations = _EVALUATIONS + moves
             trials = list(spread(search.improve, trials, repeat(moves), repeat(evaluations)))
             trials = sorted(trials, key=lambda each: each.score)[: max(len(trials) // 2, 2)]
-            if checkpoint is not None:
-                checkpoint.keep(number, trials)
-        judged = judged + trials if number == 1 else trials  # the starts as they are, too
+            judged = judged + trials if number == 1 else trials
         new = list({_key(each): each for each in judged if _key(each) not in known}.values())
         known |= zip(map(_key, new), spread(judge.judge, new), strict=True)
         best, found = min((known[_key(each)] for each in judged), key=lambda each: each[0].score)
+        lead = min(lead, best, key=lambda each: each.score)
+        if checkpoint is not None and number > done:
+            checkpoint.keep(number, trials, lead)
         moved = replace(layout, positions=best.positions, radius=best.radius, provenance={})
         quality = evaluate_layout(moved, **evaluation)
         yield clock.step(number, quality, best.score, posterior=found)
@@ -280,10 +286,11 @@ def _moves(number):
 def _evaluations(number, starts, done):
     """About so many evaluations there are in round `number`, where `done` rounds were taken from a
     file."""
+    if number <= done:
+        return int(number == done)  # the best so far is looked at once more
     trials = starts if number == 1 else min(starts, max(starts // 2 ** (number - 1), 2))
-    first = starts - 1 if number == max(done, 1) and not done else 0
-    improved = trials * (_EVALUATIONS + _moves(number) - 1) if number > done else 0
-    return first + improved + trials
+    first = starts - 1 if number == 1 else 0
+    return first + trials * (_EVALUATIONS + _moves(number))
 
 
 def _key(electrodes: Layout | Trial) -> tuple[bytes, float]:
