@@ -99,7 +99,9 @@ PLACES = {
     "across an electrode's rim": pressed(contact(-0.0655, 0.0333, 0.004)),
     "near each other": pressed(contact(0.03, 0.02, 0.005), contact(0.045, 0.02, 0.005)),
     "across the sheet's rim": pressed(contact(0.097, 0.02, 0.005)),
-    "beside a stronger one": pressed(contact(0.031, 0.02, 0.008, 3e4), contact(0.051, 0.031, 0.004)),
+    "beside a stronger one": pressed(
+        contact(0.031, 0.02, 0.008, 3e4), contact(0.051, 0.031, 0.004)
+    ),
     "over an electrode": pressed(contact(*OPERATOR.layout.positions[9], 0.008, 2e4)),
 }
 

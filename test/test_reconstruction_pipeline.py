@@ -4,7 +4,6 @@ the way."""
 import re
 import warnings
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -525,7 +524,9 @@ def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
     voltages = Simulator(layout, scene).frame(0.0) + offset
     result = Pipeline(layout, Settings(profile)).process(voltages, GROUNDED[:16], DRIVE)
     assert result.state == "withheld" and not result.contacts
-    assert re.search("too (little|weakly or too widely) to (tell|say) where.*a tare takes off", result.reason)
+    assert re.search(
+        "too (little|weakly or too widely) to (tell|say) where.*a tare takes off", result.reason
+    )
 
 
 def test_rows_go_on_when_a_channel_is_left_out():

@@ -16,7 +16,6 @@ squares; Chen et al. 1989).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -82,6 +81,7 @@ class FirstLook:
         self._currents = _Currents(operator, rows, gain, offset)
         self._gains = self._currents.gains_of(share)
         self._total = self._currents.wanted @ self._currents.wanted
+        self._few: tuple[float, _Points] | None = None  # the last answer of `_slid_to`
 
     def points(self, radius: float) -> list[tuple[np.ndarray, float]] | None:
         """Place (2,), m, and conductance, S, of points that explain all but what these leave of small
@@ -102,9 +102,13 @@ class FirstLook:
         few = len(strong) < _SLIDING and _are_distinct(strong, _DISTINCT * self._operator.pitch)
         return strong if few else []
 
-    @lru_cache(1)
     def _slid_to(self, radius: float) -> _Points:
-        """Few points of `radius`, m, of which no further one explains anything."""
+        """Few points of `radius`, m, beside which no further one explains anything; worked out once."""
+        if self._few is None or self._few[0] != radius:
+            self._few = radius, self._few_points(radius)
+        return self._few[1]
+
+    def _few_points(self, radius: float) -> _Points:
         found = _Points(np.empty((0, 2)), np.empty(0), self._currents.wanted)
         enough = _EXPLAINED * self._total
         settled = False
