@@ -180,9 +180,11 @@ def nearest(row: Row, place) -> float:
     )
 
 
-def onset(sensor: Sensor, touches: int, beside: bool) -> Tally:
-    """Touches that begin and end at random rows, from nothing or beside a resting one."""
-    random, tally = np.random.default_rng(16 + beside), Tally()
+def onset(sensor: Sensor, touches: int, beside: bool, draw: int) -> Tally:
+    """Touches that begin and end at random rows, from nothing or beside a resting one; others for each
+    number of a `draw`."""
+    seed = 16 + beside
+    random, tally = np.random.default_rng([seed, draw] if draw else seed), Tally()
     for touch in range(touches):
         held = anywhere(random)
         place = anywhere(random, held)
@@ -338,12 +340,13 @@ HEAD = [
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--touches", type=int, default=50, help="of each case")
+    parser.add_argument("--draw", type=int, default=0, help="which touches that begin and end")
     parser.add_argument("--idle", type=int, default=20_000, help="rows where nothing happens")
     parser.add_argument("--late", type=int, default=24, help="rows until a frame is estimated")
     parser.add_argument("--order", choices=("jumping", "turn", "adaptive"), default="jumping")
     cases = {
-        "onset from nothing": lambda s, n: onset(s, n, False),
-        "onset beside one": lambda s, n: onset(s, n, True),
+        "onset from nothing": lambda s, n: onset(s, n, False, args.draw),
+        "onset beside one": lambda s, n: onset(s, n, True, args.draw),
         **{f"{v:g} m/s": lambda s, n, v=v: moving(s, n, v) for v in SPEEDS},
         "passing at 20 mm": lambda s, n: crossing(s, n),
         "three resting": lambda s, n: several(s, args.idle // 20, 3),
