@@ -94,13 +94,16 @@ class FirstLook:
 
     def strongest(self, radius: float) -> list[tuple[np.ndarray, float]]:
         """The same of the strongest points that explain most, whatever they leave: an uneven sheet
-        leaves more than small contacts do, and looks like weak ones. None where many are strong, or
-        some near each other."""
+        leaves more than small contacts do, and looks like weak ones or like a second one beside a
+        single strong one. None where many are strong, or some of several near each other."""
         found = self._slid_to(radius)
         points = self._gathered(found.places, found.strengths)
         strong = [each for each in points if each[1] > _STRONG * points[0][1]]
-        few = len(strong) < _SLIDING and _are_distinct(strong, _DISTINCT * self._operator.pitch)
-        return strong if few else []
+        least = _DISTINCT * self._operator.pitch
+        if len(strong) < _SLIDING and _are_distinct(strong, least):
+            return strong
+        single = not any(_are_distinct([strong[0], each], least) for each in strong[1:])
+        return strong[:1] if single else []
 
     def _slid_to(self, radius: float) -> _Points:
         """Few points of `radius`, m, beside which no further one explains anything; worked out once."""
