@@ -42,9 +42,7 @@ INSIDE = 0.085  # m: centres are at most so far from the middle along each side
 SPEEDS = (0.2, 0.5, 1.0)  # m/s
 AFTER = (1, 2, 4, 12)  # rows
 FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
-BESIDE = (
-    2 * ROWS
-)  # rows after which a resting contact is known: those of a frame, and until it is told
+BESIDE = 2 * ROWS  # rows: a frame, and some until it is told, after which what rests is known
 SETTLED = 30  # rows after which velocities are judged
 PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
 

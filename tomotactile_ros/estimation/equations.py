@@ -95,7 +95,7 @@ class Contacts:
         self.flat = (contacts * fit.rows.weights).reshape(self.free, fit.misfit.size)
         curvature, pull = contact_priors(fit)
         self.normal = self.flat @ contacts.reshape(self.flat.shape).T + curvature
-        self.right = self.flat @ fit.misfit.ravel() + pull
+        Contacts._aim(self, pull)
         self.beside = 0.0
         self.stiffness: np.ndarray | float = 1.0
 
@@ -103,8 +103,12 @@ class Contacts:
         """The same derivatives with the right side of a fit nearby: a chord for a tangent."""
         other = copy(self)
         other.fit = fit
-        other.right = self.flat @ fit.misfit.ravel() + contact_priors(fit)[1]
+        other._aim(contact_priors(fit)[1])
         return other
+
+    def _aim(self, pull: np.ndarray) -> None:
+        """The right side, of what the fit leaves over and `pull` (F,) of the contacts' priors."""
+        self.right = self.flat @ self.fit.misfit.ravel() + pull
 
     def step(self, damping: float) -> Unknowns:
         """Where the damped step leads."""
@@ -259,14 +263,7 @@ class Linear(Contacts):
         self.equations, self.normal, self.stiffness = known, known.normal, known.stiffness
         self._aim(pull)
 
-    def about(self, fit: Fit) -> Linear:
-        other = copy(self)
-        other.fit = fit
-        other._aim(contact_priors(fit)[1])
-        return other
-
     def _aim(self, pull: np.ndarray) -> None:
-        """The right side, of what the fit leaves over and `pull` (F,) of the contacts' priors."""
         fit, known = self.fit, self.equations
         sensor = -fit.prior.pull(fit.prior.apart(fit.unknowns))
         modes, misfit = fit.operator.modes, fit.misfit.ravel()

@@ -22,9 +22,11 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
+    ANYWHERE,
     Estimate,
     contacts_of,
     joined,
+    may_be_anywhere,
 )
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
@@ -257,10 +259,9 @@ class Estimator:
             state.forget()
             return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
-            reason = (
-                "something touches, too weakly or too widely to say where; or offsets of the channels "
-                "have changed, which a tare takes off"
-            )
+            reason = "something touches, too weakly or too widely to say where"
+            if _may_be_anywhere(fit):
+                reason = ANYWHERE
             return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), fit
 
@@ -471,6 +472,15 @@ def _too_noisy(estimate: Estimate, noise: float, readings: int) -> Estimate:
 def _explains(fit: Fit) -> bool:
     """Whether contacts explain rows with a sensor that is likely."""
     return fit.chi_squared + fit.of_sensor < _CHANGING * fit.rows.count
+
+
+def _may_be_anywhere(fit: Fit) -> bool:
+    """Whether that is so of one of its discs."""
+    free = fit.unknowns.free
+    variances = np.zeros(free.shape)
+    variances[free] = fit.covariance.diagonal()[: np.count_nonzero(free)]
+    places = (np.diag(each) for each in variances[:, :CONDUCTANCE])
+    return any(may_be_anywhere(each, fit.operator.layout) for each in places)
 
 
 def _below_zero(fit: Fit) -> float:

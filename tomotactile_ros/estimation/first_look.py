@@ -95,7 +95,7 @@ class FirstLook:
     def strongest(self, radius: float) -> list[tuple[np.ndarray, float]]:
         """The same of the strongest points that explain most, whatever they leave: an uneven sheet
         leaves more than small contacts do, and looks like weak ones or like a second one beside a
-        single strong one. None where many are strong, or some of several near each other."""
+        single strong one. Empty where many are strong, or some of several near each other."""
         found = self._slid_to(radius)
         points = self._gathered(found.places, found.strengths)
         strong = [each for each in points if each[1] > _STRONG * points[0][1]]

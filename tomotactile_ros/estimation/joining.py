@@ -4,11 +4,11 @@ A palm, a plate or a ring is found as several discs beside each other. Two discs
 only where the readings say that nothing presses between them: a disc that would fill the gap, as
 strong for its area as both, is tried. To first order what it may conduct follows from the normal
 equations of the fit with it, all else of contacts, sheet and channels free (Schur complement): if
-an estimate so large lies within the deviation, both are one. Where first order says no and the gap is narrow, all
-else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Two long ones
-are no fingertips, but parts of something; they are two things only if the readings ask for one more
-contact, by the evidence that a contact needs anywhere. Discs that
-touch at some time are one anyway, and two alone were compared with one ellipse before.
+an estimate so large lies within the deviation, both are one. Where first order says no and the gap is
+narrow, all else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Two
+long ones are no fingertips, but parts of something; they are two things only if the readings ask for
+one more contact, by the evidence that a contact needs anywhere. Discs that touch at some time are one
+anyway, and two alone were compared with one ellipse before.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import numpy as np
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED
 from tomotactile_ros.estimation.touch import RADIUS, X, Y
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
 # standard deviations of ln c, or of what that leads to in a bare conductor: below, it is not known
@@ -29,6 +30,10 @@ CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
 # tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
 BARE, _LEAST_WAY = 0.2, 0.4
+ANYWHERE = (
+    "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
+    "of the channels, which a tare takes off"
+)
 MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 
 
@@ -145,6 +150,12 @@ def _contact(
         float(1 - np.exp(-certainty / 2)),
         tuple(u.rates[i, :2].tolist()),
     )
+
+
+def may_be_anywhere(covariance, layout: Layout) -> bool:
+    """Whether one standard deviation of a contact's place, with `covariance` (2, 2), m², is more than
+    half of the sheet."""
+    return bool(np.trace(covariance) > (max(layout.outline.size) / 2) ** 2)
 
 
 def told(conductance: float, mean: float, resistance: float) -> tuple[float, bool]:

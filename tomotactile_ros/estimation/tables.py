@@ -265,10 +265,11 @@ class MutualTable:
     def _logarithm(self, places, radii, own_only=False):
         """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,)
         its diagonal only."""
-        scale, size = -self._resistance / (4 * np.pi), np.array(self._outline.size)
+        scale = -self._resistance / (4 * np.pi)
         mutual = radii**2 if own_only else np.add.outer(radii**2, radii**2) / 2
         reach = FAR * mutual.max()
-        along = [self._mirror_distances(places[:, i], size[i], own_only) for i in range(2)]
+        at = places if own_only else places[:, None]
+        along = [self._mirror_ways(at[..., i], places[:, i], i) ** 2 for i in range(2)]
         product = 1.0
         for i, across in enumerate(along[0]):
             for j, up in enumerate(along[1]):
@@ -296,7 +297,7 @@ class MutualTable:
     def _logarithm_slope(self, places, radii, others, other_radii):
         """The part of `slope` with logarithms."""
         mutual = np.add.outer(radii**2, other_radii**2) / 2
-        apart = [self._mirror_ways(places[:, i], others[:, i], i) for i in range(2)]
+        apart = [self._mirror_ways(places[:, [i]], others[:, i], i) for i in range(2)]
         squared = apart[0][:, None] ** 2 + apart[1] ** 2
         inverse = 1 / np.maximum(squared, _TINY)
         grown = np.zeros(mutual.shape)
@@ -312,11 +313,11 @@ class MutualTable:
         return -scale * np.array(ways), scale * grown
 
     def _mirror_ways(self, at, to, axis: int) -> np.ndarray:
-        """(3 or 1, P, Q) ways along one axis to `to` (Q,) and to its images in both rims, from `at`
-        (P,), m; their derivatives by `at` are 1."""
-        ways = [np.subtract.outer(at, to)]
+        """(3 or 1, ...) ways along one axis from `at` to `to` and to its images in both rims, m, as the
+        two broadcast; their derivatives by `at` are 1."""
+        ways = [at - to]
         if self._outline.is_uniform_rectangle:
-            sums, side = np.add.outer(at, to), self._outline.size[axis]
+            sums, side = at + to, self._outline.size[axis]
             ways += [sums + side, sums - side]
         return np.array(ways)
 
@@ -351,15 +352,6 @@ class MutualTable:
         ]
         return self._resistance / (4 * np.pi) * np.array(out)
 
-    def _mirror_distances(self, at, side, own_only):
-        """Squared distances along one axis to places and to their images in both rims, m²."""
-        if not self._outline.is_uniform_rectangle:
-            return [np.zeros_like(at) if own_only else np.subtract.outer(at, at) ** 2]
-        if own_only:
-            return [np.zeros_like(at), (2 * at + side) ** 2, (2 * at - side) ** 2]
-        sums = np.add.outer(at, at)
-        return [np.subtract.outer(at, at) ** 2, (sums + side) ** 2, (sums - side) ** 2]
-
     def _own_part(self, places, radii):
         """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
         points, weights, _ = self._coarse.stencil(places)
@@ -373,14 +365,17 @@ class MutualTable:
 
     def _nearness(self, squared):
         """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
-        far = np.clip((np.sqrt(squared) / self._pitch - _CLOSE[0]) / (_CLOSE[1] - _CLOSE[0]), 0, 1)
+        far = self._fading(squared)
         return 1 - far**2 * (3 - 2 * far)
 
     def _nearness_slope(self, squared):
         """Change of `_nearness` with the squared distance, 1/m²."""
-        distance, wide = np.sqrt(squared), _CLOSE[1] - _CLOSE[0]
-        far = np.clip((distance / self._pitch - _CLOSE[0]) / wide, 0, 1)
-        return -6 * far * (1 - far) / (2 * distance * self._pitch * wide)
+        far, width = self._fading(squared), self._pitch * (_CLOSE[1] - _CLOSE[0])
+        return -3 * far * (1 - far) / (np.sqrt(squared) * width)
+
+    def _fading(self, squared):
+        """How far `squared` distances, m², are between those where electrodes begin and end to fade."""
+        return np.clip((np.sqrt(squared) / self._pitch - _CLOSE[0]) / (_CLOSE[1] - _CLOSE[0]), 0, 1)
 
     def _induced(self, places):
         """(P, P) what floating electrodes close by add: the charge that a current induces on a

@@ -149,7 +149,7 @@ class Touches:
         self._moving = np.abs(places) < np.array(layout.outline.size) / 2
         self.places, distance, nearest, way, inside = operator.placed(places)
         longer = RIM * layout.radius / np.maximum(distance, 1e-12)
-        self._aside = inside, way, np.where(distance > 1e-6 * layout.radius, longer, 0.0)
+        self._on_rims = inside, way, np.where(distance > 1e-6 * layout.radius, longer, 0.0)
         off, rises = _part((distance - layout.radius) / radii)
         self.radii = radii
         self.weight = area * there * off
@@ -170,7 +170,7 @@ class Touches:
         of electrodes where they were moved to these."""
         part = self.parts[i]
         moves = self.forms[i].moves * self._moving[part]
-        inside, way, longer = (each[part] for each in self._aside)
+        inside, way, longer = (each[part] for each in self._on_rims)
         if inside.any():
             outwards = np.einsum("kpd,pd->kp", moves[:, inside], way[inside])
             moves[:, inside] -= outwards[..., None] * way[inside]

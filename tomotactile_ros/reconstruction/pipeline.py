@@ -13,7 +13,7 @@ import numpy as np
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.ground import ground_is_doubtful
-from tomotactile_ros.estimation.reported import Estimate
+from tomotactile_ros.estimation.reported import ANYWHERE, Estimate, may_be_anywhere
 from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import dead_channels as unread_channels
@@ -73,10 +73,6 @@ _LEFT_OVER = 0.05
 _STRAIGHT, _ASIDE = 1e-3, 0.05
 CONTRADICTS = "its couplings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
-ANYWHERE = (
-    "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
-    "of the channels, which a tare takes off"
-)
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -415,7 +411,8 @@ class Pipeline:
             return replace(self._withheld(*why), noise=noise)
         idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
-        if any(_may_be_anywhere(contact, self.layout) for contact in contacts):
+        covariances = [np.reshape(each.position_covariance, (2, 2)) for each in contacts]
+        if any(may_be_anywhere(each, self.layout) for each in covariances):
             why = ANYWHERE, bad, estimate.left_out, estimate.misfit, lasts
             return replace(self._withheld(*why), noise=noise)
         pressure, conductance = self._drawn(estimate.parts)
@@ -764,14 +761,6 @@ def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
         contact.velocity,
         contact.conductance,
     )
-
-
-def _may_be_anywhere(contact: ContactEstimate, layout: Layout) -> bool:
-    """Whether one standard deviation of a contact's place is more than half of the sheet."""
-    covariance = np.reshape(contact.position_covariance, (2, 2))
-    if np.isnan(covariance).any():  # not known, as of contacts read from an image
-        return False
-    return bool(np.trace(covariance) > (max(layout.outline.size) / 2) ** 2)
 
 
 def _is_sure(estimate: Estimate) -> bool:
