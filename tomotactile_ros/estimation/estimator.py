@@ -7,6 +7,7 @@ before a change, frames that no contacts explain.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtf
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.one_state import TORN, Reciprocity, without_contradicting
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
@@ -46,11 +48,13 @@ from tomotactile_ros.estimation.search import (
     Search,
     tells_speeds,
 )
-from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS, RADIUS, STRETCH
+from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
-EXCLUDED = "excluded by the settings"  # why an electrode is left out
+# why an electrode is left out
+EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
+CHANGED = "something changed within the last rows, and no contacts explain them"
 # resistances to ground below 0, in parts of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
 _IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
@@ -72,8 +76,7 @@ _WINDOW = 4
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
-_MOST_LEFT_OUT = 3  # channels that are only known by their misfit
-_SECOND_LOOK = 4000  # budget of a search in other rows or without a channel
+_MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
 
@@ -151,28 +154,31 @@ class Estimator:
         """
         frame = np.asarray(voltages, float), np.asarray(grounded, int), drive_voltage
         noise = max(self.noise, state.noise)
-        estimate, fit = self._look(*frame, state, row_period, noise)
-        seen = None if fit is None else scatter(fit)
+        estimate, seen = self._look(*frame, state, row_period, noise)
         if seen is None:
             return estimate
-        as_seen = noise * float(np.sqrt(seen))
-        noisier = seen > _NOISIER and seen > _MOST_OF_IT * estimate.misfit
-        most = _MOST_NOISE * drive_voltage * np.sqrt(fit.rows.count)
+        variance, readings = seen
+        as_seen = noise * float(np.sqrt(variance))
+        noisier = variance > _NOISIER and variance > _MOST_OF_IT * estimate.misfit
+        most = _MOST_NOISE * drive_voltage * np.sqrt(readings)
         if as_seen > most and (noisier or estimate.contacts):
             state.forget()
-            return _too_noisy(estimate, as_seen, fit.rows.count)
+            reason = _too_noisy(as_seen, readings)
+            withheld = replace(estimate, contacts=[], parts=[], state="withheld", reason=reason)
+            return replace(withheld, noise=as_seen)
         if noisier:
             state.forget()
-            state.noise = as_seen
             estimate, _ = self._look(*frame, state, row_period, as_seen)
-        elif seen < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
+            state.noise = as_seen
+        elif variance < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
             state.noise = as_seen
         return replace(estimate, noise=max(self.noise, state.noise))
 
     def _look(
         self, voltages, grounded, drive_voltage: float, state: State, row_period, noise: float
-    ) -> tuple[Estimate, Fit | None]:
-        """`estimate` of readings with `noise`, V rms, and the fit that it rests on, if any."""
+    ) -> tuple[Estimate, tuple[float, int] | None]:
+        """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
+        that, and the number of readings; None where they do not."""
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -231,8 +237,13 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
-            fit, first, torn = self._fit(search, rows, prior, start, state, begun > 0)
-            fit = self._without_bad_channels(search, fit, left_out)
+            judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
+            fit, first, torn = self._fit(search, rows, prior, start, state, begun > 0, noise, judge)
+        except _Contradiction as what:
+            state.forget()
+            known = left_out, what.found.misfit, begun
+            seen = what.scatter, what.found.rows.count
+            return Estimate([], [], "withheld", what.reason, *known), seen if what.scatter else None
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
             reason = "the readings are none that a sheet with contacts can have"
@@ -250,20 +261,22 @@ class Estimator:
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit, torn, noise), fit.chi_squared / fit.rows.count
+        variance = scatter(fit)
+        seen = None if variance is None else (variance, fit.rows.count)
         if reason:
             state.forget()
-            return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
+            return Estimate([], [], "withheld", reason, left_out, misfit, first), seen
         state.fit = fit
         contacts, parts = self._reported(search, fit, state)
         if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
             state.forget()
-            return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), fit
+            return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), seen
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             if _may_be_anywhere(fit):
                 reason = ANYWHERE
-            return Estimate([], [], "withheld", reason, left_out, misfit, first), fit
-        return Estimate(contacts, parts, "valid", "", left_out, misfit, first), fit
+            return Estimate([], [], "withheld", reason, left_out, misfit, first), seen
+        return Estimate(contacts, parts, "valid", "", left_out, misfit, first), seen
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -316,16 +329,22 @@ class Estimator:
         return rows, grounded[silent & (at >= 0)]
 
     def _fit(
-        self, search: Search, rows: Rows, prior: Prior, start, state, begun
+        self, search: Search, rows: Rows, prior: Prior, start, state, begun, noise, judge
     ) -> tuple[Fit, int, bool]:
         """The fit of all rows, or of those since the last change where they contradict each
-        other, its first row, and whether they do and no few of the last are explained."""
+        other, its first row, and whether they do and no few of the last are explained.
+
+        judge : `_consistent` of rows that are not the last frame's contacts still
+        """
         timed = rows.times is not None
         there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
         goes_on = not (begun or there is None) and search.goes_on(
             there, state.misfit, state.equations
         )
+        touched = not goes_on and search.untouched(rows, prior) is None
+        if touched:
+            self._look_at_noise(search, rows, prior, noise)
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
@@ -335,6 +354,8 @@ class Estimator:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
+            if not goes_on:
+                rows = judge(rows, timed and (begun or alike < whole))
             fit = search.contacts(
                 rows, prior, there, budget, state.equations, refused, state.misfit
             )
@@ -347,7 +368,9 @@ class Estimator:
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
         if _is_suspect(fit) and start is not None and alike == whole:
-            fit = _better(fit, search.contacts(rows, prior))
+            rows = judge(rows, False)
+            again = search.contacts(rows, prior)
+            fit = _better(fit, again) if rows is fit.rows else again
         return fit, 0, timed and (begun or alike < whole)
 
     def _there(
@@ -404,49 +427,63 @@ class Estimator:
                 break
         return None if best is None else search.at_rest(best)
 
-    def _without_bad_channels(self, search, fit: Fit, left_out) -> Fit:
-        """Leaves out the channels that contradict all others, one after the other, as long as that
-        helps."""
-        used = search.operator.used
-        for _ in range(_MOST_LEFT_OUT):
-            if not _is_suspect(fit):
-                break
-            by_column = (fit.rows.weights * fit.misfit**2).sum(axis=0)
-            np.add.at(by_column, fit.rows.grounded, (fit.rows.weights * fit.misfit**2).sum(axis=1))
-            worst = int(by_column.argmax())
-            if _lies_on(fit, used[worst]):
-                break  # there the model errs most
-            if by_column[worst] < fit.chi_squared / (2 * _MOST_LEFT_OUT):
-                break  # it is not what a few channels do
-            weights = fit.rows.weights.copy()
-            weights[:, worst] = 0.0
-            weights[fit.rows.grounded == worst] = 0.0
-            rows = replace(fit.rows, weights=weights)
-            if rows.count < _FEWEST_READINGS:
-                break
-            tried = search.contacts(rows, fit.prior, budget=_SECOND_LOOK)
-            if tried.chi_squared / tried.rows.count > 0.25 * fit.chi_squared / fit.rows.count:
-                break
-            left_out[int(used[worst])] = "its readings contradict all others"
-            fit = tried
-        return fit
+    def _look_at_noise(self, search: Search, rows: Rows, prior: Prior, noise: float) -> None:
+        """`_Contradiction` where rows contradict each other as more noise than was said lets them."""
+        operator, found = search.operator, search.reciprocity(rows, prior)
+        if found.misfit < TORN:
+            return
+        variance = found.scatter(operator.layout.positions[operator.used])
+        if variance is not None and variance > _MOST_OF_IT * found.misfit:
+            variance = min(variance, found.misfit)  # which is of all of them
+            reason = _too_noisy(noise * float(np.sqrt(variance)), rows.count)
+            raise _Contradiction(reason, found, variance)
+
+    def _consistent(
+        self,
+        search: Search,
+        rows: Rows,
+        torn: bool,
+        *,
+        prior: Prior,
+        noise: float,
+        left_out: dict[int, str],
+    ) -> Rows:
+        """Rows without the channels that contradict all others; `_Contradiction` where no contacts can
+        explain them.
+
+        torn : whether rows that do not agree are of several states
+        """
+        quiet = search.untouched(rows, prior)
+        if quiet is not None:
+            rows, bad = _without_restless(quiet)
+        else:
+            found = search.reciprocity(rows, prior)
+            if found.misfit < TORN:
+                return rows
+            found, bad = without_contradicting(found, prior, _MOST_LEFT_OUT)
+            rows = found.rows
+            if torn and found.misfit > TORN:
+                raise _Contradiction(CHANGED, found)
+            if found.chi_squared > self._most_left(noise) * rows.count:
+                raise _Contradiction(_unexplained(found.chi_squared, rows), found)
+        left_out.update({int(search.operator.used[each]): CONTRADICTS for each in bad})
+        return rows
 
     def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
         if _below_zero(fit) > _IMPOSSIBLE * self.channels.resistance:
             return DISTURBED
         if torn and not _explains(fit):
-            return "something changed within the last rows, and no contacts explain them"
-        # more noise than was said is no reason for more that is left over beside it
-        most = _REFUSED
-        if noise > self.noise:
-            most = max(_REFUSED * (self.noise / noise) ** 2, _BESIDE_NOISE)
-        if fit.chi_squared > most * fit.rows.count:
-            left = np.sqrt(_share_left(fit))
-            return (
-                "no contacts explain the readings, or they changed within the last rows: "
-                f"{left:.1%} of them is left over"
-            )
+            return CHANGED
+        if fit.chi_squared > self._most_left(noise) * fit.rows.count:
+            return _unexplained(fit.chi_squared, fit.rows)
         return ""
+
+    def _most_left(self, noise: float) -> float:
+        """Chi-squared per reading with `noise`, V rms, beyond which nothing is said; more noise than was
+        said is no reason for more that is left over beside it."""
+        if noise > self.noise:
+            return max(_REFUSED * (self.noise / noise) ** 2, _BESIDE_NOISE)
+        return _REFUSED
 
     def _reported(self, search: Search, fit: Fit, state: State):
         """Contacts of a fit, strongest first, and the discs or cells that they consist of."""
@@ -464,9 +501,24 @@ class Estimator:
         return state.joined[1]
 
 
-def _too_noisy(estimate: Estimate, noise: float, readings: int) -> Estimate:
-    reason = f"readings scatter by {1e3 * noise:.3g} mV: {readings} of them do not tell contacts from each other"
-    return replace(estimate, contacts=[], parts=[], state="withheld", reason=reason, noise=noise)
+class _Contradiction(Exception):
+    """Rows that no contacts explain, whatever the sensor is: `found` says so; `scatter` : the variance of
+    noise in parts of what was said, if that is all that is wrong."""
+
+    def __init__(self, reason: str, found: Reciprocity, scatter: float | None = None):
+        super().__init__(reason)
+        self.reason, self.found, self.scatter = reason, found, scatter
+
+
+def _too_noisy(noise: float, readings: int) -> str:
+    return f"readings scatter by {1e3 * noise:.3g} mV: {readings} of them do not tell contacts from each other"
+
+
+def _unexplained(chi_squared: float, rows: Rows) -> str:
+    """That so much is left over: the part of the readings that neither a model nor noise explains."""
+    signal = float((rows.weights * rows.readings**2).sum())
+    left = np.sqrt(max(chi_squared - 1.5 * rows.count, 0.0) / max(signal, 1e-300))
+    return f"no contacts explain the readings, or they changed within the last rows: {left:.1%} of them is left over"
 
 
 def _explains(fit: Fit) -> bool:
@@ -531,19 +583,16 @@ def _after(seen: Fit) -> Prior:
     return seen.prior.told(seen.unknowns, told.matrix / seen.doubt)
 
 
-def _share_left(fit: Fit) -> float:
-    """Part of the readings' sum of squares that neither the model nor noise explains."""
-    signal = float((fit.rows.weights * fit.rows.readings**2).sum())
-    excess = max(fit.chi_squared - 1.5 * fit.rows.count, 0.0)
-    return excess / max(signal, 1e-300)
-
-
-def _lies_on(fit: Fit, electrode: int) -> bool:
-    """Whether a contact reaches an electrode."""
-    layout, contacts = fit.operator.layout, fit.unknowns.contacts
-    apart = np.hypot(*(contacts[:, :2] - layout.positions[electrode]).T)
-    reach = np.exp(contacts[:, RADIUS] + np.hypot(*contacts[:, STRETCH:].T))
-    return bool((apart < layout.radius + reach).any())
+def _without_restless(quiet: Fit) -> tuple[Rows, list[int]]:
+    """Rows of an untouched sheet without the few channels that do not rest, if all others do, and
+    these."""
+    rows = quiet.rows
+    by_column = (rows.weights * quiet.misfit**2).sum(axis=0)
+    restless = by_column > SUSPECT * np.maximum(np.count_nonzero(rows.weights, axis=0), 1)
+    if not 0 < np.count_nonzero(restless) <= _MOST_LEFT_OUT:
+        return rows, []
+    weights = np.where(restless, 0.0, rows.weights)
+    return replace(rows, weights=weights), [int(each) for each in np.flatnonzero(restless)]
 
 
 def _is_suspect(fit: Fit) -> bool:

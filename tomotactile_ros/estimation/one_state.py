@@ -1,21 +1,29 @@
 """What rows say by reciprocity alone, without sheet or contacts: gains and offsets of the channels,
-and whether something changed while the rows were read."""
+which channels contradict all others, how much readings scatter, and whether something changed while
+the rows were read.
+
+Readings of any sheet under any contacts obey it: what it leaves over, no contacts explain.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
+from tomotactile_ros.estimation.scatter import variance_of
 
-# chi-squared an equation of reciprocity, from which on rows are of several states: 1 to 2.4 of one,
-# also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s within a frame
-_TORN = 12.0
+# chi-squared an equation of reciprocity, from which on rows are of several states or channels broken: 1 to
+# 2.4 of one, also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s
+# within a frame
+TORN = 12.0
 _ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
+# of chi-squared an equation: what is left at most without channels that contradict all others
+_HELPS = 0.25
 
 
 @dataclass(frozen=True)
@@ -26,39 +34,44 @@ class Channels:
     offset: np.ndarray
 
 
-def channels_alone(rows: Rows, prior: Prior) -> tuple[Channels, np.ndarray, np.ndarray]:
-    """Gains and offsets as rows tell them by themselves, and their standard deviations (n,); those
-    expected where rows do not tell."""
-    among, found = _fitted(rows, prior, 1)
-    expected = prior.gain, prior.offset, *prior.deviations[:2]
-    told = found.gain, found.offset, *np.sqrt(found.covariance.diagonal()).reshape(2, -1)
-    gain, offset, *deviations = (each.copy() for each in expected)
-    for each, known in zip((gain, offset, *deviations), told):
-        each[among] = known
-    return Channels(gain, offset), *deviations
+@dataclass(frozen=True)
+class Reciprocity:
+    """How far `rows` obey it, with the `gains` that let them most; `among` : the electrodes (m,) that are
+    grounded, which alone have equations."""
+
+    rows: Rows
+    among: np.ndarray
+    gains: Gains
+
+    @property
+    def misfit(self) -> float:
+        """Chi-squared an equation."""
+        return float(self.gains.misfit[0])
+
+    @property
+    def chi_squared(self) -> float:
+        """What contacts leave over at least, whatever they are."""
+        return float((self.gains.left[0] ** 2).sum() / 2)
+
+    @property
+    def electrodes(self) -> int:
+        """Number of those that have equations."""
+        return int(np.count_nonzero((self.gains.left[0] != 0).any(axis=0)))
+
+    @property
+    def worst(self) -> int:
+        """The electrode whose equations leave most over."""
+        return int(self.among[(self.gains.left[0] ** 2).sum(axis=1).argmax()])
+
+    def scatter(self, places: np.ndarray) -> float | None:
+        """Variance of the readings' noise in parts of what it was taken for, of electrodes at `places`
+        (n, 2); None where too little was read to tell."""
+        e = self.gains.left[0]
+        return variance_of(e, e != 0, np.arange(len(e)), places[self.among])
 
 
-def of_one_state(rows: Rows, prior: Prior) -> int:
-    """How many of the last rows may be of one state of the sheet, whatever that is: those among which
-    reciprocity holds."""
-    whole = len(rows.grounded)
-
-    def holds(count: int) -> bool:
-        part = rows.part(slice(whole - count, None))
-        return _fitted(part, prior, _ROUNDS)[1].misfit[0] < _TORN
-
-    if whole <= _PAIRS or holds(whole):
-        return whole
-    least, most = _PAIRS, whole - 1
-    while least < most:
-        count = (least + most + 1) // 2
-        least, most = (count, most) if holds(count) else (least, count - 1)
-    return least
-
-
-def _fitted(rows: Rows, prior: Prior, steps: int) -> tuple[np.ndarray, Gains]:
-    """Electrodes that are grounded, which alone have equations; their gains and offsets, and how far
-    reciprocity is violated, of rows alone."""
+def reciprocity(rows: Rows, prior: Prior, steps: int = 1) -> Reciprocity:
+    """Of rows, by so many `steps`; by more where these do not obey it at once."""
     among, at = np.unique(rows.grounded, return_inverse=True)
     frame = np.full((len(among),) * 2, np.nan)
     frame[at] = np.where(rows.weights > 0, rows.readings, np.nan)[:, among]
@@ -67,4 +80,52 @@ def _fitted(rows: Rows, prior: Prior, steps: int) -> tuple[np.ndarray, Gains]:
         each[among] for each in (prior.gain, prior.offset, *prior.deviations[:2])
     )
     expected = (gain, gain_deviation), (offset, offset_deviation)
-    return among, fit_gains(frame[None], 1.0, noise, *expected, steps)
+    found = Reciprocity(rows, among, fit_gains(frame[None], 1.0, noise, *expected, steps))
+    if steps < _ROUNDS and found.misfit > TORN:
+        return reciprocity(rows, prior, _ROUNDS)
+    return found
+
+
+def channels_alone(found: Reciprocity, prior: Prior) -> tuple[Channels, np.ndarray, np.ndarray]:
+    """Gains and offsets as rows tell them by themselves, and their standard deviations (n,); those
+    expected where rows do not tell."""
+    gains = found.gains
+    expected = prior.gain, prior.offset, *prior.deviations[:2]
+    told = gains.gain, gains.offset, *np.sqrt(gains.covariance.diagonal()).reshape(2, -1)
+    gain, offset, *deviations = (each.copy() for each in expected)
+    for each, known in zip((gain, offset, *deviations), told):
+        each[found.among] = known
+    return Channels(gain, offset), *deviations
+
+
+def without_contradicting(
+    found: Reciprocity, prior: Prior, most: int
+) -> tuple[Reciprocity, list[int]]:
+    """Of the same rows without the electrodes that contradict all others, `most` of them, and these: the
+    worst ones in turn, where that explains most of what is left over."""
+    fewer, left_out = found, []
+    while len(left_out) < most and fewer.misfit > TORN and fewer.electrodes > _PAIRS:
+        rows, worst = fewer.rows, fewer.worst
+        weights = rows.weights.copy()
+        weights[:, worst] = weights[rows.grounded == worst] = 0.0
+        fewer = reciprocity(replace(rows, weights=weights), prior, _ROUNDS)
+        left_out.append(worst)
+    return (fewer, left_out) if fewer.misfit < _HELPS * found.misfit else (found, [])
+
+
+def of_one_state(rows: Rows, prior: Prior) -> int:
+    """How many of the last rows may be of one state of the sheet, whatever that is: those among which
+    reciprocity holds; it does not of all."""
+    whole = len(rows.grounded)
+
+    def holds(count: int) -> bool:
+        part = rows.part(slice(whole - count, None))
+        return reciprocity(part, prior, _ROUNDS).misfit < TORN
+
+    if whole <= _PAIRS:
+        return whole
+    least, most = _PAIRS, whole - 1
+    while least < most:
+        count = (least + most + 1) // 2
+        least, most = (count, most) if holds(count) else (least, count - 1)
+    return least

@@ -37,12 +37,13 @@ _LEAST = 1e-3  # of a share: below, logarithms of it say nothing
 @dataclass(frozen=True)
 class Gains:
     """What reciprocity says: gain (n,), offset (n,) V, their covariance (2 n, 2 n), and of each
-    frame chi-squared per equation (F,)."""
+    frame chi-squared per equation (F,), and what is left, e of all pairs (F, n, n)."""
 
     gain: np.ndarray
     offset: np.ndarray
     covariance: np.ndarray
     misfit: np.ndarray
+    left: np.ndarray
 
 
 def fit_gains(
@@ -104,8 +105,9 @@ def fit_gains(
                 break
     covariance = cho_solve(factor, np.eye(2 * count))
     units = np.concatenate([np.ones(count), np.full(count, drive)])
-    misfit = np.array([t.misfit for t in terms])
-    return Gains(now[:count], now[count:] * drive, covariance * units[:, None] * units, misfit)
+    covariance = covariance * units[:, None] * units
+    misfit, left = (np.array(each) for each in zip(*((t.misfit, t.left) for t in terms)))
+    return Gains(now[:count], now[count:] * drive, covariance, misfit, left)
 
 
 def _first_scale(readings, both, now):
@@ -161,7 +163,7 @@ class _Terms:
     """
 
     def __init__(self, both, e, kinds):
-        self._both, self._e, self._kinds = both, e, kinds
+        self._both, self.left, self._kinds = both, e, kinds
         self.cost = float((e**2).sum() / 2)
         factors = np.count_nonzero(both.any(axis=1))
         self.misfit = self.cost / max(np.count_nonzero(both) / 2 - factors, 1)
@@ -183,10 +185,10 @@ class _Terms:
     def _eliminated(self):
         """Of ln N: (n, 2 n) its block with gains and offsets, what these are pulled by, and what it
         follows them and the readings by."""
-        if not np.isfinite(self._kinds).all() or not np.isfinite(self._e).all():
+        if not np.isfinite(self._kinds).all() or not np.isfinite(self.left).all():
             raise np.linalg.LinAlgError("no gains explain the readings")
         scale, *others = self._kinds
-        pull = [-(kind * self._e).sum(axis=1) for kind in self._kinds]
+        pull = [-(kind * self.left).sum(axis=1) for kind in self._kinds]
         first = _block(scale, scale)
         first = first + np.diag(_LOOSE * first.diagonal() + 1e-300)
         first += np.diag(np.where(self._both.any(axis=1), 0.0, 1.0))

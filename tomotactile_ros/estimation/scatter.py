@@ -31,18 +31,27 @@ def scatter(fit: Fit) -> float | None:
     """Variance of the readings' noise in parts of what it was taken for; None where too little was
     read to tell."""
     operator, rows = fit.operator, fit.rows
-    beside = _neighbours(operator.layout.positions[operator.used])
-    at = np.full(operator.count, -1)
-    at[rows.grounded] = np.arange(len(rows.grounded))  # the last one of each
-    below = at[beside[rows.grounded]]
-    z, read = np.sqrt(rows.weights) * fit.misfit, rows.weights > 0
+    read = rows.weights > 0
+    places = operator.layout.positions[operator.used]
+    found = variance_of(np.sqrt(rows.weights) * fit.misfit, read, rows.grounded, places)
+    cut_off = np.count_nonzero(rows.readings[read] == 0) > _MANY * np.count_nonzero(read)
+    return found / _LEFT if cut_off and found is not None else found
+
+
+def variance_of(
+    z: np.ndarray, read: np.ndarray, grounded: np.ndarray, places: np.ndarray
+) -> float | None:
+    """Variance of the noise in `z` (L, n), what is left over of rows with electrodes `grounded` (L,) at
+    `places` (n, 2), where `read` (L, n)."""
+    beside = _neighbours(places)
+    at = np.full(len(places), -1)
+    at[grounded] = np.arange(len(grounded))  # the last one of each
+    below = at[beside[grounded]]
     along, both = z - z[:, beside], read & read[:, beside]
     across, all_four = along - along[below], both & both[below] & (below >= 0)[:, None]
-    cut_off = np.count_nonzero(rows.readings[read] == 0) > _MANY * np.count_nonzero(read)
     for difference, valid, times in ((across, all_four, 4.0), (along, both, 2.0)):
         if np.count_nonzero(valid) >= _FEWEST:
-            found = _variance(difference[valid]) / times
-            return found / _LEFT if cut_off else found
+            return _variance(difference[valid]) / times
     return None
 
 

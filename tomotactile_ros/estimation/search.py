@@ -40,7 +40,13 @@ from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.one_state import channels_alone, of_one_state
+from tomotactile_ros.estimation.one_state import (
+    TORN,
+    Reciprocity,
+    channels_alone,
+    of_one_state,
+    reciprocity,
+)
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
@@ -123,6 +129,8 @@ class Search:
         self.detector, self.shapes = Detector(operator), Shapes(operator)
         self._known, self._refused = None, 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
+        self._reciprocity: Reciprocity | None = None  # that of `reciprocity`
+        self._quiet: tuple[Rows, Prior, Fit | None] | None = None  # that of `untouched`
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._simple: Fit | None = None  # the last answer of `_simplified`
@@ -383,6 +391,11 @@ class Search:
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         """The fit without contacts, where offsets of the channels may be all there is, and are;
         else None."""
+        if self._quiet is None or self._quiet[0] is not rows or self._quiet[1] is not prior:
+            self._quiet = rows, prior, self._untouched(rows, prior)
+        return self._quiet[2]
+
+    def _untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         if prior.learned:  # of one that is not, offsets are expected to be off by as much
             prior = prior.with_offsets_off(CUT_OFF * float(rows.weights.max()) ** -0.5)
         largest = (_OFFSETS * prior.deviations[1]) ** 2
@@ -402,7 +415,8 @@ class Search:
         gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
         if gains.max() < self._threshold:
             return None
-        channels, *deviations = channels_alone(fit.rows, fit.prior)
+        found = self.reciprocity(fit.rows, fit.prior)
+        channels, *deviations = channels_alone(found, fit.prior)
         return self.detector.first_look(fit.rows.corrected(channels), *deviations)
 
     def _as_discs(
@@ -494,7 +508,8 @@ class Search:
     def _in_cells(self, look: FirstLook, rest: Fit) -> Fit | None:
         """The best fit of cells alone to the rows of `rest`, of no contacts, that `look` is one at."""
         if self._cells is None or self._cells[0] is not look:
-            self._cells = look, self.shapes.fitted(look, rest)
+            channels = channels_alone(self.reciprocity(rest.rows, rest.prior), rest.prior)[0]
+            self._cells = look, self.shapes.fitted(look, rest, channels)
         return self._cells[1]
 
     def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
@@ -516,11 +531,18 @@ class Search:
             return None  # of bare cells, not even a bound of the force is known
         return shape if self._is_likelier(shape, found, cells) else None
 
+    def reciprocity(self, rows: Rows, prior: Prior) -> Reciprocity:
+        """How far rows obey it."""
+        if self._reciprocity is None or self._reciprocity.rows is not rows:
+            self._reciprocity = reciprocity(rows, prior)
+        return self._reciprocity
+
     def of_one_state(self, rows: Rows, prior: Prior) -> int:
         """How many of the last rows may be of one state of the sheet, whatever that is: those among
         which reciprocity holds."""
         if self._alike is None or self._alike[0] is not rows:
-            self._alike = rows, of_one_state(rows, prior)
+            holds = self.reciprocity(rows, prior).misfit < TORN
+            self._alike = rows, len(rows.grounded) if holds else of_one_state(rows, prior)
         return self._alike[1]
 
     def is_torn(self, fit: Fit) -> bool:

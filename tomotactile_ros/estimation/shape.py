@@ -24,7 +24,7 @@ from tomotactile_ros.estimation.equations import Contacts, Linear, contact_prior
 from tomotactile_ros.estimation.first_look import FirstLook, not_negative
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.one_state import channels_alone
+from tomotactile_ros.estimation.one_state import Channels
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS
 from tomotactile_ros.layouts.grid import Grid
@@ -61,9 +61,9 @@ class Shapes:
         radii = np.full(len(coarse.cells), coarse.side / np.sqrt(np.pi))
         self._share, _ = operator.points(coarse.cells, radii)
 
-    def fitted(self, look: FirstLook, like: Fit) -> Fit | None:
+    def fitted(self, look: FirstLook, like: Fit, channels: Channels) -> Fit | None:
         """The best fit of cells to the rows of `like`, of no contacts, with the sensor as expected but
-        for what rows say of channels; None where a first `look` shows nothing."""
+        for what rows say of `channels`; None where a first `look` shows nothing."""
         image = look.image(self._share)
         if not image.any():
             return None
@@ -72,7 +72,6 @@ class Shapes:
             near = cdist(lattice.cells, shown).min(axis=1) < _BESIDE * self._pitch
             if np.count_nonzero(near) <= _MANY:
                 break
-        channels = channels_alone(like.rows, like.prior)[0]
         sensor = replace(like.unknowns, gain=channels.gain, offset=channels.offset)
         start = lattice.unknowns(near, float(image.sum()), sensor)
         fit = _descended(Fit(like.operator, start, like.rows, like.prior), _STEPS, Contacts)
