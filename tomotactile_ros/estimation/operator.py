@@ -27,8 +27,8 @@ from scipy.sparse import csr_matrix
 
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
+from tomotactile_ros.estimation.induced import RIM
 from tomotactile_ros.estimation.tables import (
-    RIM,
     Around,
     Lattice,
     MutualTable,
@@ -361,6 +361,7 @@ class Patches:
         potentials, steep = operator.potentials(places, stencil=stencil)
         alone = operator.mutual.alone(stencil)
         self.around = Around(operator.lattice, places)
+        self._charges = operator.mutual.induced.by(places)
         inverse = operator._inverse
         self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
         constant = inverse[-1, :-1] @ potentials.T + inverse[-1, -1]
@@ -384,7 +385,13 @@ class Patches:
         self._bare = np.zeros(len(places), bool)  # at the rim of an electrode: D is as good as 0
         for chosen in members:
             block = operator.mutual(
-                places[chosen], radii[chosen], owner[chosen], alone[chosen], self.around, chosen
+                places[chosen],
+                radii[chosen],
+                owner[chosen],
+                alone[chosen],
+                self.around,
+                self._charges,
+                chosen,
             )
             block -= potentials[chosen] @ self._solved[:, chosen] + constant[chosen]
             block = (block + block.T) / 2
@@ -398,16 +405,9 @@ class Patches:
     def impedance_slope(self, part: slice, near: np.ndarray):
         """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
         ohm/m, and (p, m) what it falls by as the radii of both grow by their logarithms, ohm."""
-        mutual, around = self._operator.mutual, self.around
-        out, grown = mutual.slope(
-            self._places[part],
-            self._radii[part],
-            self._places[near],
-            self._radii[near],
-            around.weights[near],
-            around.slopes[:, part],
-            around.nodes,
-        )
+        mutual = self._operator.mutual
+        of_all = self.around, self._charges
+        out, grown = mutual.slope(self._places, self._radii, part, near, *of_all)
         points, weights, slopes = self._stencil
         alone = mutual.alone_slope((points[part], weights[part], slopes[:, part])) / 2
         out += alone[..., None] * ((near >= part.start) & (near < part.stop))

@@ -12,16 +12,14 @@ from copy import copy
 
 import numpy as np
 
+from tomotactile_ros.estimation.induced import Charges, InducedCharges
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.green import CLOUD, FAR, softened
 
 _PER_PITCH = 10  # points of the lattice along one spacing
 _POINTS = 41, 131  # along the longer side, at least and at most
 _BEYOND = 1.6  # radii from the centre of an electrode: nearer, its rim is not a few charges
-# radii from the centre of an electrode: patches on it are moved here and have no weight
-RIM = 1.001
 _TINY = 1e-15  # m²: a patch does not push itself
-_CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
 _BLOCK = 512  # points at a time, for memory
 
 
@@ -245,11 +243,11 @@ class MutualTable:
         size = np.array(layout.outline.size, float)
         self._coarse = lattice
         nodes = off_electrodes(mirrored(self._coarse.points, size / 2), layout)
-        self._centres, self._radius = layout.positions, layout.radius
-        self._pitch = float(np.median(layout.pitches))
+        pitch = float(np.median(layout.pitches))
+        self.induced = InducedCharges(layout.positions, layout.radius, pitch, self._resistance)
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
-        self._smooth = between - self._logarithm(nodes, tiny) - self._induced(nodes)
+        self._smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
         self._fine = potentials.lattice
         sensed = sensed.moved(off_electrodes(sensed.points, layout))
         own = sensed.own.copy()
@@ -280,18 +278,19 @@ class MutualTable:
         return scale * np.log(product)
 
     def slope(
-        self, places, radii, others, other_radii, weights, slopes, nodes
+        self, places, radii, part, others, around: Around, charges: Charges
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What follows from places (P, 2), m, with radii (P,), m, and others (Q, 2), (Q,): (2, P, Q)
-        change of G with the first place, ohm/m, and (P, Q) what G falls by as both radii grow by
+        """What follows from places (N, 2) with radii (N,), m: (2, P, Q) change of G between those of
+        `part` and `others` with the first place, ohm/m, and (P, Q) what G falls by as both radii grow by
         their logarithms, ohm; but for what `alone` says.
 
-        nodes (m,) of the coarse lattice around all; slopes (2, P, m) there of the former, 1/m, and
-        weights (Q, m) of the latter
+        around, charges : of all places
         """
-        out, grown = self._logarithm_slope(places, radii, others, other_radii)
-        out += self._induced_slope(places, others)
-        out += np.matmul(slopes, self._smooth[np.ix_(nodes, nodes)] @ weights.T)
+        ends = places[part], radii[part], places[others], radii[others]
+        out, grown = self._logarithm_slope(*ends)
+        out += charges.slope(part, others)
+        nodes, weights = around.nodes, around.weights[others]
+        out += np.matmul(around.slopes[:, part], self._smooth[np.ix_(nodes, nodes)] @ weights.T)
         return out, grown
 
     def _logarithm_slope(self, places, radii, others, other_radii):
@@ -321,82 +320,13 @@ class MutualTable:
             ways += [sums + side, sums - side]
         return np.array(ways)
 
-    def _induced_slope(self, places, others):
-        """(2, P, Q) change of `_induced` with the first place, ohm/m.
-
-        s = R^2 / a^2 changes by -2 s^2 a / R^2 with the way a from an electrode, and the inverse point
-        s a with it.
-        """
-        least, reach = (RIM * self._radius) ** 2, (_CLOSE[1] * self._pitch) ** 2
-        middle = places.mean(axis=0)
-        beside = np.sqrt(reach) + np.hypot(*(places - middle).T).max()
-        centres = self._centres[np.hypot(*(self._centres - middle).T) < beside]
-        apart, beyond = (each - centres[:, None] for each in (places, others))
-        squared, far = ((each**2).sum(axis=-1) for each in (apart, beyond))
-        near = (squared.min(axis=1) < reach) & (far.min(axis=1) < reach)
-        apart, squared, beyond, far = (each[near] for each in (apart, squared, beyond, far))
-        squared, far = np.maximum(squared, least), np.maximum(far, least)
-        share, other = self._radius**2 / squared, self._radius**2 / far
-        weight, other_weight = self._nearness(squared), self._nearness(far)
-        image = beyond * other[..., None]
-        by_share = other[:, None] - (2 / self._radius**2) * (apart @ image.transpose(0, 2, 1))
-        part = share[..., None] * by_share
-        kept = np.maximum(part, RIM - 2)
-        rate = weight[..., None] * other_weight[:, None] / (1 + kept) * (part > RIM - 2)
-        fades = self._nearness_slope(squared)[..., None] * other_weight[:, None] * np.log1p(kept)
-        radial = 2 * fades - rate * by_share * (2 * share**2 / self._radius**2)[..., None]
-        turned = -(2 / self._radius**2) * share[..., None] * rate
-        out = [
-            (radial * apart[..., d, None] + turned * image[:, None, :, d]).sum(axis=0)
-            for d in range(2)
-        ]
-        return self._resistance / (4 * np.pi) * np.array(out)
-
     def _own_part(self, places, radii):
         """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
         points, weights, _ = self._coarse.stencil(places)
         block = self._smooth[points[:, :, None], points[:, None, :]]
         smooth = np.einsum("pi,pij,pj->p", weights, block, weights)
-        squared = ((places[:, None] - self._centres) ** 2).sum(axis=-1)
-        squared = np.maximum(squared, (RIM * self._radius) ** 2)
-        near = self._nearness(squared) ** 2 * np.log1p(-(self._radius**2) / squared)
-        smooth += self._resistance / (2 * np.pi) * near.sum(axis=1)
+        smooth += self.induced.own(places)
         return smooth + self._logarithm(places, radii, own_only=True)
-
-    def _nearness(self, squared):
-        """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
-        far = self._fading(squared)
-        return 1 - far**2 * (3 - 2 * far)
-
-    def _nearness_slope(self, squared):
-        """Change of `_nearness` with the squared distance, 1/m²."""
-        far, width = self._fading(squared), self._pitch * (_CLOSE[1] - _CLOSE[0])
-        return -3 * far * (1 - far) / (np.sqrt(squared) * width)
-
-    def _fading(self, squared):
-        """How far `squared` distances, m², are between those where electrodes begin and end to fade."""
-        return np.clip((np.sqrt(squared) / self._pitch - _CLOSE[0]) / (_CLOSE[1] - _CLOSE[0]), 0, 1)
-
-    def _induced(self, places):
-        """(P, P) what floating electrodes close by add: the charge that a current induces on a
-        disc, in its inverse point."""
-        apart = places[:, None] - self._centres
-        squared = np.maximum((apart**2).sum(axis=-1), (RIM * self._radius) ** 2)
-        near = np.flatnonzero(squared.min(axis=0) < (_CLOSE[1] * self._pitch) ** 2)
-        squared = squared[:, near].T
-        share, weights = self._radius**2 / squared, self._nearness(squared)
-        from_it = apart[:, near].transpose(1, 0, 2) * share[..., None]
-        out = np.zeros((len(places), len(places)))
-        for s, weight, way in zip(share, weights, from_it):
-            on = slice(None) if weight.all() else weight > 0
-            s, weight, way = s[on], weight[on], way[on]
-            part = np.multiply.outer(s, s) - (2 / self._radius**2) * (way @ way.T)
-            term = np.log1p(np.maximum(part, RIM - 2)) * np.multiply.outer(weight, weight)
-            if isinstance(on, slice):
-                out += term
-            else:
-                out[np.ix_(on, on)] += term
-        return self._resistance / (4 * np.pi) * out
 
     def alone(self, stencil) -> np.ndarray:
         """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials'
@@ -410,7 +340,14 @@ class MutualTable:
         return np.einsum("dpi,pi->dp", slopes, self._own[points])
 
     def __call__(
-        self, places, radii, owner, alone=None, around: Around | None = None, chosen=slice(None)
+        self,
+        places,
+        radii,
+        owner,
+        alone=None,
+        around: Around | None = None,
+        charges: Charges | None = None,
+        chosen=slice(None),
     ) -> np.ndarray:
         """(P, P) G between patches, ohm.
 
@@ -418,15 +355,15 @@ class MutualTable:
         ----------
         places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to
         alone (P,) what `alone` says of them, where it is known
-        around : points of the coarse lattice around more patches, `chosen` (P,) of which are meant,
-            where known
+        around, charges : of more patches, `chosen` (P,) of which are meant, where known
         """
         if alone is None:
             alone = self.alone(self._fine.stencil(places))
         around = around or Around(self._coarse, places)
+        charges = charges or self.induced.by(places)
         weights = around.weights[chosen]
         out = weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
-        out += self._logarithm(places, radii) + self._induced(places)
+        out += self._logarithm(places, radii) + charges.among(chosen)
         out += np.where(owner[:, None] == owner, (alone[:, None] + alone) / 2, 0.0)
         return out
 

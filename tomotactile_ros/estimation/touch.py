@@ -26,9 +26,9 @@ from itertools import pairwise
 import numpy as np
 
 from tomotactile_ros.estimation.disc import square_patches, unit_patches
+from tomotactile_ros.estimation.induced import RIM
 from tomotactile_ros.estimation.operator import Patches, SheetOperator
 from tomotactile_ros.estimation.pressure_modes import pressure_modes
-from tomotactile_ros.estimation.tables import RIM
 
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
 X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)

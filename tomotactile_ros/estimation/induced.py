@@ -1,0 +1,172 @@
+"""What floating electrodes close by add to G between two places: the charge that a current induces on a
+conducting disc lies in its inverse point (circle theorem; Milne-Thomson 1940).
+
+With a the way from the centre of an electrode of radius R to a place, as a complex number, and
+z = R / conj(a), that is
+
+    R_s / (2 pi) ln |1 - z_p conj(z_q)| = - R_s / (2 pi) sum_k Re(z_p^k conj(z_q)^k) / k
+
+between places p and q. Some radii away the sum has few terms, and for all places and electrodes
+together it is one product of matrices.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+# radii from the centre of an electrode: patches on it are moved here and have no weight
+RIM = 1.001
+CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
+_SERIES = 0.15  # |z|^2: of larger ones the logarithm is taken as it is
+_EXACT = 1e-6  # how much of the sum the terms left away are
+
+
+class InducedCharges:
+    """On electrodes at `centres` (E, 2) with `radius`, about `pitch` apart, m, on a sheet of `resistance`,
+    ohm."""
+
+    def __init__(self, centres: np.ndarray, radius: float, pitch: float, resistance: float):
+        self.centres, self.radius, self.pitch = centres, radius, pitch
+        self.scale = resistance / (4 * np.pi)
+
+    def by(self, places: np.ndarray) -> Charges:
+        """By currents at `places` (P, 2), m."""
+        return Charges(self, places)
+
+    def own(self, places: np.ndarray) -> np.ndarray:
+        """(P,) what a current at each of `places` (P, 2), m, brings about there, ohm."""
+        squared = self.squared(places[:, None] - self.centres)
+        near = self.nearness(squared) ** 2 * np.log1p(-(self.radius**2) / squared)
+        return 2 * self.scale * near.sum(axis=1)
+
+    def squared(self, apart: np.ndarray) -> np.ndarray:
+        """Squared distances `apart` (..., 2), m, that of the rim at least."""
+        return np.maximum(np.einsum("...d,...d->...", apart, apart), (RIM * self.radius) ** 2)
+
+    def nearness(self, squared):
+        """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
+        far = self._fading(squared)
+        return 1 - far**2 * (3 - 2 * far)
+
+    def nearness_slope(self, squared):
+        """Change of `nearness` with the squared distance, 1/m²."""
+        far, width = self._fading(squared), self.pitch * (CLOSE[1] - CLOSE[0])
+        return -3 * far * (1 - far) / (np.sqrt(squared) * width)
+
+    def _fading(self, squared):
+        """How far `squared` distances, m², are between those where electrodes begin and end to fade."""
+        return np.clip((np.sqrt(squared) / self.pitch - CLOSE[0]) / (CLOSE[1] - CLOSE[0]), 0, 1)
+
+
+class Charges:
+    """Those that currents at `places` (P, 2), m, induce on the electrodes near any of them."""
+
+    def __init__(self, electrodes: InducedCharges, places: np.ndarray):
+        self._electrodes = electrodes
+        apart = (places[:, None] - electrodes.centres).transpose(1, 0, 2)
+        squared = electrodes.squared(apart)
+        least = squared.min(axis=1, initial=np.inf)
+        near = least < (CLOSE[1] * electrodes.pitch) ** 2
+        self._apart, self._squared = apart[near], squared[near]
+        self._weight = electrodes.nearness(self._squared)
+        largest = electrodes.radius**2 / least[near]
+        self._few = largest > _SERIES
+        rest = largest[~self._few].max(initial=_EXACT)
+        self._terms = np.arange(1, max(int(np.ceil(np.log(_EXACT) / np.log(rest))), 1) + 1)
+
+    @cached_property
+    def _powers(self) -> np.ndarray:
+        """(m, P, K + 1) z^k, the last one for slopes, for m electrodes that are not close."""
+        ways = (
+            self._apart[~self._few]
+            * (self._electrodes.radius / self._squared[~self._few])[..., None]
+        )
+        z = ways[..., 0] + 1j * ways[..., 1]
+        return z[..., None] ** np.append(self._terms, self._terms[-1] + 1)
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        """(P, 2 K m) B with B B^T what their charges take away, ohm."""
+        return _flat(self._rooted(self._weight[~self._few, :, None] * self._powers[..., :-1]))
+
+    @cached_property
+    def _changes(self) -> np.ndarray:
+        """(2, P, 2 K m) change of B with the place, 1/m."""
+        far, terms = ~self._few, self._terms
+        fades = (
+            2 * self._electrodes.nearness_slope(self._squared[far])[..., None] * self._apart[far]
+        )
+        moves = (
+            self._weight[far, :, None] * (terms / self._electrodes.radius) * self._powers[..., 1:]
+        )
+        out = []
+        for d, turned in enumerate((-moves, 1j * moves)):
+            out.append(_flat(self._rooted(fades[..., d, None] * self._powers[..., :-1] + turned)))
+        return np.array(out)
+
+    def _rooted(self, columns: np.ndarray) -> np.ndarray:
+        return columns * np.sqrt(2 * self._electrodes.scale / self._terms)
+
+    def among(self, chosen=slice(None)) -> np.ndarray:
+        """(p, p) what they add to G between the places `chosen`, ohm."""
+        columns = self._columns[chosen]
+        out = -(columns @ columns.T)
+        for electrode in map(int, np.flatnonzero(self._few)):
+            on, weight, share, image, _, _ = self._close(electrode, chosen)
+            part = np.multiply.outer(share, share) - (2 / self._electrodes.radius**2) * (
+                image @ image.T
+            )
+            np.log1p(np.maximum(part, RIM - 2, out=part), out=part)
+            part *= np.multiply.outer(weight, self._electrodes.scale * weight)
+            _add(out, on, on, part)
+        return out
+
+    def slope(self, places, others) -> np.ndarray:
+        """(2, p, q) change of `among` with the place of the first, of `places` and `others`, ohm/m.
+
+        Close to an electrode s = |z|^2 changes by -2 s^2 a / R^2 with the way a from it, and the inverse
+        point s a with it.
+        """
+        out = -np.matmul(self._changes[:, places], self._columns[others].T)
+        radius, scale = self._electrodes.radius, self._electrodes.scale
+        for electrode in map(int, np.flatnonzero(self._few)):
+            on, weight, share, _, apart, fading = self._close(electrode, places)
+            at, other_weight, other, image, _, _ = self._close(electrode, others)
+            by_share = other - (2 / radius**2) * (apart @ image.T)
+            part = share[:, None] * by_share
+            kept = np.maximum(part, RIM - 2)
+            rate = np.multiply.outer(weight, other_weight) / (1 + kept) * (part > RIM - 2)
+            fades = np.multiply.outer(fading, other_weight) * np.log1p(kept)
+            radial = 2 * fades - rate * by_share * (2 / radius**2 * share**2)[:, None]
+            turned = (2 / radius**2 * share)[:, None] * rate
+            for d in range(2):
+                change = scale * (radial * apart[:, [d]] - turned * image[:, d])
+                _add(out[d], on, at, change)
+        return out
+
+    def _close(self, electrode: int, chosen):
+        """Of a close electrode and the places `chosen` that are near it: which of them, weights, |z|^2,
+        inverse points and ways from the centre, m, and change of the weights with the squared distance,
+        1/m²."""
+        weight, squared = self._weight[electrode, chosen], self._squared[electrode, chosen]
+        on = np.flatnonzero(weight)
+        weight, squared, apart = weight[on], squared[on], self._apart[electrode, chosen][on]
+        share = self._electrodes.radius**2 / squared
+        fading = self._electrodes.nearness_slope(squared)
+        return on, weight, share, share[:, None] * apart, apart, fading
+
+
+def _flat(columns: np.ndarray) -> np.ndarray:
+    """(P, 2 K m) real ones for complex (m, P, K)."""
+    together = np.ascontiguousarray(columns.transpose(1, 0, 2)).view(float)
+    return together.reshape(len(together), -1)
+
+
+def _add(out: np.ndarray, rows: np.ndarray, columns: np.ndarray, part: np.ndarray) -> None:
+    """Adds `part` to `rows` and `columns` of a matrix."""
+    if part.shape == out.shape:
+        out += part
+    else:
+        out[np.ix_(rows, columns)] += part
