@@ -106,7 +106,7 @@ def test_contact_at_plus_x_plus_y_shows_upper_right(layout, pipelines, frame, pr
     assert np.hypot(upper_right[0] - expected[0], upper_right[1] - expected[1]) < 1.5
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
 def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, frame, profile):
     readings = frame.copy()
     readings[:, 20] = np.nan
@@ -119,8 +119,14 @@ def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, fram
     assert found(result)[:, 0].max() < (0.0055 if profile == "fast" else 0.001)
 
 
-@pytest.mark.parametrize("pair", [(20, 43), (27, 28), (7, 56), (3, 4)])
-@pytest.mark.parametrize("profile", ["fast", "balanced"])
+@pytest.mark.parametrize(
+    "profile, pair",
+    [
+        *[("fast", pair) for pair in [(20, 43), (27, 28), (7, 56), (3, 4)]],
+        ("balanced", (20, 43)),  # far apart
+        ("balanced", (3, 4)),  # side by side at the rim
+    ],
+)
 def test_swapped_wires_are_left_out_and_reported(pipelines, frame, profile, pair):
     order = np.arange(64)
     order[list(pair)] = pair[::-1]
@@ -356,11 +362,9 @@ SMALL = equal_grid(3, 3, (0.1, 0.1), 0.002, 1e4)  # on which a search takes litt
 SMALL_PIPELINES = [
     Pipeline(SMALL, Settings(profile, resolution=12, regularization=regularization))
     for profile, regularization in [
-        ("fast", None),
-        ("balanced", None),
-        ("accurate", None),
         ("fast", 0.0),
-        ("fast", 1e30),
+        ("balanced", 1e30),
+        ("accurate", None),
     ]
 ]
 
@@ -397,7 +401,7 @@ def test_whatever_comes_in_nothing_infinite_goes_out(voltages, random, drive):
             assert all_finite(pipeline.process(voltages, grounded, drive))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), PRESSURE, st.floats(5e-4, 0.03)),
@@ -418,14 +422,14 @@ def test_whatever_presses_nothing_infinite_goes_out(contacts):
             assert all_finite(pipeline.process(readings, np.arange(9), DRIVE))
 
 
-@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
+@pytest.mark.parametrize("profile", PROFILES)
 def test_readings_that_contradict_each_other_give_finite_images(profile):
     layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.02)
     pipeline = Pipeline(layout, Settings(profile, resolution=8))
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(PROFILES.index(profile))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for _ in range(12):
+        for _ in range(3):
             voltages = random.uniform(0.0, DRIVE, (9, 9))
             voltages[random.random((9, 9)) < 0.3] = np.nan
             assert all_finite(pipeline.process(voltages, np.arange(9), DRIVE))
@@ -514,8 +518,9 @@ def test_readings_twice_too_high_are_withheld_without_a_warning(layout):
     assert result.state == "withheld" and not result.contacts
 
 
-@pytest.mark.parametrize("profile", PROFILES)
-@pytest.mark.parametrize("offset", [0.02, 0.03])
+@pytest.mark.parametrize(
+    "profile, offset", [("fast", 0.02), ("balanced", 0.03), ("accurate", 0.02), ("accurate", 0.03)]
+)
 def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
     """An offset of all channels was a touch of 1 mN in a corner, give or take half a metre."""
     layout = load_layout("equal-4x4")
@@ -565,8 +570,7 @@ def common_to_rows(count):
     yield "ramp of 20 mV", 0.02 * row / count
 
 
-@pytest.mark.parametrize("profile", ["fast", "balanced"])
-@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8"])
+@pytest.mark.parametrize("name, profile", [("equal-4x4", "balanced"), ("equal-8x8", "fast")])
 def test_what_all_readings_of_a_row_have_in_common_is_no_contact(name, profile):
     """An untouched sheet with a ramp of 20 mV was a contact of 0.002 N, a sine of 1 V one of 0.15 N."""
     layout = load_layout(name)
@@ -578,8 +582,8 @@ def test_what_all_readings_of_a_row_have_in_common_is_no_contact(name, profile):
         assert result.state == "withheld" and not result.contacts and result.reason, what
 
 
-@pytest.mark.parametrize("name", ["equal-4x4", "equal-8x8"])
-def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name):
+@pytest.mark.parametrize("name, phase", [("equal-4x4", 4.0), ("equal-8x8", 2.0)])
+def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name, phase):
     """Hum of 0.2 V put a contact 40 to 70 mm beside its place, and it was valid."""
     layout = load_layout(name)
     count = layout.electrodes
@@ -589,10 +593,9 @@ def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name):
     readings += 1e-3 * np.random.default_rng(2).standard_normal((count, count))
     (found,) = processed(layout, readings).contacts
     assert np.hypot(found.x - 0.02, found.y - 0.03) < 2e-3
-    for phase in (2.0, 4.0):
-        hum = 0.2 * np.sin(0.7 * np.arange(count) + phase)
-        result = processed(layout, readings + hum[:, None])
-        assert result.state == "withheld" and not result.contacts
+    hum = 0.2 * np.sin(0.7 * np.arange(count) + phase)
+    result = processed(layout, readings + hum[:, None])
+    assert result.state == "withheld" and not result.contacts
 
 
 def processed(layout, readings):
