@@ -40,9 +40,9 @@ def test_places_lie_in_their_cells_and_nowhere_on_the_lattice(ell):
 
 def test_the_error_of_places_is_not_that_of_the_lattice():
     """Where contact, pixel and assumed size coincided it was 0.00 mm."""
-    found = evaluate_profile(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4), "balanced", resolution=10)
+    found = evaluate_profile(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4), "balanced", resolution=8)
     assert Settings().contact_radius not in found.settings["contact_radius"]
-    assert found.contacts["frames"] == len(found.quality.positions) > 90
+    assert found.contacts["frames"] == len(found.quality.positions) > 55
     assert found.contacts["place"]["median"] > 5e-5
     assert found.contacts["force"]["median"] > 0.01
     assert (found.quality.position_error > 1e-4).mean() > 0.95
@@ -60,7 +60,7 @@ def test_regions_outside_the_outline_are_left_out(ell):
 
 
 def test_the_command_states_ghosts_and_misses_beside_places(capsys):
-    words = ["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--resolution", "6"]
+    words = ["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--resolution", "5"]
     assert cli.main(words) == 0
     said = capsys.readouterr().out
     assert "ghosts" in said and "missed" in said and "OSPA" in said
