@@ -1,11 +1,13 @@
 """The command line as its users meet it: a process, an exit status, a line for every mistake."""
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import zipfile
+from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
@@ -19,7 +21,20 @@ from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
 
-def run(*words, env=None, stdout=subprocess.PIPE):
+def run(*words):
+    """The same as a process, without the second that it takes to begin."""
+    said, told = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    with redirect_stdout(said), redirect_stderr(told):
+        try:
+            status = cli.main([str(word) for word in words])
+        except SystemExit as end:
+            status = end.code
+    for each in (said, told):
+        each.seek(0)
+    return subprocess.CompletedProcess(words, status, said.read(), told.read())
+
+
+def run_process(*words, env=None, stdout=subprocess.PIPE):
     command = [sys.executable, "-m", "tomotactile_ros.cli", *map(str, words)]
     path = os.pathsep.join(p for p in sys.path if p)
     environment = {**os.environ, "PYTHONPATH": path, **(env or {})}
@@ -32,7 +47,7 @@ def run(*words, env=None, stdout=subprocess.PIPE):
 def frames(tmp_path_factory):
     path = tmp_path_factory.mktemp("cli") / "frames.npz"
     layout, scene = ("--layout", "equal-4x4"), ("--scene", "default")
-    done = run("simulate", *layout, *scene, "--frames", 3, "--out", path)
+    done = run_process("simulate", *layout, *scene, "--frames", 3, "--out", path)
     assert done.returncode == 0, done.stderr
     return path
 
@@ -260,12 +275,12 @@ def test_a_reader_that_has_enough_ends_the_command_quietly():
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as closed:
-        done = run("inspect", "equal-8x8", stdout=closed)
+        done = run_process("inspect", "equal-8x8", stdout=closed)
     assert done.returncode == 128 + signal.SIGPIPE and done.stderr == ""
 
 
 def test_a_terminal_that_knows_only_ascii():
-    done = run("inspect", "equal-8x8", env={"PYTHONIOENCODING": "ascii"})
+    done = run_process("inspect", "equal-8x8", env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0 and "0???" in done.stdout
 
 
@@ -292,7 +307,7 @@ def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
 
 
 def test_a_folder_that_cannot_be_written(tmp_path):
-    done = run(
+    done = run_process(
         "simulate", "--layout", "equal-4x4", "--scene", "idle", "--frames", 1,
         "--out", tmp_path / "no" / "out.npz",
     )  # fmt: skip
@@ -300,7 +315,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
 
 
 def test_the_command_names_all_commands():
-    done = run("--help")
+    done = run_process("--help")
     assert done.returncode == 0
     for name in COMMANDS:
         assert name in done.stdout
