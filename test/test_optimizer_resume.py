@@ -28,7 +28,7 @@ SMALL = {"starts": 2, "resolution": 8}
 
 
 def touch_at_few_places(checkpoint):
-    how = {"rounds": 2, "starts": 2, "places": 3, "resolution": 8}
+    how = {"rounds": 2, "starts": 2, "places": 2, "resolution": 8}
     constraints = Constraints(GATHERED.outline, 0.02)
     return touch(GATHERED, constraints=constraints, checkpoint=checkpoint, **how)
 
@@ -213,6 +213,14 @@ def changed(*way, value):
     return change
 
 
+@pytest.fixture(scope="module")
+def a_state(tmp_path_factory):
+    """Content of a file of the first round of the command for `free`."""
+    path = tmp_path_factory.mktemp("state") / "kept.json"
+    leave_after_one(Request(GRID, "free", **SMALL), path)
+    return path.read_text()
+
+
 @pytest.mark.parametrize(
     "damage, message",
     [
@@ -237,23 +245,17 @@ def changed(*way, value):
         (changed("best", value=None), "best is missing"),
     ],
 )
-def test_a_damaged_file_is_one_line(tmp_path, capsys, damage, message):
+def test_a_damaged_file_is_one_line(tmp_path, capsys, a_state, damage, message):
     out = tmp_path / "x.yaml"
     words = [*WORDS, *METHODS["free"], "--out", str(out)]
     state = out.with_suffix(".search.json")
-    state.write_text(damage(a_state(tmp_path / "kept.json")))
+    state.write_text(damage(a_state))
     before = state.read_text()
     assert main([*words, "--resume"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"tomotactile optimize: resume: {state}")
     assert message in line and line.endswith("; start anew, without resume")
     assert state.read_text() == before and not out.exists()
-
-
-def a_state(path):
-    """Of the first round of the command for `free`."""
-    leave_after_one(Request(GRID, "free", **SMALL), path)
-    return path.read_text()
 
 
 @pytest.mark.parametrize(
@@ -269,9 +271,9 @@ def a_state(path):
         (["--method", "touch"], "another method ('free', not 'touch'); start anew"),
     ],
 )
-def test_the_state_of_another_search_is_one_line(tmp_path, capsys, more, message):
+def test_the_state_of_another_search_is_one_line(tmp_path, capsys, a_state, more, message):
     out = tmp_path / "x.yaml"
-    a_state(out.with_suffix(".search.json"))
+    out.with_suffix(".search.json").write_text(a_state)
     words = WORDS if "equalize" in more else [*WORDS, *METHODS["free"]]
     assert main([*words, *more, "--resume", "--out", str(out)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
