@@ -517,15 +517,23 @@ def test_what_a_contact_and_the_way_to_it_conduct_has_the_slope_of_its_formula(o
         assert slope[CONDUCTANCE] < 0.2
 
 
-@pytest.mark.parametrize("radius", [0.005, 0.03])
-@pytest.mark.parametrize("strength", [1.0, 2.0, 30.0])
-def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(radius, strength):
+@pytest.fixture(scope="module")
+def on_8x8():
     layout, law = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4), ContactLaw(1e-4, 1.0)
-    area = np.pi * radius**2
+    return Estimator(layout, noise=1e-3, law=law, radius=0.005), law
+
+
+@pytest.mark.parametrize(
+    "strength, radius", [(1.0, 0.005), (2.0, 0.005), (30.0, 0.005), (1.0, 0.03), (30.0, 0.03)]
+)
+def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(
+    on_8x8, radius, strength
+):
+    estimator, law = on_8x8
+    layout, area = estimator.layout, np.pi * radius**2
     pressure = float(law.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
     contact = Contact("disc", center=(0.021, -0.034), radius=radius, pressure=pressure)
     frame = Simulator(layout, Scene("one", 3.3, (contact,), law), model="fem").frame(0.0, 0)
-    estimator = Estimator(layout, noise=1e-3, law=law, radius=0.005)
     (found,) = estimator.estimate(frame, layout.grounded, 3.3, State()).contacts
     if strength > 12:  # readings do not tell how much more than a bare conductor it is
         assert np.isinf(found.force_std)

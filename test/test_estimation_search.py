@@ -80,8 +80,8 @@ def find(name, frame, used=None, noise=NOISE, rows=None):
 
 
 @cache
-def estimator(name):
-    return Estimator(LAYOUTS[name](), noise=NOISE, law=LAW, radius=0.005)
+def estimator(name, noise=NOISE):
+    return Estimator(LAYOUTS[name](), noise=noise, law=LAW, radius=0.005)
 
 
 def estimate(name, frame, grounded=None):
@@ -178,7 +178,7 @@ def test_noise_that_hides_how_many_contacts_there_are_is_named(said):
     """Of two contacts 52 mm apart, 30 mV on 16 electrodes made a valid one amid them."""
     discs = ((-0.0193, 0.0273, 0.005, 2e4), (-0.0707, 0.0188, 0.005, 2e4))
     frame = simulate("4x4", discs, 30e-3)
-    noisy = Estimator(LAYOUTS["4x4"](), noise=said, law=LAW, radius=5e-3)
+    noisy = estimator("4x4", said)
     found = noisy.estimate(frame, np.arange(16), DRIVE, State())
     assert (found.state, found.contacts, found.parts) == ("withheld", [], [])
     assert "do not tell contacts from each other" in found.reason
@@ -194,9 +194,7 @@ def test_deviations_of_bare_conductors_are_those_of_the_last_point(name, number)
     draw = np.random.default_rng(number)
     discs = [(*draw.uniform(-0.08, 0.08, 2), draw.uniform(0.004, 0.01), 3e5) for _ in range(2)]
     frame, state = simulate(name, discs, 1e-2, number), State()
-    Estimator(LAYOUTS[name](), noise=1e-2, law=LAW, radius=5e-3).estimate(
-        frame, np.arange(len(frame)), DRIVE, state
-    )
+    estimator(name, 1e-2).estimate(frame, np.arange(len(frame)), DRIVE, state)
     fit = state.fit
     free = fit.unknowns.free
     slopes = np.zeros(free.shape + (len(free),))
@@ -386,12 +384,11 @@ def on_half(noise, many, value, sequence=0):
 
 def test_stuck_channels_are_seen_where_frames_before_were_noisy():
     """Half of them at 0 V after a frame with 30 mV of noise: they were taken for readings."""
-    for sequence in range(3):
+    for sequence in range(2):
         broken, _ = on_half(NOISE, 32, 0.0, sequence)
-        estimator, state = Estimator(LAYOUTS["8x8"](), noise=NOISE, law=LAW, radius=0.005), State()
-        noisy = on_half(0.03, 32, 0.0)[1]
-        estimator.estimate(noisy, np.arange(64), DRIVE, state)
-        said = estimator.estimate(broken, np.arange(64), DRIVE, state)
+        state, noisy = State(), on_half(0.03, 32, 0.0)[1]
+        estimator("8x8").estimate(noisy, np.arange(64), DRIVE, state)
+        said = estimator("8x8").estimate(broken, np.arange(64), DRIVE, state)
         assert len(said.left_out) == 32
         for c in said.contacts:
             assert min(np.hypot(c.x - 0.031, c.y + 0.022), np.hypot(c.x + 0.05, c.y - 0.04)) < 5e-3
@@ -400,8 +397,7 @@ def test_stuck_channels_are_seen_where_frames_before_were_noisy():
 @pytest.mark.parametrize("many", [40, 56, 60])
 def test_with_more_than_half_of_the_channels_dead_nothing_is_told(many):
     """Two contacts became one, or were up to 45 mm off, and valid."""
-    estimator = Estimator(LAYOUTS["8x8"](), noise=NOISE, law=LAW, radius=0.005)
     broken, _ = on_half(NOISE, many, np.nan)
-    said = estimator.estimate(broken, np.arange(64), DRIVE, State())
+    said = estimate("8x8", broken)
     assert said.state == "withheld" and not said.contacts
     assert said.reason.startswith(f"{many} of 64 channels give no readings or never change")
