@@ -48,7 +48,7 @@ places = st.tuples(st.floats(-0.11, 0.11), st.floats(-0.11, 0.11))
 discs = st.builds(lambda at, r: Contact("disc", center=at, radius=r), places, st.floats(1e-5, 0.09))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(MODELS), st.lists(st.tuples(discs, conductances), min_size=1, max_size=4))
 def test_any_contacts(model, contacts):
     """Between ground and drive; up to 5 % over where a bare edge runs along an electrode."""
@@ -66,7 +66,7 @@ def test_sheet_resistance(model, power):
     np.testing.assert_allclose(press(sheet_of(model, 4, 10.0**power), bare), plain, atol=1e-8)
 
 
-@pytest.mark.parametrize("rows", [2, 3, 8, 16])
+@pytest.mark.parametrize("rows", [2, 3, 12])
 @pytest.mark.parametrize("model", MODELS)
 def test_numbers_of_electrodes(model, rows):
     contact = Contact("disc", center=(0.013, 0.007), radius=0.002)
