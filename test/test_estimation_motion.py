@@ -2,6 +2,7 @@
 them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -183,6 +184,11 @@ def simulator_of(*contacts, gains=None) -> Simulator:
     )
 
 
+@cache
+def search_of_64() -> Search:
+    return Search(SheetOperator(EIGHT))
+
+
 @pytest.mark.parametrize("off", [0.0, 0.05])
 @pytest.mark.parametrize("row", [20, 47, 58])
 def test_reciprocity_says_which_rows_are_of_one_state(row, off):
@@ -192,7 +198,7 @@ def test_reciprocity_says_which_rows_are_of_one_state(row, off):
     )
     gains = 1 + off * np.random.default_rng(3).standard_normal(64)
     simulator = simulator_of(FIRST, second, gains=gains)
-    search = Search(SheetOperator(EIGHT))
+    search = search_of_64()
     channels = ChannelPrior(gain=max(off, 0.03))
     prior = Prior.unknown(search.operator, channels, RADIUS, 3.3)
     for begun, alike in ((0.0, 64 - row), (FRAME, 64)):
@@ -220,8 +226,7 @@ def test_two_touches_stay_two(profile):
         assert found == pytest.approx([-0.03] if n < 2 else [-0.03, 0.03], abs=1e-3)
 
 
-@pytest.mark.parametrize("frame", [60, 61])
-@pytest.mark.parametrize("profile", ["fast", "accurate"])
+@pytest.mark.parametrize("profile, frame", [("fast", 60), ("accurate", 61)])
 def test_a_tap_that_begins_in_the_last_rows_is_right_or_withheld(profile, frame):
     """No contact elsewhere, and not none: the last rows read up to a volt."""
     plain, scene = tt.load_layout("equal-8x8"), tt.load_scene("tap")
