@@ -104,7 +104,8 @@ def test_free_in_processes_improves_the_layout(tmp_path):
     equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4).save(tmp_path / "start.yaml")
     out = tmp_path / "free.yaml"
     command = ["optimize", "--layout", str(tmp_path / "start.yaml"), "--method", "free"]
-    command += ["--resolution", "8", "--steps", "1", "--workers", "2", "--out", str(out)]
+    command += ["--resolution", "8", "--steps", "1", "--starts", "2", "--workers", "2"]
+    command += ["--out", str(out)]
     assert main(command) == 0
     steps = load_layout(out).provenance["steps"]
     assert steps[-1]["score"] < 0.95 * steps[0]["score"]
