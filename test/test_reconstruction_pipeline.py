@@ -519,7 +519,7 @@ def test_readings_twice_too_high_are_withheld_without_a_warning(layout):
 
 
 @pytest.mark.parametrize(
-    "profile, offset", [("fast", 0.02), ("balanced", 0.03), ("accurate", 0.02), ("accurate", 0.03)]
+    "profile, offset", [("fast", 0.02), ("balanced", 0.03), ("accurate", 0.03)]
 )
 def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
     """An offset of all channels was a touch of 1 mN in a corner, give or take half a metre."""
