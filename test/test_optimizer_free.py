@@ -168,7 +168,7 @@ def test_constraints_hold_after_every_step():
     layout = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4)
     disc = Region(regular_polygon(0.015) + [0.03, 0.03])
     constraints = Constraints(SQUARE, 0.03, 0.02, (disc,))
-    found = list(free(layout, constraints=constraints, effort=SHORT, resolution=16))
+    found = list(free(layout, constraints=constraints, effort=SHORT, resolution=10))
     assert len(found) == SHORT.total(layout) + 1
     for step in found[1:]:
         if step.best:
@@ -239,7 +239,7 @@ def test_last_digits_do_not_decide_what_is_found():
     constraints = Constraints(SQUARE, 0.011)
     found = []
     for kind in (Objective, OtherLastDigits):
-        search = Search(kind(layout, resolution=20), constraints, True)
+        search = Search(kind(layout, resolution=14), constraints, True)
         *_, (positions, *_) = search.run(SHORT, 0, map)
         found.append(positions)
     assert np.array_equal(*found)
