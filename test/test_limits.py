@@ -75,15 +75,18 @@ def test_noise_that_is_said_to_be_less_than_the_models_error_withholds_nothing(p
     assert found.force == pytest.approx(FORCE, rel=0.1)
 
 
-def test_a_coarse_converter_is_withheld_unless_its_rounding_is_told():
-    """Of 4 bits a step is 0.2 V, and rounding an error of 0.06 V rms."""
+@pytest.mark.parametrize("bits, said", [(3, 1e-3), (4, 1e-3), (4, 0.06)])
+def test_rounding_of_a_coarse_converter_is_seen_as_noise_or_withheld(bits, said):
+    """Of 4 bits a step is 0.2 V, and rounding an error of 0.06 V rms; of 3 bits it is no noise."""
     layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
     contact = Contact("disc", center=PLACE, radius=RADIUS, pressure=PRESSURE)
-    scene = Scene("limits", DRIVE, [contact], LAW, adc=Adc(4, DRIVE))
-    frame = Simulator(layout, scene, h=0.005).frame(0.0)
-    withheld = process(layout, frame, noise=1e-3)
-    assert withheld.state == "withheld" and not withheld.contacts
-    (found,) = process(layout, frame, noise=0.06).contacts
+    scene = Scene("limits", DRIVE, [contact], LAW, adc=Adc(bits, DRIVE))
+    result = process(layout, Simulator(layout, scene, h=0.005).frame(0.0), noise=said)
+    if bits == 3:
+        assert result.state == "withheld" and not result.contacts
+        return
+    (found,) = result.contacts
+    assert result.noise > 0.04
     assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 1e-3
     assert abs(found.force - FORCE) < 3 * found.force_std < FORCE
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_model import Row, RowModel
@@ -42,7 +42,7 @@ class Births:
         self._even = even_shares(operator, self.places, np.full(len(self.places), radius))
         self._stencil = operator.lattice.stencil(self.places)
         false_alarms = 1 / (HOURS * 3600 * RATE)
-        self.threshold = float(norm.isf(false_alarms / (_SUMS * len(self.places))) ** 2)
+        self.threshold = float(ndtri(false_alarms / (_SUMS * len(self.places))) ** 2)
         self._limit = float(operator.admittance.diagonal().max())
         self._model, self._shares, self._spread = None, None, None
 

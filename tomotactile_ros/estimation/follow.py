@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
@@ -351,7 +351,7 @@ def _each(mean: np.ndarray, count: int) -> list[list[float]]:
 @cache
 def _limits(count: int) -> tuple[float, ...]:
     """Chi-squared of `count` readings from which on a row is surprising, confusing, unexplained."""
-    return tuple(float(chi2.isf(p, count)) for p in (_SURPRISING, _CONFUSING, _UNEXPLAINED))
+    return tuple(float(chdtri(count, p)) for p in (_SURPRISING, _CONFUSING, _UNEXPLAINED))
 
 
 def _root(scatter: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import chosen
 from tomotactile_ros.estimation.estimator import RESTING, State
@@ -214,7 +214,7 @@ def _agreed(belief: Belief, which: int, mean, covariance, sizes, confused: bool)
     sized = belief.sizes.copy()
     sized[which] = sizes
     belief = replace(belief, sizes=sized)
-    if not confused and (not resting or unlike < chi2.isf(_CONTRADICTS, 2)):
+    if not confused and (not resting or unlike < chdtri(2, _CONTRADICTS)):
         return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
     moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0

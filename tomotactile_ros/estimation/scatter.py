@@ -14,14 +14,14 @@ states D is more than that, for a small part of the readings: the largest quarte
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtri
 
 from tomotactile_ros.estimation.fit import Fit
 
 _FEWEST = 20  # differences: of fewer the variance is off by more than 40 %
 _COUNTED = 0.75  # of the differences
 # variance of the smaller part of a standard normal sample
-_OF_NORMAL = float(chi2.cdf(chi2.ppf(_COUNTED, 1), 3)) / _COUNTED
+_OF_NORMAL = float(chdtr(3, chdtri(1, 1 - _COUNTED))) / _COUNTED
 # Of readings that are 0 V but for noise, a converter cuts off what is below: half of them are 0, and so
 # much of their variance is left (1/2 - 1/(2 pi), trimmed: 0.31 for all converters from 8 bits on)
 _MANY, _LEFT = 0.25, 0.31

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import (
     CLOSE,
@@ -137,7 +137,7 @@ class Search:
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
-        self._threshold = chi2.isf(FALSE_ALARMS / len(self.detector.pixels), _FORM)
+        self._threshold = chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels))
 
     def contacts(
         self,
@@ -908,7 +908,7 @@ class Search:
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
     """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
-    return bool(apart @ prior.pull(apart) < chi2.isf(FALSE_ALARMS, len(apart)))
+    return bool(apart @ prior.pull(apart) < chdtri(len(apart), FALSE_ALARMS))
 
 
 def tells_speeds(fit: Fit) -> bool:

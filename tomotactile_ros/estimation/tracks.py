@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 REACH = 0.6  # spacings between where a contact is and where it was expected
 _FASTEST = 1.0  # m/s: how much farther it may be the longer it was not seen
@@ -81,7 +81,7 @@ class Tracks:
                 track = _Track(self.last, time, time, place, covariance, velocity)
             elif not velocity.any() and time > track.seen:
                 way, spread = place - track.place, covariance + track.covariance
-                if way @ np.linalg.solve(spread, way) > chi2.isf(_RESTS, len(way)):
+                if way @ np.linalg.solve(spread, way) > chdtri(len(way), _RESTS):
                     velocity = way / (time - track.seen)
             track.place, track.covariance = place, covariance
             track.velocity, track.seen = velocity, time

@@ -8,7 +8,7 @@ extended Kalman filter in information form; Bell and Cathey 1993) and added with
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -110,9 +110,11 @@ class Learner:
         found = self._finer(self.search.contacts(rows, prior))
         return found if one is None or left_over(found) < left_over(one) / 2 else self._finer(one)
 
-    def exchanged(self, fit: Fit) -> tuple[tuple[int, int], Fit] | None:
+    def exchanged(
+        self, fit: Fit, likely: Iterable[tuple[int, int]] = ()
+    ) -> tuple[tuple[int, int], Fit] | None:
         """Two electrodes whose wires are exchanged, if that explains far more than `fit`, and the
-        fit then.
+        fit then; `likely` ones are tried first.
 
         Reciprocity holds for exchanged wires, too; what contradicts is the sheet. Gains and offsets
         are the channels', and stay with them.
@@ -123,11 +125,15 @@ class Learner:
         by_electrode = left.sum(axis=0)
         np.add.at(by_electrode, rows.grounded, left.sum(axis=1))
         suspects = np.argsort(by_electrode)[-_SUSPECTS:]
+        position = {int(each): i for i, each in enumerate(self.operator.used)}
+        first = [tuple(position[each] for each in pair) for pair in likely]
         tried = []
-        for pair in combinations(sorted(suspects.tolist()), 2):
+        for pair in [*first, *combinations(sorted(suspects.tolist()), 2)]:
             one = self._single(_with_exchanged(rows, pair), prior)
             if one is not None:
                 tried.append((one.cost, pair, one))
+                if left_over(one) < EXPLAINED:
+                    break
         if not tried:
             return None
         _, pair, found = min(tried, key=lambda each: each[0])
@@ -142,7 +148,7 @@ class Learner:
         """Two electrodes whose exchange explains most of `fits`, which nothing else does."""
         found: dict[tuple[int, int], list[float]] = {}
         for fit in fits:
-            swapped = self.exchanged(fit)
+            swapped = self.exchanged(fit, found)
             if swapped is not None:
                 pair, then = swapped
                 gained = (fit.chi_squared - then.chi_squared) / then.doubt

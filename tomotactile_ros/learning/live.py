@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
@@ -140,7 +141,7 @@ class LiveLearner:
         self._first_idle: list[_Frame] = []
         self._together = 0 if self.state.touches < TOGETHER[0] else len(TOGETHER)
         self._learners: dict[tuple[int, ...], Learner] = {}
-        self._odd: list[tuple[_Frame, float]] = []  # do not fit; surprise
+        self._odd: list[tuple[_Frame, Fit]] = []  # do not fit
         self.health = Health(self.operator)
         if self.state.touches:
             self.health.update(self.state)
@@ -281,7 +282,7 @@ class LiveLearner:
             return
         fit = learner.look(self._rows(learner, frame))
         if surprise(fit) > _ODD:
-            self._odd.append((frame, surprise(fit)))
+            self._odd.append((frame, fit))
             if len(self._odd) == _CHANGED:
                 self._learn_change(learner)
             return
@@ -296,30 +297,25 @@ class LiveLearner:
         """Touches in turn do not fit to what is known: learned anew, if that explains them."""
         odd, before = [list(each) for each in zip(*self._odd)]
         self._odd = []
-        rows = [self._rows(learner, frame) for frame in odd]
-        if self._is_exchanged(learner, rows, odd[0].time):
+        exchanged = learner.exchanged_in(before)
+        if exchanged is not None:
+            self.health.exchanged(exchanged.pair, odd[0].time, exchanged.sure)
             self.unexplained += len(odd)
             return
+        rows = [self._rows(learner, frame) for frame in odd]
         known = learner.state
         learner.set(known.widened())
         for each, frame in zip(rows, odd):
             learner.learn(learner.look(each), frame.time)
         after = [learner.look(each) for each in rows]
-        explained = sum(surprise(now) < _BETTER * then for now, then in zip(after, before))
+        pairs = zip(after, before)
+        explained = sum(surprise(now) < _BETTER * surprise(then) for now, then in pairs)
         if explained <= len(odd) / 2:
             learner.set(known)
             self.unexplained += len(odd)
             return
         misfits = tuple(now.chi_squared / now.rows.count for now in after)
         self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
-
-    def _is_exchanged(self, learner, rows, since: float) -> bool:
-        """Whether most of some frames are explained if the same two wires are swapped; the health is
-        told."""
-        found = learner.exchanged_in([learner.look(each) for each in rows])
-        if found is not None:
-            self.health.exchanged(found.pair, since, found.sure)
-        return found is not None
 
     def _rows(self, learner, frame):
         voltages, rows = frame.voltages[frame.rows], frame.rows
