@@ -355,7 +355,10 @@ class Estimator:
             refused = 0.0 if start is None else state.refused
             budget = FIRST_LOOK if quick else BUDGET
             if not goes_on:
-                rows = judge(rows, timed and (begun or alike < whole))
+                kept = judge(rows, timed and (begun or alike < whole))
+                if kept is not rows and there is not None:
+                    there = Fit(search.operator, there.unknowns, kept, prior)
+                rows = kept
             fit = search.contacts(
                 rows, prior, there, budget, state.equations, refused, state.misfit
             )
@@ -368,7 +371,7 @@ class Estimator:
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
         if _is_suspect(fit) and start is not None and alike == whole:
-            rows = judge(rows, False)
+            rows = judge(rows, False) if goes_on else rows
             again = search.contacts(rows, prior)
             fit = _better(fit, again) if rows is fit.rows else again
         return fit, 0, timed and (begun or alike < whole)
