@@ -258,6 +258,18 @@ def test_wires_swapped_before_the_first_touch_are_named_too():
     assert learner.state.touches == 0
 
 
+def test_odd_touches_of_which_some_lack_a_channel_are_looked_at_together():
+    learner, sensor = live(state=states()[-1]), damaged(0.03, swapped=((5, 10),))
+    for number, time in enumerate(np.arange(0.6, 4, 0.1)):
+        frame = sensor.frame(time, number)
+        if time > 1:
+            frame[:, 2] = np.nan
+        if time % 1 > 0.55 and learner.offer(frame, GROUNDED, DRIVE, time):
+            learner.work()
+    (found,) = learner.health.findings
+    assert found.name == "swapped 5 10" and learner.state.frames == states()[-1].frames
+
+
 def test_a_sheet_that_dries_is_told_by_all_resistances_together():
     """They are known in parts of the sheet's resistance; one wire alone is not taken for it."""
     state = states()[-1]

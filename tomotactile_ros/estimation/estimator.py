@@ -168,8 +168,8 @@ class Estimator:
             return replace(withheld, noise=as_seen)
         if noisier:
             state.forget()
-            estimate, _ = self._look(*frame, state, row_period, as_seen)
             state.noise = as_seen
+            estimate, _ = self._look(*frame, state, row_period, as_seen)
         elif variance < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
             state.noise = as_seen
         return replace(estimate, noise=max(self.noise, state.noise))

@@ -125,8 +125,7 @@ class Learner:
         by_electrode = left.sum(axis=0)
         np.add.at(by_electrode, rows.grounded, left.sum(axis=1))
         suspects = np.argsort(by_electrode)[-_SUSPECTS:]
-        position = {int(each): i for i, each in enumerate(self.operator.used)}
-        first = [tuple(position[each] for each in pair) for pair in likely]
+        first = [tuple(self.operator.position[list(pair)].tolist()) for pair in likely]
         tried = []
         for pair in [*first, *combinations(sorted(suspects.tolist()), 2)]:
             one = self._single(_with_exchanged(rows, pair), prior)

@@ -297,12 +297,15 @@ class LiveLearner:
         """Touches in turn do not fit to what is known: learned anew, if that explains them."""
         odd, before = [list(each) for each in zip(*self._odd)]
         self._odd = []
-        exchanged = learner.exchanged_in(before)
+        rows = [self._rows(learner, frame) for frame in odd]
+        same = [np.array_equal(then.operator.used, learner.operator.used) for then in before]
+        exchanged = learner.exchanged_in(
+            [then if own else learner.look(each) for then, own, each in zip(before, same, rows)]
+        )
         if exchanged is not None:
             self.health.exchanged(exchanged.pair, odd[0].time, exchanged.sure)
             self.unexplained += len(odd)
             return
-        rows = [self._rows(learner, frame) for frame in odd]
         known = learner.state
         learner.set(known.widened())
         for each, frame in zip(rows, odd):
