@@ -18,7 +18,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.tables import Around, Sensed, mirrored
-from tomotactile_ros.estimation.touch import CONDUCTANCE, Touches, patches_for
+from tomotactile_ros.estimation.touch import CONDUCTANCE, Form, Touches, patches_for, patches_of
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
@@ -45,6 +45,17 @@ def contact(x, y, radius=0.005, pressure=2e4, operator=OPERATOR):
     touch = Touches(operator, form[None], [across], np.zeros(operator.modes))
     g = float(LAW.conductance(pressure)) * np.pi * radius**2
     form[2] = -np.log(1 / g + touch.mean[0])
+    return form, across
+
+
+def bar(x, y, length, width, direction, pressure=2e4):
+    """The same of a rectangle, its sides in m; `direction` of its length, degrees from x."""
+    long, angle = np.log(length / width) / 2, np.radians(2 * direction)
+    form = [np.log(np.sqrt(length * width / np.pi)), long * np.cos(angle), long * np.sin(angle)]
+    g = float(LAW.conductance(pressure)) * length * width
+    form = np.array([x, y, np.log(g / 2), *form])
+    across = patches_of(form, OPERATOR.pitch)
+    assert across < 0
     return form, across
 
 
@@ -102,6 +113,7 @@ PLACES = {
     "beside a stronger one": pressed(
         contact(0.031, 0.02, 0.008, 3e4), contact(0.051, 0.031, 0.004)
     ),
+    "a bar across electrodes": pressed(bar(0.01, 0.02, 0.09, 0.006, 33.0)),
     "over an electrode": pressed(contact(*OPERATOR.layout.positions[9], 0.008, 2e4)),
 }
 
@@ -120,6 +132,40 @@ def test_derivatives_by_contacts(where):
         np.testing.assert_allclose(
             Prediction(OPERATOR, unknowns, ALL).contact_columns()[6 * i + 2], true[2], atol=1e-6
         )
+
+
+def test_derivatives_by_a_bar_on_an_even_sheet():
+    unknowns = pressed(bar(-0.02, 0.01, 0.06, 0.01, 95.0), contact(0.031, 0.02))
+    found = iter(Prediction(OPERATOR, unknowns, ALL).contact_columns())
+    for i, j in np.ndindex(unknowns.contacts.shape):
+        true = difference(unknowns, "contacts", (i, j), 2e-6 if j < 2 else 1e-4)
+        assert np.abs(next(found) - true).max() < 1e-5 * np.abs(true).max()
+
+
+def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
+    form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
+    along = np.radians(33.0)
+    axes = np.array([[np.cos(along), np.sin(along)], [-np.sin(along), np.cos(along)]])
+    cut = Form.of(form, across)
+    places = (cut.places - form[:2]) @ axes.T
+    assert cut.area.sum() == pytest.approx(1.0)
+    assert places.mean(axis=0) == pytest.approx(0.0, abs=1e-12)
+    for side, at in zip((0.09, 0.006), places.T, strict=True):
+        steps = np.unique(at.round(9))
+        assert np.ptp(steps) + np.diff(steps).max() == pytest.approx(side)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.3, 1.2])
+def test_a_bar_becomes_no_other_shape_where_it_may_be_an_ellipse(turned):
+    """What is wider than half a spacing, or less than five times as long as wide, is cut as an ellipse."""
+    pitch = OPERATOR.pitch
+    narrow = np.array([0.0, 0.0, -9.0, np.log(0.2 * pitch), 0.0, 0.0])
+    for long, radius in ((0.7, 0.2), (1.2, 1.2)):
+        form = narrow.copy()
+        form[3:] = np.log(radius * pitch), long * np.cos(turned), long * np.sin(turned)
+        assert patches_of(form, pitch) > 0
+    narrow[4:] = 0.9 * np.cos(turned), 0.9 * np.sin(turned)
+    assert patches_of(narrow, pitch) < 0
 
 
 @pytest.mark.parametrize("where", PLACES)

@@ -124,6 +124,15 @@ def test_a_ring_is_one_contact_whatever_resistances_switches_have():
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
 
 
+def test_a_line_is_one_contact_whatever_is_stuck():
+    """An ellipse of the same length leaves so much over that four discs were likelier: four ghosts."""
+    wiring = WIRINGS["two stuck channels"]
+    for result, truth in pressed("line 100 x 5", wiring=wiring, step=2):
+        score = score_frame(result.contacts, truth)
+        assert not score.ghosts and not score.doubled and not score.missed
+        assert score.place.max() < 0.3e-3 and score.force.max() < 0.08
+
+
 def test_hands_are_found_on_worn_channels():
     """Gains off by 2 %, 75 to 225 ohm to ground: of thirty contacts 21 were missed."""
     scores = [

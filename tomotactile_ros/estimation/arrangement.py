@@ -12,10 +12,12 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
+    LONGEST,
     RADIUS,
     SHEAR,
     STRETCH,
     patches_for,
+    patches_of,
 )
 
 _DISC = np.array([True] * 4 + [False] * 2)  # parameters of a disc that are free
@@ -121,7 +123,7 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
     moments = (apart * share[:, None]).T @ apart
     moments += np.eye(2) * (share @ np.exp(2 * contacts[:, RADIUS])) / 4
     value, axis = np.linalg.eigh(moments)
-    stretch = min(np.log(value[1] / value[0]) / 4, 1.5)
+    stretch = min(np.log(value[1] / value[0]) / 4, LONGEST)
     angle = 2 * np.arctan2(axis[1, 1], axis[0, 1])
     form = unknowns.free[which[0]].copy()
     form[STRETCH:] = stretch > LONG
@@ -142,11 +144,6 @@ def one_of(cells: Unknowns, which: np.ndarray, others: Unknowns, pitch: float) -
     part = cells.with_contacts(contacts, np.array(cells.across)[which].tolist(), discs)
     one = gathered(part, np.arange(len(contacts)), pitch)
     return others.joined_by(one.contacts[0], one.across[0], one.free[0])
-
-
-def patches_of(contact: np.ndarray, pitch: float) -> int:
-    """Patches across a contact (6,), as its longer axis asks for."""
-    return patches_for(float(np.exp(contact[RADIUS] + np.hypot(*contact[STRETCH:]))), pitch)
 
 
 def chosen(unknowns: Unknowns, keep) -> Unknowns:

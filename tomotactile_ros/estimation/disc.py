@@ -1,4 +1,4 @@
-"""A disc of radius 1, and a square of its area, cut into patches."""
+"""A disc of radius 1, and a square of its area, cut into patches that a contact stretches."""
 
 from __future__ import annotations
 
@@ -20,12 +20,21 @@ def unit_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 PATCH = 0.447
 
 
-@lru_cache(maxsize=8)
-def square_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of the square whose area is that of the disc, sides along the axes, cut into
-    `across` squared patches."""
-    side = np.sqrt(np.pi)
-    steps = side * ((np.arange(across) + 0.5) / across - 0.5)
-    points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    share, radius = 1 / len(points), PATCH * side / across
-    return points, np.full(len(points), share), np.full(len(points), radius)
+_OVER = 3  # patches to the width of a rectangle, at most
+
+
+def cut(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Patches of what a contact stretches: `across` to the width of a disc; below 0, so many to the length
+    of a square, which may become a rectangle."""
+    return unit_patches(across) if across > 0 else square_patches(-across)
+
+
+@lru_cache(maxsize=64)
+def square_patches(along: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same as `unit_patches` of the square whose area is that of the disc, sides along the axes,
+    `along` patches by three, or by as many if they are fewer."""
+    side, over = np.sqrt(np.pi), min(along, _OVER)
+    steps = [side * ((np.arange(n) + 0.5) / n - 0.5) for n in (along, over)]
+    points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    radius = PATCH * side / np.sqrt(len(points))
+    return points, np.full(len(points), 1 / len(points)), np.full(len(points), radius)

@@ -19,7 +19,7 @@ from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import same_rows
 from tomotactile_ros.estimation.prior import Prior, same_sensor
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
+from tomotactile_ros.estimation.touch import CONDUCTANCE, LONGEST, RADIUS, STRETCH, X, Y
 
 REACH, REACH_STRENGTH = 0.3, 1.5  # spacings and of ln c: one linearisation holds for it
 _LEAST = 1e-9  # conductance of a contact in parts of an electrode's: far below what noise hides
@@ -142,7 +142,8 @@ class Contacts:
         contacts[:, X : Y + 1] = np.clip(contacts[:, X : Y + 1], -half, half)
         largest = np.log(max(operator.layout.outline.size))
         contacts[:, RADIUS] = np.clip(contacts[:, RADIUS], np.log(_smallest(self.fit)), largest)
-        contacts[:, STRETCH:] = np.clip(contacts[:, STRETCH:], -1.5, 1.5)
+        long = np.hypot(*contacts[:, STRETCH:].T)
+        contacts[:, STRETCH:] *= np.minimum(LONGEST / np.maximum(long, LONGEST), 1.0)[:, None]
         least = np.log(_LEAST * operator.admittance.diagonal().max())
         most = np.log(_MOST / np.maximum(self.fit.prediction.means, 1e-9))
         contacts[:, CONDUCTANCE] = np.clip(contacts[:, CONDUCTANCE], least, np.maximum(most, least))

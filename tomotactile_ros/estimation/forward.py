@@ -275,10 +275,14 @@ class Prediction:
         """
         changes = self.touches.mean_changes(i)
         out = np.zeros(PARAMETERS)
-        out[CONDUCTANCE] = self._rates[i] / exponent
+        out[CONDUCTANCE] = self.force_by_strength(exponent)[i]
         out[list(MOVING)] = self._by_mean[i] * changes / exponent
         out[RADIUS] += 2 * (1 - 1 / exponent)
         return out
+
+    def force_by_strength(self, exponent: float) -> np.ndarray:
+        """(k,) derivatives of the logarithms of the forces by those of the conductances c."""
+        return self._rates / exponent
 
     def force_by_impedance(self, i: int, exponent: float) -> float:
         """Derivative of the logarithm of the force of contact i by that of its mean D, c held."""

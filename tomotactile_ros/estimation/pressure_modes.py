@@ -13,15 +13,17 @@ from math import factorial, sqrt
 
 import numpy as np
 
-from tomotactile_ros.estimation.disc import unit_patches
+from tomotactile_ros.estimation.disc import cut
 
 ORDER = 4  # highest radial degree: 14 modes
 
 
 @lru_cache(maxsize=32)
 def pressure_modes(across: int) -> np.ndarray:
-    """(Q, P) values of the modes on the patches of a disc `across` patches wide."""
-    return np.array(list(_modes(unit_patches(across)[0])))
+    """(Q, P) values of the modes on the patches of a contact cut as `cut` does, without their mean."""
+    points, area, _ = cut(across)
+    values = np.array(list(_modes(points)))
+    return values - (values @ area)[:, None]
 
 
 def _modes(points: np.ndarray) -> Iterator[np.ndarray]:

@@ -20,7 +20,7 @@ from tomotactile_ros.estimation.reported import (
     told,
 )
 from tomotactile_ros.estimation.shape import certainty, groups
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS
+from tomotactile_ros.estimation.touch import RADIUS
 from tomotactile_ros.scenes.contact import ContactLaw
 
 # what cells err at the rim of a contact, in parts of side over radius: of a side in places, of a force;
@@ -49,7 +49,7 @@ class _Cells:
     def __init__(self, fit: Fit, law: ContactLaw):
         self._fit, u, prediction = fit, fit.unknowns, fit.prediction
         count = len(u.contacts)
-        self._sheet = fit.operator.resistance
+        self._sheet, self._exponent = fit.operator.resistance, law.exponent
         self._area = np.pi * np.exp(2 * u.contacts[:, RADIUS]) * prediction.covered
         most = [
             told(g, mean, self._sheet) for g, mean in zip(prediction.conductances, prediction.means)
@@ -59,8 +59,7 @@ class _Cells:
         self._pressures = law.pressure(self._conductances / self._area)
         self.forces = self._pressures * self._area
         self._places = np.array([prediction.touches.centre(i) for i in range(count)])
-        slopes = [prediction.force_slope(i, law.exponent)[CONDUCTANCE] for i in range(count)]
-        self._slopes = self.forces * np.array(slopes)
+        self._slopes = self.forces * prediction.force_by_strength(law.exponent)
         by_ways = [prediction.force_by_impedance(i, law.exponent) for i in range(count)]
         self._by_ways = self.forces * np.array(by_ways)
         self._covariance = fit.covariance[:count, :count] * fit.doubt
@@ -95,6 +94,11 @@ class _Cells:
         # by what its cells conduct: of nearly bare ones the force is hardly known
         certain = float(np.sqrt(certainty(self._covariance, which)))
         bare = share[self._bare[which]].sum() > _MOSTLY_BARE
+        if bare:  # what all its cells together are known to conduct at the least
+            least = told(conductance, self._mean(which), self._sheet)[0] / conductance
+            conductance *= least
+            less = least ** (1 / self._exponent)
+            force, pressure = force * less, pressure * less
         floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
         contact = Contact(
@@ -111,6 +115,15 @@ class _Cells:
             float(1 - np.exp(-(certain**2) / 2)) if certain > _CERTAIN or bare else 0.0,
         )
         return contact, which[share > 1e-3]
+
+    def _mean(self, which: np.ndarray) -> float:
+        """Mean D of what the cells `which` conduct together, ohm."""
+        touches = self._fit.prediction.touches
+        conductances = np.zeros(len(self.forces))
+        conductances[which] = self._conductances[which]
+        share = conductances[touches.owner] * touches.weight
+        share /= max(float(share.sum()), 1e-300)
+        return float(share @ touches.impedance @ share)
 
     def alone(self, i: int) -> Contact:
         """One cell."""

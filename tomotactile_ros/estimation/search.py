@@ -30,7 +30,6 @@ from tomotactile_ros.estimation.arrangement import (
     most_together,
     one_of,
     overlaps,
-    patches_of,
     resting,
     with_disc,
 )
@@ -49,7 +48,6 @@ from tomotactile_ros.estimation.one_state import (
 )
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.reported import told
 from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
@@ -58,6 +56,7 @@ from tomotactile_ros.estimation.touch import (
     RADIUS,
     STRETCH,
     patches_for,
+    patches_of,
 )
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
@@ -360,7 +359,10 @@ class Search:
 
     def _across(self, contact: np.ndarray, before: int, most: int) -> int:
         wanted = min(patches_of(contact, self.operator.pitch), most)
-        return wanted if wanted > before or wanted < before - 2 else before
+        if wanted * before < 0:
+            return wanted
+        more = abs(wanted) - abs(before)
+        return wanted if more > 0 or more < -2 else before
 
     def _coarse(self, unknowns: Unknowns) -> Unknowns:
         """The same with no more patches than contacts that move are allowed."""
@@ -438,9 +440,14 @@ class Search:
             seen = self._as_discs(points, like, factor)
             tried = self._approached(self._begun(seen, like, len(seen.contacts)))
             found = tried if found is None or tried.cost < found.cost else found
-            if found.chi_squared < _MISFIT * found.rows.count:
+            if found.chi_squared < _MISFIT * found.rows.count or self._together(points) > 2:
                 break
         return found
+
+    def _together(self, points: list[tuple[np.ndarray, float]]) -> int:
+        """How many of `points` are near each other, at the most: three may be one long or wide thing."""
+        places = np.array([place for place, _ in points]).reshape(-1, 2)
+        return most_together(places, self.operator.pitch / CLOSE)
 
     def _first(self, fit: Fit, start: Start | None = None) -> Fit:
         """The fit of what a first look at the rows of `fit`, of no contacts, shows; `start` where it is
@@ -452,7 +459,9 @@ class Search:
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
-        if found is not None and (len(seen) > _SEVERAL or _is_round(found)):
+        if found is not None and (
+            len(seen) > _SEVERAL or len(seen) >= 3 * _count(found) or _is_round(found)
+        ):
             return found
         discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
@@ -501,7 +510,7 @@ class Search:
         if not explains(shape) and shape.chi_squared + shape.of_sensor > least:
             return found
         parts = self._parts(shape, rest)
-        if len(parts.unknowns.contacts) > 1 or parts.chi_squared < found.chi_squared:
+        if parts.chi_squared < _MISFIT * parts.rows.count:
             found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
         return self._shape_or(shape, found) or found
 
@@ -516,7 +525,10 @@ class Search:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
         parts = self._split(self._parts(shape, rest), self._near)
-        return self._shape_or(shape, self._simplified(self._solve(parts.unknowns, parts)))
+        found = self._simplified(self._solve(parts.unknowns, parts))
+        if self._falls_short(found):
+            found = self._split(found, self._solve)
+        return self._shape_or(shape, found)
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
         """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
@@ -526,10 +538,9 @@ class Search:
         cells, shape = shape, whole(shape, self._threshold)
         if not _is_likely(shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt), shape.prior):
             return None  # what cells leave over is no small part of nearly any readings
-        seen = zip(shape.prediction.conductances, shape.prediction.means)
-        if any(told(g, mean, self.operator.resistance)[1] for g, mean in seen):
-            return None  # of bare cells, not even a bound of the force is known
-        return shape if self._is_likelier(shape, found, cells) else None
+        if self._is_likelier(shape, found, cells):
+            return shape
+        return found if shape.chi_squared < _LEFT_OVER * shape.rows.count else None
 
     def reciprocity(self, rows: Rows, prior: Prior) -> Reciprocity:
         """How far rows obey it."""
@@ -613,6 +624,9 @@ class Search:
         if look is None:
             return None
         points, discs = look.points(like.prior.radius), None
+        one = None if points is None else self._as_one(points, like)
+        if one is not None:
+            return Start(look, one)
         if points is not None:
             discs = self._of_any_size(points, like)
             if self._is_near(discs):
@@ -627,13 +641,25 @@ class Search:
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
         return Start(look, wide if discs is None else self._likelier(discs, wide))
 
+    def _as_one(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit | None:
+        """The best fit of one contact in the place of each three or more `points` near each other, if it leaves
+        nothing over: something long or wide, rather than several beside each other."""
+        if self._changing or self._together(points) < 3:
+            return None
+        few = clustered(self._as_discs(points, like), self.operator.pitch)
+        found = self._approached(self._begun(few, like, len(few.contacts)))
+        if found.chi_squared > _MISFIT * found.rows.count:
+            return None
+        found = self._simplified(self._solve(found.unknowns, found))
+        return None if self._falls_short(found) else found
+
     def _of_sensor(self, look: FirstLook, discs: Fit | None, like: Fit) -> Fit | None:
         """The best fit from near `discs`, or else from the strongest points of a first look, the sensor
         being free, if that explains the readings with a likely one: what few small contacts leave
         over may be the sheet's."""
         if discs is None:
             strongest = look.strongest(like.prior.radius)
-            if not strongest:
+            if not strongest or self._together(strongest) > 2:
                 return None
             discs = self._of_any_size(strongest, like)
         elif most_together(discs.unknowns.contacts[:, :2], self.operator.pitch) > 1:
@@ -930,6 +956,11 @@ def _is_long(fit: Fit) -> np.ndarray:
 def _is_round(fit: Fit) -> bool:
     """Whether a fit is of contacts of which none is long."""
     return fit.unknowns.bond is None and not _is_long(fit).any()
+
+
+def _count(fit: Fit) -> int:
+    """How many contacts a fit is of, a shape or not."""
+    return len(fit.unknowns.contacts) if fit.unknowns.bond is None else 1 + int(groups(fit).max())
 
 
 def _cost(fit: Fit) -> float:

@@ -25,7 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tomotactile_ros.estimation.disc import square_patches, unit_patches
+from tomotactile_ros.estimation.disc import cut
 from tomotactile_ros.estimation.induced import RIM
 from tomotactile_ros.estimation.operator import Patches, SheetOperator
 from tomotactile_ros.estimation.pressure_modes import pressure_modes
@@ -37,11 +37,25 @@ _BOUND = 0.05  # 1/g is bounded smoothly at this part of 1/c
 _BARE = 0.005  # 1/g of a bare conductor in parts of 1/c
 _PER_PITCH = 6.0  # patches along one spacing of the electrodes
 _FEWEST_ACROSS, MOST_ACROSS = 4, 14  # patches to a contact's width
+LONGEST = 2.0  # half the logarithm of the ratio of axes, at most
+_MOST_ALONG = 48  # patches to a bar's length
+_BAR = 0.8  # half the logarithm of the ratio of axes from which on a contact is a rectangle: 5 to 1
+_NARROW = 0.5  # spacings: wider rectangles are ellipses, as their patches would be too large
 
 
 def patches_for(radius: float, pitch: float) -> int:
     """How many patches a contact of `radius` (m) is wide on electrodes `pitch` (m) apart."""
     return int(np.clip(np.ceil(2 * radius * _PER_PITCH / pitch), _FEWEST_ACROSS, MOST_ACROSS))
+
+
+def patches_of(contact: np.ndarray, pitch: float) -> int:
+    """The same for a contact (6,) as its longer axis asks for; below 0 for what is so long and narrow that it
+    is a rectangle."""
+    long, radius = float(np.hypot(*contact[STRETCH:])), float(np.exp(contact[RADIUS]))
+    side = np.sqrt(np.pi) * radius
+    if long < _BAR or side * np.exp(-long) > _NARROW * pitch:
+        return patches_for(radius * float(np.exp(long)), pitch)
+    return -min(int(np.ceil(side * np.exp(long) * _PER_PITCH / pitch)), _MOST_ALONG)
 
 
 def stretch(contact: np.ndarray) -> np.ndarray:
@@ -63,6 +77,23 @@ def _shape(contact):
     return np.exp(contact[RADIUS]) * np.array([shape, shape, by_p, by_q])
 
 
+def _turned(contact):
+    """The same as `_shape` but that what it stretches is turned as well, so that the sides of a square stay at
+    right angles; of no stretch, along the axes."""
+    p, q = contact[STRETCH], contact[SHEAR]
+    size, angle = max(float(np.hypot(p, q)), 1e-6), np.arctan2(q, p) / 2
+    way, aside = (
+        np.array([[np.cos(angle)], [np.sin(angle)]]),
+        np.array([[-np.sin(angle)], [np.cos(angle)]]),
+    )
+    longer, shorter = np.exp(size), np.exp(-size)
+    shape = np.hstack([longer * way, shorter * aside])
+    by_size = np.hstack([longer * way, -shorter * aside]) / size
+    by_angle = np.hstack([longer * aside, -shorter * way]) / (2 * size**2)
+    by_p, by_q = p * by_size - q * by_angle, q * by_size + p * by_angle
+    return np.exp(contact[RADIUS]) * np.array([shape, shape, by_p, by_q])
+
+
 @dataclass(frozen=True)
 class Form:
     """How the patches of one contact lie: what follows from its parameters alone.
@@ -78,10 +109,10 @@ class Form:
 
     @classmethod
     def of(cls, contact: np.ndarray, across: int) -> Form:
-        """Of a contact (6,), a disc or an ellipse `across` patches wide; below 0: a square cell of the
-        same area, so many patches wide."""
-        unit, area, radius = unit_patches(across) if across > 0 else square_patches(-across)
-        shape, *changes = _shape(contact)
+        """Of a contact (6,), a disc or an ellipse `across` patches wide; below 0: a rectangle of the same
+        area and stretch, so many patches long."""
+        unit, area, radius = cut(across)
+        shape, *changes = _shape(contact) if across > 0 else _turned(contact)
         moves = np.zeros((len(MOVING), len(unit), 2))
         moves[0, :, 0] = moves[1, :, 1] = 1.0
         for k, change in enumerate(changes):

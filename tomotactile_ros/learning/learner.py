@@ -289,9 +289,8 @@ class Learner:
     def _finer(self, fit: Fit) -> Fit:
         """The same or a fit of discs cut as finely as learning asks for."""
         u = fit.unknowns
-        across = (
-            tuple(map(max, u.across, self._patches(u.contacts))) if u.bond is None else u.across
-        )
+        wanted = zip(u.across, self._patches(u.contacts), strict=True)
+        across = tuple(had if had < 0 else max(had, more) for had, more in wanted)
         if across == tuple(u.across):
             return fit
         finer = replace(u, across=across)
