@@ -83,6 +83,8 @@ _DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one th
 _SEVERAL = 8  # picks: what shows more in a first look is one wide thing, or several
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
+# of what one whole step from discs in the place of a shape's parts leaves over, the best fit leaves
+_AT_LEAST = 0.25
 _WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 _MISFIT = 3.0
@@ -134,6 +136,7 @@ class Search:
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._simple: Fit | None = None  # the last answer of `_simplified`
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
+        self._finished: tuple[Fit, Fit | None] | None = None  # that of `_whole`
         self._left = 0  # of the budget for the frame at hand
         self._changing = False  # whether motion is the likeliest reason of what is left over
         self._threshold = chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels))
@@ -525,6 +528,11 @@ class Search:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
         parts = self._split(self._parts(shape, rest), self._near)
+        linear = Linear(parts, self._known)
+        self._known = linear.equations
+        left = parts.cost - linear.promise
+        if left > _POOR * parts.rows.count and self._outdoes(shape, parts, left):
+            return self._whole(shape)
         found = self._simplified(self._solve(parts.unknowns, parts))
         if self._falls_short(found):
             found = self._split(found, self._solve)
@@ -535,12 +543,32 @@ class Search:
         short."""
         if not self._falls_short(found):
             return found
-        cells, shape = shape, whole(shape, self._threshold)
-        if not _is_likely(shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt), shape.prior):
-            return None  # what cells leave over is no small part of nearly any readings
+        cells, shape = shape, self._whole(shape)
+        if shape is None:
+            return None
         if self._is_likelier(shape, found, cells):
             return shape
         return found if shape.chi_squared < _LEFT_OVER * shape.rows.count else None
+
+    def _whole(self, cells: Fit) -> Fit | None:
+        """The best fit of `cells` and the sensor, None where that is unlikely: what cells leave over is no
+        small part of nearly any readings."""
+        if self._finished is None or self._finished[0] is not cells:
+            shape = whole(cells, self._threshold)
+            apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
+            self._finished = cells, shape if _is_likely(apart, shape.prior) else None
+        return self._finished[1]
+
+    def _outdoes(self, cells: Fit, parts: Fit, left: float) -> bool:
+        """Whether a shape is likelier than the best fit from `parts` on can be, to first order of the cost
+        `left`."""
+        shape = self._whole(cells)
+        if shape is None:
+            return False
+        least = shape.chi_squared + _AT_LEAST * (left - shape.chi_squared)
+        contacts = np.count_nonzero(parts.unknowns.free) / _FORM
+        discs = least / shape.doubt + self._threshold * contacts
+        return bool(shape.cost / shape.doubt + occam(cells, shape.doubt) < discs)
 
     def reciprocity(self, rows: Rows, prior: Prior) -> Reciprocity:
         """How far rows obey it."""
