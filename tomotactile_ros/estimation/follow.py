@@ -145,7 +145,7 @@ class Follower:
             state.sums = self.births.nothing()
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         if state.model.known.wide is not None and np.isinf(fit.row.own):
-            state.model = RowModel(self.operator, replace(state.model.known, wide=None))
+            state.model = state.model.anew(self.operator, replace(state.model.known, wide=None))
             state.wide = []
         state.belief = self._tidied(fit.believed())
         state.untouched = bool(np.isinf(fit.row.own))

@@ -31,6 +31,7 @@ from scipy.linalg.lapack import dposv
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_shares import Shares
 from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH
 
@@ -141,6 +142,7 @@ class RowModel:
         known: Known,
         background: np.ndarray | None = None,
         fields: np.ndarray | None = None,
+        rims: Rims | None = None,
     ):
         self.operator, self.known = operator, known
         self._fields = operator.displacement.fields() if fields is None else fields
@@ -150,7 +152,7 @@ class RowModel:
         self.impedance = (impedance + impedance.T) / 2
         change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
         self._change = change.astype(np.float32)  # memory is what it costs, once a row
-        self.shares = Shares(operator, known.sheet)
+        self.shares = Shares(operator, known.sheet, rims)
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
@@ -158,6 +160,17 @@ class RowModel:
         self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}
         self._mutual: tuple[list, np.ndarray | None] = [], None
+
+    def anew(
+        self,
+        operator: SheetOperator,
+        known: Known,
+        background: np.ndarray | None = None,
+        fields: np.ndarray | None = None,
+    ) -> RowModel:
+        """That of the sensor as it is known now; what was worked out of electrodes' rims stays."""
+        rims = self.shares.rims if operator is self.operator else None
+        return RowModel(operator, known, background, fields, rims)
 
     def row(
         self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=_ALL

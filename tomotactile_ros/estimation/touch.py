@@ -176,12 +176,12 @@ class Touches:
         where."""
         layout, operator = self.operator.layout, self.operator
         beyond, inwards = layout.outline.depth(places)
-        there, grows = _part(beyond / radii)
+        there, grows = part_beyond(beyond / radii)
         self._moving = np.abs(places) < np.array(layout.outline.size) / 2
         self.places, distance, nearest, way, inside = operator.placed(places)
         longer = RIM * layout.radius / np.maximum(distance, 1e-12)
         self._on_rims = inside, way, np.where(distance > 1e-6 * layout.radius, longer, 0.0)
-        off, rises = _part((distance - layout.radius) / radii)
+        off, rises = part_beyond((distance - layout.radius) / radii)
         self.radii = radii
         self.weight = area * there * off
         used = operator.position[nearest]
@@ -282,7 +282,7 @@ class Touches:
         return 1 / left, 1 + slope * mean / left, slope / left
 
 
-def _part(depth: np.ndarray):
+def part_beyond(depth: np.ndarray):
     """What part of a patch lies beyond a line that it is `depth` radii beyond, and its slope."""
     inside = np.clip(depth + 0.5, 0.0, 1.0)
     return inside**2 * (3 - 2 * inside), 6 * inside * (1 - inside)
