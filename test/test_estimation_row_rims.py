@@ -9,6 +9,7 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_model import Known
+from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_shares import Shares
 from tomotactile_ros.estimation.touch import Touches
 from tomotactile_ros.layouts.layout import load_layout
@@ -54,7 +55,9 @@ def shares_of_patches(operator, contact):
 @pytest.mark.parametrize("conductance", [2e-5, 2e-4])
 def test_shares_are_those_of_many_patches(operator, millimetres, conductance):
     contact = disc(operator, 1e-3 * millimetres, conductance)
-    found = Shares(operator, np.zeros(operator.modes)).at(contact[None, :4])[0][0]
+    found = Shares(operator, np.zeros(operator.modes), Rims(operator, RADIUS)).at(
+        contact[None, :4]
+    )[0][0]
     assert found.sum() == pytest.approx(1.0, abs=1e-9)
     wanted = shares_of_patches(operator, contact)
     assert np.abs(found - wanted).max() < 0.015  # the mean over the disc is off by up to 0.04
@@ -65,7 +68,10 @@ def test_shares_are_those_of_many_patches(operator, millimetres, conductance):
 
 @pytest.mark.parametrize("millimetres", [1.5, 3, 4.5, 6])
 def test_slopes_are_those_of_the_shares(operator, millimetres):
-    shares, contact = Shares(operator, np.zeros(operator.modes)), disc(operator, 1e-3 * millimetres)
+    shares, contact = (
+        Shares(operator, np.zeros(operator.modes), Rims(operator, RADIUS)),
+        disc(operator, 1e-3 * millimetres),
+    )
     step = 2 * operator.pitch / 256
     found = shares.at(contact[None, :4])[1][0]
     for axis in range(2):

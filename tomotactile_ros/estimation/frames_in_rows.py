@@ -240,7 +240,7 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
         touched = Prediction(operator, wide, np.arange(operator.count))
         background = np.linalg.inv(touched.impedance) - operator.admittance_of(wide.sheet)
         fields = touched.fields
-    state.model = state.model.anew(operator, known, background, fields)
+    state.model = follower.model(known, background, fields)
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0

@@ -140,9 +140,9 @@ class RowModel:
         self,
         operator: SheetOperator,
         known: Known,
+        rims: Rims,
         background: np.ndarray | None = None,
         fields: np.ndarray | None = None,
-        rims: Rims | None = None,
     ):
         self.operator, self.known = operator, known
         self._fields = operator.displacement.fields() if fields is None else fields
@@ -160,17 +160,6 @@ class RowModel:
         self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}
         self._mutual: tuple[list, np.ndarray | None] = [], None
-
-    def anew(
-        self,
-        operator: SheetOperator,
-        known: Known,
-        background: np.ndarray | None = None,
-        fields: np.ndarray | None = None,
-    ) -> RowModel:
-        """That of the sensor as it is known now; what was worked out of electrodes' rims stays."""
-        rims = self.shares.rims if operator is self.operator else None
-        return RowModel(operator, known, background, fields, rims)
 
     def row(
         self, contacts: np.ndarray, ground: int, shift: np.ndarray, mutual=None, valid=_ALL

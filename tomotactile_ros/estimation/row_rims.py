@@ -23,6 +23,7 @@ from tomotactile_ros.estimation.touch import Touches, part_beyond
 
 _ACROSS = 6  # patches to the width of a disc
 _STEPS = 16  # to a spacing: distances from the electrode at which D is worked out
+_ALIKE = 0.1  # of ln a: D is that of the next tenth
 _TURNED = 0.4  # radians from x: the way from the electrode there, along no axis of a grid
 _LEAST = 1e-3  # of the area of a disc: less beside the electrode is nothing
 _KEPT = 256  # distances and radii
@@ -59,14 +60,16 @@ class Covered:
 
 
 class Rims:
-    """Of the electrodes of an operator."""
+    """Of the electrodes of an operator; made ready for discs of `radius`, m."""
 
-    def __init__(self, operator: SheetOperator):
+    def __init__(self, operator: SheetOperator, radius: float):
         self._operator, self._radius = operator, operator.layout.radius
         self._centres = operator.layout.positions[operator.used]
         self._amid = int(np.hypot(*self._centres.T).argmin())
         self._step = operator.pitch / _STEPS
-        self._known: dict[tuple[int, float], float] = {}
+        self._known: dict[tuple[int, int], float] = {}
+        for step in range(int((radius + self._radius) / self._step) + 2):
+            self._among_at(step, self._class(np.log(radius)))
 
     def covered(self, x: float, y: float, size: float):
         """What a disc with ln a `size` covers of an electrode, and of what lies beside it the shares (n,)
@@ -111,20 +114,23 @@ class Rims:
     def _among(self, distance: float, size: float) -> float:
         """Mean D, ohm, of what lies beside an electrode of a disc `distance`, m, from it."""
         steps = distance / self._step
-        low = int(steps)
+        low, sized = int(steps), self._class(size)
         beyond = steps - low
-        return (1 - beyond) * self._among_at(low, size) + beyond * self._among_at(low + 1, size)
+        return (1 - beyond) * self._among_at(low, sized) + beyond * self._among_at(low + 1, sized)
 
-    def _among_at(self, step: int, size: float) -> float:
-        """The same so many steps from it."""
-        found = self._known.get((step, size))
+    def _class(self, size: float) -> int:
+        return round(size / _ALIKE)
+
+    def _among_at(self, step: int, sized: int) -> float:
+        """The same so many steps from it, of a disc of a class of sizes."""
+        found = self._known.get((step, sized))
         if found is None:
             if len(self._known) >= _KEPT:
                 self._known.clear()
             turned = np.array([np.cos(_TURNED), np.sin(_TURNED)])
             place = self._centres[self._amid] + step * self._step * turned
-            disc = np.array([[*place, 0.0, size, 0.0, 0.0]])
+            disc = np.array([[*place, 0.0, sized * _ALIKE, 0.0, 0.0]])
             touches = Touches(self._operator, disc, (_ACROSS,), np.zeros(self._operator.modes))
             weight = touches.weight / max(float(touches.weight.sum()), 1e-12)
-            found = self._known[step, size] = float(weight @ touches.impedance @ weight)
+            found = self._known[step, sized] = float(weight @ touches.impedance @ weight)
         return found

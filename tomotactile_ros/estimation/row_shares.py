@@ -19,11 +19,11 @@ _KEPT = 128  # cells: what some contacts pass in a frame
 
 class Shares:
     """Shares of discs in the n electrodes of `operator`, on a sheet with coefficients `sheet`
-    (J,); `rims` of its electrodes, where they are known."""
+    (J,); `rims` of its electrodes."""
 
-    def __init__(self, operator: SheetOperator, sheet: np.ndarray, rims: Rims | None = None):
+    def __init__(self, operator: SheetOperator, sheet: np.ndarray, rims: Rims):
         self._operator = operator
-        self.rims = rims or Rims(operator)
+        self._rims = rims
         self._inverse = operator.bordered[:-1]
         self._moved = operator.share_table
         self._modes = len(sheet)
@@ -74,7 +74,7 @@ class Shares:
         found = self._fine.get(key)
         if found is None:
             x, y = step * key[0], step * key[1]
-            covered = self.rims.covered(x, y, key[2])
+            covered = self._rims.covered(x, y, key[2])
             if covered is None:
                 potentials = self._operator.potentials.at(x, y, float(np.exp(key[2])))
                 shares = potentials @ self._inverse[:, :-1].T
