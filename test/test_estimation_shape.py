@@ -143,6 +143,15 @@ def test_hands_are_found_on_worn_channels():
     assert sum(score.ghosts + score.doubled + score.missed for score in scores) == 0
 
 
+def test_a_hand_is_found_where_gains_drive_readings_out_of_the_converters_range():
+    """640 of the 4032 readings are at its end; of some electrodes no two readings of a pair are left, and
+    the frame was said to be none that a sheet can have."""
+    ((result, truth),) = pressed("hand", wiring=WIRINGS["gains 5 %"], step=5)
+    score = score_frame(result.contacts, truth)
+    assert result.state == "valid" and score.true == 6
+    assert score.ghosts + score.doubled + score.missed == 0
+
+
 def test_five_contacts_on_sixteen_electrodes_are_no_shape():
     """Cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
     right place."""

@@ -190,8 +190,8 @@ class _Terms:
         scale, *others = self._kinds
         pull = [-(kind * self.left).sum(axis=1) for kind in self._kinds]
         first = _block(scale, scale)
-        first = first + np.diag(_LOOSE * first.diagonal() + 1e-300)
-        first += np.diag(np.where(self._both.any(axis=1), 0.0, 1.0))
+        told = first.diagonal()  # 0: of none of an electrode's pairs there is an equation
+        first = first + np.diag(np.where(told > 0, _LOOSE * told, 1.0))
         first += first.diagonal().mean() / len(first) ** 2  # one factor of all N is free
         mixed = np.hstack([_block(scale, other) for other in others])
         found = cho_solve(cho_factor(first), np.column_stack([mixed, pull[0]]))

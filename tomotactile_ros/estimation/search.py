@@ -168,7 +168,7 @@ class Search:
         elif start is not None and len(start.unknowns.contacts):
             fit = self._continued(start, usual)
         else:
-            fit = self._first(start or self._at_rest(rows, prior))
+            fit = self._first(self._at_rest(rows, prior) if start is None else self._told(start))
         if fit.unknowns.bond is not None:
             return fit
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
@@ -205,7 +205,29 @@ class Search:
 
     def _at_rest(self, rows: Rows, prior: Prior) -> Fit:
         """No contact."""
-        return Fit(self.operator, resting(self.operator, prior), rows, prior)
+        return Fit(self.operator, self._expected(rows, prior), rows, prior)
+
+    def _told(self, rest: Fit) -> Fit:
+        """The same with channels as rows tell them by themselves, where these contradict what was
+        expected."""
+        told = self._expected(rest.rows, rest.prior)
+        if np.array_equal(told.gain, rest.prior.gain):
+            return rest
+        unknowns = replace(rest.unknowns, gain=told.gain, offset=told.offset)
+        return Fit(self.operator, unknowns, rest.rows, rest.prior)
+
+    def _expected(self, rows: Rows, prior: Prior) -> Unknowns:
+        """No contact, the sensor as expected; channels as rows tell them by themselves, where these
+        contradict what was expected (chi-squared test)."""
+        rest, found = resting(self.operator, prior), self.reciprocity(rows, prior)
+        if found.misfit > TORN:
+            return rest
+        channels, *deviations = channels_alone(found, prior)
+        apart = channels.gain - prior.gain, channels.offset - prior.offset
+        squares = sum(((a / d) ** 2).sum() for a, d in zip(apart, deviations))
+        if squares < chdtri(2 * len(rest.gain), FALSE_ALARMS):
+            return rest
+        return replace(rest, gain=channels.gain, offset=channels.offset)
 
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
@@ -630,7 +652,7 @@ class Search:
     def _formed(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit of ellipses in the place of discs, if that is better."""
         start = replace(fit.unknowns, free=np.ones_like(fit.unknowns.free))
-        tried = solved(as_known(start, fit.prior), fit)
+        tried = solved(as_known(start, self._expected(fit.rows, fit.prior)), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
     def _likelier(self, first: Fit | None, second: Fit) -> Fit:
@@ -781,7 +803,7 @@ class Search:
                 fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
             )
             if start is not None:
-                begun = self._begun(as_known(start, fit.prior), fit, 2)
+                begun = self._begun(as_known(start, self._expected(fit.rows, fit.prior)), fit, 2)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     fit = self._likelier(fit, tried)
