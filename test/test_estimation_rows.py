@@ -18,7 +18,6 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
-from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.state import SensorState
@@ -68,7 +67,7 @@ def followed(operator, known, contacts, count):
 
 
 def test_derivatives_of_a_row(operator, known):
-    model = RowModel(operator, known, Rims(operator, 0.008))
+    model = RowModel(operator, known)
     contacts = np.array([[0.03, 0.02, np.log(1e-4), np.log(0.008)], [-0.05, 0.04, -9.0, -4.8]])
     mutual, shift = model.mutual(contacts), np.zeros(len(known.shift_deviation))
     row = model.row(contacts, 5, shift, mutual)
@@ -94,7 +93,7 @@ def test_a_row_is_that_of_the_estimator_of_frames(operator, known):
         )
         whole = Prediction(operator, unknowns, np.array([6])).readings[0]
         shift = np.zeros(len(known.shift_deviation))
-        row = RowModel(operator, known, Rims(operator, 0.008)).row(contact[None], 6, shift).readings
+        row = RowModel(operator, known).row(contact[None], 6, shift).readings
         assert np.abs(row - whole).max() < 5e-3
 
 
@@ -473,10 +472,7 @@ def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
 def test_contacts_that_cannot_be_are_no_crash(operator, known, estimator, monkeypatch):
     """Some that lie in each other conduct less than nothing; it was a ValueError."""
     random = np.random.default_rng(0)
-    model, shift = (
-        RowModel(operator, known, Rims(operator, 0.008)),
-        np.zeros(len(known.shift_deviation)),
-    )
+    model, shift = RowModel(operator, known), np.zeros(len(known.shift_deviation))
 
     def conduct(contacts):
         return model.row(contacts, 5, shift, model.mutual(contacts))

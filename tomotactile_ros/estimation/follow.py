@@ -24,7 +24,6 @@ from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
-from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, Belief, RowState
 from tomotactile_ros.estimation.touch import RADIUS
 
@@ -106,7 +105,7 @@ class Follower:
     def __init__(self, operator: SheetOperator, radius: float, spread: float):
         self.operator = operator
         self._size = np.array([np.log(radius), spread**2])
-        self.births, self._rims = Births(operator, radius), Rims(operator, radius)
+        self.births = Births(operator, radius)
         self._half = tuple(side / 2 for side in operator.layout.outline.size)
         self._least = float(np.log(1e-6 * operator.admittance.diagonal().max()))
         self._most = float(np.log(10 * operator.admittance.diagonal().max()))
@@ -114,12 +113,8 @@ class Follower:
     def begin(self, known: Known) -> RowState:
         """Nothing touches, no row was read."""
         state = RowState(Belief.untouched(known.shift_deviation))
-        state.model, state.sums = self.model(known), self.births.nothing()
+        state.model, state.sums = RowModel(self.operator, known), self.births.nothing()
         return state
-
-    def model(self, known: Known, background=None, fields=None) -> RowModel:
-        """That of rows of a sensor that is `known`, see `RowModel`."""
-        return RowModel(self.operator, known, self._rims, background, fields)
 
     def follow(self, state: RowState, readings, valid, ground: int, time: float) -> None:
         """Takes a row into `state`.
@@ -150,7 +145,7 @@ class Follower:
             state.sums = self.births.nothing()
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         if state.model.known.wide is not None and np.isinf(fit.row.own):
-            state.model = self.model(replace(state.model.known, wide=None))
+            state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
         state.belief = self._tidied(fit.believed())
         state.untouched = bool(np.isinf(fit.row.own))

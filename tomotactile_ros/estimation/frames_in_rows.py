@@ -27,7 +27,7 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.joining import TOUCHING
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.reported import Estimate
-from tomotactile_ros.estimation.row_model import Known
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.estimation.tracks import REACH
@@ -240,7 +240,7 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
         touched = Prediction(operator, wide, np.arange(operator.count))
         background = np.linalg.inv(touched.impedance) - operator.admittance_of(wide.sheet)
         fields = touched.fields
-    state.model = follower.model(known, background, fields)
+    state.model = RowModel(operator, known, background, fields)
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
     state.belief, state.unexplained = replace(belief, mean=mean), 0

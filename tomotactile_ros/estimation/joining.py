@@ -31,7 +31,8 @@ from tomotactile_ros.estimation.touch import (
     stretch,
 )
 
-TOUCHING = 1.15  # of what two contacts reach towards each other: nearer ones are one
+# of what two contacts reach towards each other: nearer ones are one; the ends of rectangles are where they are
+TOUCHING = 1.15
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
 _NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, show to first order
@@ -40,10 +41,11 @@ _NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, s
 def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarray:
     """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
     readings of a fit allow other contacts as well, or do not ask for one contact more than those."""
-    contacts = fit.unknowns.contacts
-    reach = _reaches(contacts)
+    contacts, bars = fit.unknowns.contacts, np.array(fit.unknowns.across) < 0
+    reach = _reaches(contacts, bars)
+    most = np.where(bars, 1.0, TOUCHING)[:, None] * reach
+    touching = _nearest(fit) < most + most.T
     reach = reach + reach.T
-    touching = _nearest(fit) < TOUCHING * reach
     gaps = _apart(contacts) - reach
     near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
     if len(contacts) > 2 and len(near):
@@ -69,14 +71,18 @@ def _apart(contacts: np.ndarray) -> np.ndarray:
     return np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
 
 
-def _reaches(contacts: np.ndarray) -> np.ndarray:
+def _reaches(contacts: np.ndarray, bars: np.ndarray) -> np.ndarray:
     """(k, k) m: how far the first of two contacts (k, 6) reaches from its centre towards the
-    other's."""
+    other's; `bars` (k,) are rectangles."""
     ways = contacts[:, :2] - contacts[:, None, :2]
     apart = np.maximum(np.hypot(*ways.transpose(2, 0, 1)), 1e-12)
     shapes = np.array([stretch(each) for each in contacts]).reshape(-1, 2, 2)
     shrunk = np.einsum("kde,kje->kjd", np.linalg.inv(shapes), ways)
-    return apart / np.maximum(np.hypot(*shrunk.transpose(2, 0, 1)), 1e-12)
+    lengths = np.hypot(*shrunk.transpose(2, 0, 1))
+    for i in np.flatnonzero(bars):  # sides of a rectangle of the ellipse's area
+        along = np.linalg.eigh(shapes[i])[1]
+        lengths[i] = np.abs(shrunk[i] @ along).max(axis=1) / (np.sqrt(np.pi) / 2)
+    return apart / np.maximum(lengths, 1e-12)
 
 
 def _nearest(fit: Fit) -> np.ndarray:
@@ -97,7 +103,7 @@ def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
     radii = np.exp(u.contacts[:, RADIUS])
     density = np.exp(u.contacts[:, CONDUCTANCE]) / radii**2
     first, second = pairs.T
-    reach = _reaches(u.contacts)
+    reach = _reaches(u.contacts, np.array(u.across) < 0)
     way = u.contacts[second, :2] - u.contacts[first, :2]
     apart = np.hypot(*way.T)
     gaps = np.maximum(apart - reach[first, second] - reach[second, first], 0.0)

@@ -31,7 +31,6 @@ from scipy.linalg.lapack import dposv
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.row_rims import Rims
 from tomotactile_ros.estimation.row_shares import Shares
 from tomotactile_ros.estimation.row_state import PLACE, STATE, STRENGTH
 
@@ -140,7 +139,6 @@ class RowModel:
         self,
         operator: SheetOperator,
         known: Known,
-        rims: Rims,
         background: np.ndarray | None = None,
         fields: np.ndarray | None = None,
     ):
@@ -152,7 +150,7 @@ class RowModel:
         self.impedance = (impedance + impedance.T) / 2
         change = operator.admittance_change(known.sheet).reshape(-1, operator.count)
         self._change = change.astype(np.float32)  # memory is what it costs, once a row
-        self.shares = Shares(operator, known.sheet, rims)
+        self.shares = Shares(operator, known.sheet)
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))

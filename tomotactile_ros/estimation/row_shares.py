@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.row_rims import Rims
+from tomotactile_ros.estimation.row_rims import rim_shares
 
 _FINE, _COARSE = 256, 32  # cells to a spacing: of shares, and of their derivatives by the sheet
 _KEPT = 128  # cells: what some contacts pass in a frame
@@ -19,11 +19,10 @@ _KEPT = 128  # cells: what some contacts pass in a frame
 
 class Shares:
     """Shares of discs in the n electrodes of `operator`, on a sheet with coefficients `sheet`
-    (J,); `rims` of its electrodes."""
+    (J,)."""
 
-    def __init__(self, operator: SheetOperator, sheet: np.ndarray, rims: Rims):
+    def __init__(self, operator: SheetOperator, sheet: np.ndarray):
         self._operator = operator
-        self._rims = rims
         self._inverse = operator.bordered[:-1]
         self._moved = operator.share_table
         self._modes = len(sheet)
@@ -45,15 +44,9 @@ class Shares:
             off[i, 0] = x - step * across, y - step * up
         if self._last[0] != keys:
             found = [self._cell(key, step) for key in keys]
-            covered = [(i, each[2]) for i, each in enumerate(found) if each[2] is not None]
-            self._last = keys, *(np.array([each[i] for each in found]) for i in range(2)), covered
-        _, share, slopes, covered = self._last
-        share = share + (off @ slopes)[:, 0]
-        if covered:
-            slopes = slopes.copy()
-        for i, part in covered:
-            share[i], slopes[i] = part.weighed(share[i], slopes[i], off[i, 0], contacts[i, 2])
-        return share, slopes
+            self._last = keys, *(np.array([each[i] for each in found]) for i in range(2))
+        _, share, slopes = self._last
+        return share + (off @ slopes)[:, 0], slopes
 
     def by_sheet(self, contacts: np.ndarray) -> np.ndarray:
         """(k, J, n) derivative of H by the sheet's coefficients, single precision."""
@@ -69,22 +62,20 @@ class Shares:
         return np.matmul(weights[:, None], self._added[points])[:, 0].T
 
     def _cell(self, key: tuple, step: float):
-        """Share (n,) and slopes (2, n) in the middle of a fine cell, of what lies beside the electrode
-        where one is covered, and what covers it, or None."""
+        """Share (n,) and slopes (2, n) in the middle of a fine cell."""
         found = self._fine.get(key)
         if found is None:
             x, y = step * key[0], step * key[1]
-            covered = self._rims.covered(x, y, key[2])
-            if covered is None:
-                potentials = self._operator.potentials.at(x, y, float(np.exp(key[2])))
+            radius = float(np.exp(key[2]))
+            shares = rim_shares(self._operator, x, y, radius)
+            if shares is None:
+                potentials = self._operator.potentials.at(x, y, radius)
                 shares = potentials @ self._inverse[:, :-1].T
                 shares[0] += self._inverse[:, -1]
-            else:
-                shares = np.vstack(covered[1:])
             if self._added is not None:
                 points, weights = self._operator.lattice.around(x, y)
                 shares += weights @ self._added[points]
-            found = shares[0], shares[1:], covered and covered[0]
+            found = shares[0], shares[1:]
             _keep(self._fine, key, found)
         return found
 

@@ -48,6 +48,7 @@ from tomotactile_ros.estimation.one_state import (
 )
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.reported import told
 from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import (
@@ -484,9 +485,8 @@ class Search:
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
-        if found is not None and (
-            len(seen) > _SEVERAL or len(seen) >= 3 * _count(found) or _is_round(found)
-        ):
+        several = len(seen) > _SEVERAL
+        if found is not None and (several or _is_round(found) or _is_wide(found, len(seen))):
             return found
         discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
@@ -550,9 +550,7 @@ class Search:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
         parts = self._split(self._parts(shape, rest), self._near)
-        linear = Linear(parts, self._known)
-        self._known = linear.equations
-        left = parts.cost - linear.promise
+        left = self._after_a_step(parts)
         if left > _POOR * parts.rows.count and self._outdoes(shape, parts, left):
             return self._whole(shape)
         found = self._simplified(self._solve(parts.unknowns, parts))
@@ -573,12 +571,16 @@ class Search:
         return found if shape.chi_squared < _LEFT_OVER * shape.rows.count else None
 
     def _whole(self, cells: Fit) -> Fit | None:
-        """The best fit of `cells` and the sensor, None where that is unlikely: what cells leave over is no
-        small part of nearly any readings."""
+        """The best fit of `cells` and the sensor, None where that is unlikely, as what cells leave over is no
+        small part of nearly any readings, or some are bare: of how bare ones share a contact, readings tell
+        nothing."""
         if self._finished is None or self._finished[0] is not cells:
             shape = whole(cells, self._threshold)
             apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
-            self._finished = cells, shape if _is_likely(apart, shape.prior) else None
+            found = zip(shape.prediction.conductances, shape.prediction.means)
+            bare = any(told(g, mean, self.operator.resistance)[1] for g, mean in found)
+            good = not bare and _is_likely(apart, shape.prior)
+            self._finished = cells, shape if good else None
         return self._finished[1]
 
     def _outdoes(self, cells: Fit, parts: Fit, left: float) -> bool:
@@ -701,7 +703,16 @@ class Search:
         if found.chi_squared > _MISFIT * found.rows.count:
             return None
         found = self._simplified(self._solve(found.unknowns, found))
-        return None if self._falls_short(found) else found
+        if self._falls_short(found):
+            return None
+        seen = self._as_discs(points, like)
+        discs = self._approached(self._begun(seen, like, len(seen.contacts)))
+        left = self._after_a_step(discs)
+        least = min(left, found.chi_squared + _AT_LEAST * (left - found.chi_squared))
+        extra = (np.count_nonzero(seen.free) - np.count_nonzero(found.unknowns.free)) / _FORM
+        if least > found.cost - extra * self._threshold:
+            return found
+        return self._likelier(found, self._simplified(self._solve(discs.unknowns, discs)))
 
     def _of_sensor(self, look: FirstLook, discs: Fit | None, like: Fit) -> Fit | None:
         """The best fit from near `discs`, or else from the strongest points of a first look, the sensor
@@ -714,9 +725,7 @@ class Search:
             discs = self._of_any_size(strongest, like)
         elif most_together(discs.unknowns.contacts[:, :2], self.operator.pitch) > 1:
             return None
-        linear = Linear(discs, self._known)
-        self._known = linear.equations
-        if discs.cost - linear.promise > SUSPECT * like.rows.count:
+        if self._after_a_step(discs) > SUSPECT * like.rows.count:
             return None
         found = self._simplified(self._solve(discs.unknowns, discs))
         likely = _is_likely(found.prior.apart(found.unknowns), found.prior)
@@ -760,9 +769,13 @@ class Search:
         most = most_together(contacts[:, :2], self.operator.pitch)
         if most != 2 and len(contacts) > 1:
             return most == 1
+        return self._after_a_step(fit) < _LEFT_OVER * fit.rows.count
+
+    def _after_a_step(self, fit: Fit) -> float:
+        """The cost that one whole step from a fit leads to, to first order."""
         linear = Linear(fit, self._known)
         self._known = linear.equations
-        return fit.cost - linear.promise < _LEFT_OVER * fit.rows.count
+        return fit.cost - linear.promise
 
     def _looks_wide(self, seen: Unknowns, like: Fit) -> Fit:
         """Near the likeliest of a disc, an ellipse or two discs for each cluster of contacts `seen`,
@@ -1008,9 +1021,10 @@ def _is_round(fit: Fit) -> bool:
     return fit.unknowns.bond is None and not _is_long(fit).any()
 
 
-def _count(fit: Fit) -> int:
-    """How many contacts a fit is of, a shape or not."""
-    return len(fit.unknowns.contacts) if fit.unknowns.bond is None else 1 + int(groups(fit).max())
+def _is_wide(fit: Fit, seen: int) -> bool:
+    """Whether a fit is of a shape that is one contact, of which three or more parts about a spacing wide are
+    seen."""
+    return fit.unknowns.bond is not None and seen >= 3 and not groups(fit).any()
 
 
 def _cost(fit: Fit) -> float:
