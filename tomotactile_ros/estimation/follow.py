@@ -11,6 +11,7 @@ noise does anywhere on the lattice (`births`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -49,7 +50,7 @@ _PART, _PATTERN = (
     0.25,
     0.6180339887,
 )  # of other rows that do; golden section: all electrodes' in turn
-_ACROSS = 0.3  # spacings from an electrode within which both of its sides are tried
+_ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 
@@ -225,21 +226,28 @@ class Follower:
             begun, first = min(fits, key=lambda each: each[1].cost)
             found = self._fit(model, begun, read, ground, _STEPS, first.mean)
             yield found
-            across = self._across(found)
-            if across is not None:
-                yield self._fit(model, begun, read, ground, _STEPS, across)
+            across = [
+                self._fit(model, begun, read, ground, _FIRST_STEPS, each)
+                for each in self._across(found)
+            ]
+            if across:
+                nearest = min(across, key=lambda each: each.cost)
+                yield self._fit(model, begun, read, ground, _STEPS, nearest.mean)
 
-    def _across(self, fit: _Fit) -> np.ndarray | None:
-        """The state with its last contact on the other side of the electrode next to it: one row
-        hardly tells which side it is. None where no electrode is near."""
+    def _across(self, fit: _Fit) -> Iterator[np.ndarray]:
+        """The state with its last contact on the three other sides of the electrode next to it: one row
+        hardly tells which side it is. None of them where no electrode is near."""
         at = STATE * (fit.prior.count - 1)
         place = fit.mean[at : at + 2]
         distance, nearest = self.operator.layout.nearest(place[None])
         if distance[0] > _ACROSS * self.operator.pitch:
-            return None
-        mean = fit.mean.copy()
-        mean[at : at + 2] = 2 * self.operator.layout.positions[nearest[0]] - place
-        return self._limited(mean, mean.copy(), fit.prior.count)
+            return
+        centre = self.operator.layout.positions[nearest[0]]
+        x, y = place - centre
+        for way in ((-x, -y), (-y, x), (y, -x)):
+            mean = fit.mean.copy()
+            mean[at : at + 2] = centre + way
+            yield self._limited(mean, mean.copy(), fit.prior.count)
 
     def _beside(self, wide, x, y) -> bool:
         """Whether what is new there may be a change of a wide contact: frames tell them apart."""
