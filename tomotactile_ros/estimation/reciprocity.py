@@ -163,7 +163,7 @@ class _Terms:
     """
 
     def __init__(self, both, e, kinds):
-        self._both, self.left, self._kinds = both, e, kinds
+        self.left, self._kinds = e, kinds
         self.cost = float((e**2).sum() / 2)
         factors = np.count_nonzero(both.any(axis=1))
         self.misfit = self.cost / max(np.count_nonzero(both) / 2 - factors, 1)

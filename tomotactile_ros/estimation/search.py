@@ -41,6 +41,7 @@ from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import (
     TORN,
+    Channels,
     Reciprocity,
     channels_alone,
     of_one_state,
@@ -211,24 +212,30 @@ class Search:
     def _told(self, rest: Fit) -> Fit:
         """The same with channels as rows tell them by themselves, where these contradict what was
         expected."""
-        told = self._expected(rest.rows, rest.prior)
-        if np.array_equal(told.gain, rest.prior.gain):
+        channels = self._contradicting(rest.rows, rest.prior)
+        if channels is None:
             return rest
-        unknowns = replace(rest.unknowns, gain=told.gain, offset=told.offset)
+        unknowns = replace(rest.unknowns, gain=channels.gain, offset=channels.offset)
         return Fit(self.operator, unknowns, rest.rows, rest.prior)
 
     def _expected(self, rows: Rows, prior: Prior) -> Unknowns:
         """No contact, the sensor as expected; channels as rows tell them by themselves, where these
-        contradict what was expected (chi-squared test)."""
-        rest, found = resting(self.operator, prior), self.reciprocity(rows, prior)
-        if found.misfit > TORN:
+        contradict what was expected."""
+        rest, channels = resting(self.operator, prior), self._contradicting(rows, prior)
+        if channels is None:
             return rest
+        return replace(rest, gain=channels.gain, offset=channels.offset)
+
+    def _contradicting(self, rows: Rows, prior: Prior) -> Channels | None:
+        """Channels as rows tell them by themselves; None where these do not contradict what was expected
+        (chi-squared test)."""
+        found = self.reciprocity(rows, prior)
+        if found.misfit > TORN:
+            return None
         channels, *deviations = channels_alone(found, prior)
         apart = channels.gain - prior.gain, channels.offset - prior.offset
         squares = sum(((a / d) ** 2).sum() for a, d in zip(apart, deviations))
-        if squares < chdtri(2 * len(rest.gain), FALSE_ALARMS):
-            return rest
-        return replace(rest, gain=channels.gain, offset=channels.offset)
+        return None if squares < chdtri(2 * len(prior.gain), FALSE_ALARMS) else channels
 
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
@@ -589,10 +596,8 @@ class Search:
         shape = self._whole(cells)
         if shape is None:
             return False
-        least = shape.chi_squared + _AT_LEAST * (left - shape.chi_squared)
-        contacts = np.count_nonzero(parts.unknowns.free) / _FORM
-        discs = least / shape.doubt + self._threshold * contacts
-        return bool(shape.cost / shape.doubt + occam(cells, shape.doubt) < discs)
+        least = _least_after(left, shape)
+        return self._has_more_evidence(shape, cells, least, parts.unknowns.free, shape.doubt)
 
     def reciprocity(self, rows: Rows, prior: Prior) -> Reciprocity:
         """How far rows obey it."""
@@ -698,17 +703,17 @@ class Search:
         nothing over: something long or wide, rather than several beside each other."""
         if self._changing or self._together(points) < 3:
             return None
-        few = clustered(self._as_discs(points, like), self.operator.pitch)
+        seen = self._as_discs(points, like)
+        few = clustered(seen, self.operator.pitch)
         found = self._approached(self._begun(few, like, len(few.contacts)))
         if found.chi_squared > _MISFIT * found.rows.count:
             return None
         found = self._simplified(self._solve(found.unknowns, found))
         if self._falls_short(found):
             return None
-        seen = self._as_discs(points, like)
         discs = self._approached(self._begun(seen, like, len(seen.contacts)))
         left = self._after_a_step(discs)
-        least = min(left, found.chi_squared + _AT_LEAST * (left - found.chi_squared))
+        least = min(left, _least_after(left, found))
         extra = (np.count_nonzero(seen.free) - np.count_nonzero(found.unknowns.free)) / _FORM
         if least > found.cost - extra * self._threshold:
             return found
@@ -754,9 +759,15 @@ class Search:
     def _is_likelier(self, shape: Fit, found: Fit, cells: Fit) -> bool:
         """Whether the evidence is for a shape, found among `cells` that might conduct, rather than for
         what was found."""
-        doubt = min(shape.doubt, found.doubt)
-        contacts = np.count_nonzero(found.unknowns.free) / _FORM
-        discs = (found.chi_squared + found.of_sensor) / doubt + self._threshold * contacts
+        cost, doubt = found.chi_squared + found.of_sensor, min(shape.doubt, found.doubt)
+        return self._has_more_evidence(shape, cells, cost, found.unknowns.free, doubt)
+
+    def _has_more_evidence(
+        self, shape: Fit, cells: Fit, cost: float, free: np.ndarray, doubt: float
+    ) -> bool:
+        """Whether a shape, found among `cells`, has more evidence than discs of a `cost` with as many
+        parameters `free` (k, 6); `doubt` : in both."""
+        discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
         return bool(shape.cost / doubt + occam(cells, doubt) < discs)
 
     def _is_near(self, fit: Fit) -> bool:
@@ -1019,6 +1030,11 @@ def _is_long(fit: Fit) -> np.ndarray:
 def _is_round(fit: Fit) -> bool:
     """Whether a fit is of contacts of which none is long."""
     return fit.unknowns.bond is None and not _is_long(fit).any()
+
+
+def _least_after(left: float, fit: Fit) -> float:
+    """The least cost of other contacts, of which one step leads to `left`, beside a fit."""
+    return fit.chi_squared + _AT_LEAST * (left - fit.chi_squared)
 
 
 def _is_wide(fit: Fit, seen: int) -> bool:
