@@ -1,11 +1,14 @@
 """How soon and how well contacts are known that are followed from row to row.
 
     scripts/setup python3 benchmark/rows.py [--touches N] [--idle ROWS] [--cases onset ...] [--late ROWS]
+        [--layout L] [--sensor exact | worn | bad | aside]
 
 Rows of the simulator's finite elements, each of the sheet as it is at its own time, 1 mV, 12 bits, 1 ms
-a row, 8 x 8 electrodes on 200 mm; the reconstruction has the closed form. Discs of 5 mm radius, 1 N,
-at random places, that begin and end at random rows. What a frame tells, where rows ask for it, is told
---late rows after its last one, as in the node, where frames are estimated beside. Seeds are fixed.
+a row, 8 x 8 electrodes on 200 mm unless --layout says otherwise; the reconstruction has the closed form
+where there is one. Discs of 5 mm radius, 1 N, at random places, that begin and end at random rows. What a
+frame tells, where rows ask for it, is told --late rows after its last one, as in the node, where frames
+are estimated beside. --sensor: what is wrong with it (`SENSORS`), of which nothing was learned; another
+one for every touch. Seeds are fixed.
 
 A result is a ghost's that shows a contact 10 mm or more from every true one (one that has ended counts
 as true for 3 rows). Known: within 10 mm; row 1 is the first one taken after the touch has begun.
@@ -18,31 +21,31 @@ import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.layouts.scan_order import AdaptiveOrder
+from tomotactile_ros.layouts.scan_order import spread as far_apart
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
 from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import SheetVariation
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
-LAYOUT, DRIVE, NOISE, LAW = load_layout("equal-8x8"), 3.3, 1e-3, ContactLaw(1e-4, 1.0)
-ROWS = LAYOUT.electrodes  # of a frame
-JUMPING = spread(LAYOUT.positions, range(ROWS))
+DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)
 RADIUS, FORCE = 0.005, 1.0  # m, N
 NEAR, APART, GRACE = 0.010, 0.045, 3  # m, m, rows
-INSIDE = 0.085  # m: centres are at most so far from the middle along each side
+FROM_RIM = 0.015  # m: centres are at least so far from the rim
 SPEEDS = (0.2, 0.5, 1.0)  # m/s
 AFTER = (1, 2, 4, 12)  # rows
 FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
-BESIDE = 2 * ROWS  # rows: a frame, and some until it is told, after which what rests is known
 SETTLED = 30  # rows after which velocities are judged
 PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
 
@@ -77,22 +80,78 @@ class Tally:
     costs: list[tuple[float, float]] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Wrong:
+    """What is wrong with a sensor, root mean square: the sheet, relative; gains; offsets, V; places of
+    electrodes along x and y, m. Resistances to ground are 75 to 225 ohm where anything is wrong."""
+
+    sheet: float = 0.0
+    gains: float = 0.0
+    offsets: float = 0.0
+    aside: float = 0.0
+
+    def defects(self, seed: int) -> Defects:
+        if not self.sheet:
+            return Defects()
+        gain, offset = Rms(self.gains, seed), Rms(self.offsets, seed)
+        channels = Channels(gain, offset, Uniform(150.0, 75.0, seed))
+        variation = SheetVariation(self.sheet, 0.05, seed)
+        return Defects(sheet_variation=variation, channels=channels)
+
+    def moved(self, layout: Layout, seed: int) -> Layout:
+        """The layout as it is, not as it was meant."""
+        if not self.aside:
+            return layout
+        outline, radius = layout.outline, layout.radius
+        way = np.random.default_rng(seed).normal(0, self.aside, layout.positions.shape)
+        there = layout.positions + way
+        fits = outline.contains(there) & (outline.rim_distance(there) > radius)
+        # what was put against the rim lies along it, or farther inside
+        there = np.where(fits[:, None], there, layout.positions)
+        return replace(layout, positions=there)
+
+
+SENSORS = {
+    "exact": Wrong(),
+    "worn": Wrong(0.1, 0.01, 0.002, 0.0003),
+    "bad": Wrong(0.2, 0.02, 0.002, 0.0003),
+    "aside": Wrong(0.1, 0.01, 0.002, 0.001),
+}
+
+
 class Sensor:
     """Scenes in, what is said of every row out."""
 
-    def __init__(self, late: int, order: str = "jumping"):
-        self.late, self.order = late, order
-        self.pipeline = Pipeline(LAYOUT, Settings("accurate", noise=NOISE, contact_law=LAW))
+    def __init__(self, late: int, order: str = "jumping", layout: str = "equal-8x8", wrong="exact"):
+        self.late, self.order, self.wrong = late, order, SENSORS[wrong]
+        self.layout = load_layout(layout)
+        self.electrodes = self.layout.electrodes
+        self._jumping = far_apart(self.layout.positions, range(self.electrodes))
+        self.pipeline = Pipeline(self.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+
+    def anywhere(self, random, *others) -> np.ndarray:
+        """(2,) a place, far from others."""
+        outline = self.layout.outline
+        half = np.array(outline.size) / 2
+        while True:
+            place = (half - FROM_RIM) * (2 * random.random(2) - 1)
+            inside = outline.contains(place[None])[0]
+            if not inside or outline.rim_distance(place[None])[0] < FROM_RIM:
+                continue
+            if all(np.hypot(*(place - other)) > APART for other in others):
+                return place
 
     def rows(self, contacts: list[Contact], frames: int, seed: int, costs: list) -> Iterator[Row]:
         """What is said of each row of a scene."""
-        scene = Scene("rows", DRIVE, contacts, LAW, Noise(NOISE, seed), Adc(12, DRIVE))
-        simulator = Simulator(LAYOUT, scene, row_period=ROW_PERIOD)
+        noise, adc = Noise(NOISE, seed), Adc(12, DRIVE)
+        scene = Scene("rows", DRIVE, contacts, LAW, noise, adc, self.wrong.defects(seed))
+        layout = self.wrong.moved(self.layout, seed)
+        simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
         state, due, read = self.pipeline.rows(waits=False), {}, []
         self.pipeline.untare()  # and forgets the frames of the scene before
-        adaptive, places = AdaptiveOrder(LAYOUT.positions), np.empty((0, 2))
+        adaptive, places = AdaptiveOrder(self.layout.positions), np.empty((0, 2))
         number, whole, begun = 0, 0, 0.0
-        while number < frames * ROWS:
+        while number < frames * self.electrodes:
             simulator.grounded = grounded = self._order(adaptive, places)
             for readings, ground in zip(simulator.frame(number * ROW_PERIOD, whole), grounded):
                 now = number * ROW_PERIOD
@@ -115,7 +174,7 @@ class Sensor:
     def _order(self, adaptive: AdaptiveOrder, contacts: np.ndarray) -> np.ndarray:
         if self.order == "adaptive":
             return np.array(adaptive.frame(contacts))
-        return np.array(JUMPING) if self.order == "jumping" else np.arange(ROWS)
+        return np.array(self._jumping) if self.order == "jumping" else np.arange(self.electrodes)
 
     def _tell(self, state, read, begun: float) -> None:
         if not state.asks:  # as in the node
@@ -140,14 +199,6 @@ def disc(place, start=-1.0, end=np.inf, velocity=(0.0, 0.0)) -> Contact:
 
 def apart(said, true) -> float:
     return float(np.hypot(said.x - true.center[0], said.y - true.center[1]))
-
-
-def anywhere(random, *others) -> np.ndarray:
-    """(2,) a place, far from others."""
-    while True:
-        place = INSIDE * (2 * random.random(2) - 1)
-        if all(np.hypot(*(place - other)) > APART for other in others):
-            return place
 
 
 def judge(rows: list[Row], tally: Tally) -> None:
@@ -183,12 +234,15 @@ def onset(sensor: Sensor, touches: int, beside: bool, draw: int) -> Tally:
     number of a `draw`."""
     seed = 16 + beside
     random, tally = np.random.default_rng([seed, draw] if draw else seed), Tally()
+    frame = sensor.electrodes
+    # a frame, and some rows until it is told, after which what rests is known
+    known = frame * (1 + int(np.ceil((sensor.late + 1) / frame))) * beside
     for touch in range(touches):
-        held = anywhere(random)
-        place = anywhere(random, held)
-        first = int(random.integers(8, ROWS)) + BESIDE * beside
-        last = first + int(random.integers(ROWS // 2, 3 * ROWS // 2))
-        frames = last // ROWS + 2
+        held = sensor.anywhere(random)
+        place = sensor.anywhere(random, held)
+        first = int(random.integers(8, frame)) + known
+        last = first + int(random.integers(frame // 2, 3 * frame // 2))
+        frames = last // frame + 2
         tap = disc(place, (first - 0.5) * ROW_PERIOD, (last - 0.5) * ROW_PERIOD)
         contacts = [disc(held)] * beside + [tap]
         rows = list(sensor.rows(contacts, frames, touch, tally.costs))
@@ -222,8 +276,8 @@ def moving(sensor: Sensor, touches: int, speed: float) -> Tally:
         side = np.array([-way[1], way[0]]) * 0.06 * (2 * random.random() - 1)
         begin = side - 0.075 * way
         start = (FIRST - 0.5) * ROW_PERIOD
-        end = start + min(0.15 / speed, 3 * ROWS * ROW_PERIOD)
-        frames = int(np.ceil(end / ROW_PERIOD / ROWS))
+        end = start + min(0.15 / speed, 3 * sensor.electrodes * ROW_PERIOD)
+        frames = int(np.ceil(end / ROW_PERIOD / sensor.electrodes))
         slide = disc(begin, start, end, speed * way)
         rows = list(sensor.rows([slide], frames, touch, tally.costs))
         judge(rows, tally)
@@ -254,10 +308,10 @@ def crossing(sensor: Sensor, pairs: int) -> Tally:
             start = (FIRST + i * LATER - 0.5) * ROW_PERIOD
             begin = side - (0.075 - start * CROSSING) * way
             contacts.append(disc(middle + sign * begin, start, lasts, sign * CROSSING * way))
-        frames = int(lasts / ROW_PERIOD) // ROWS
+        frames = int(lasts / ROW_PERIOD) // sensor.electrodes
         rows = list(sensor.rows(contacts, frames, pair, tally.costs))
         judge(rows, tally)
-        numbers = [_numbers(rows[2 * ROWS - 1]), _numbers(rows[-1])]
+        numbers = [_numbers(rows[2 * sensor.electrodes - 1]), _numbers(rows[-1])]
         tally.renamed += None in numbers or numbers[0] != numbers[1]
     return tally
 
@@ -274,12 +328,14 @@ def still(sensor: Sensor, rows: int, load: bool) -> Tally:
     """Nothing happens: on an untouched sheet, or under a resting contact."""
     random, tally = np.random.default_rng(1), Tally()
     run = 40  # frames
-    for part in range(int(np.ceil(rows / run / ROWS))):
-        contacts = [disc(anywhere(random))] * load
+    for part in range(int(np.ceil(rows / run / sensor.electrodes))):
+        contacts = [disc(sensor.anywhere(random))] * load
         said = list(sensor.rows(contacts, run, part, tally.costs))
         judge(said, tally)
         tally.missed += sum(len(row.contacts) < load and not row.withheld for row in said[GRACE:])
-        tally.renamed += len({c.id for row in said[ROWS:] for c in row.contacts}) > load
+        tally.renamed += (
+            len({c.id for row in said[sensor.electrodes :] for c in row.contacts}) > load
+        )
     return tally
 
 
@@ -288,12 +344,12 @@ def several(sensor: Sensor, rows: int, count: int) -> Tally:
     random, tally = np.random.default_rng(3), Tally()
     places: list[np.ndarray] = []
     for _ in range(count):
-        places.append(anywhere(random, *places))
+        places.append(sensor.anywhere(random, *places))
     starts = [(FIRST + i * LATER - 0.5) * ROW_PERIOD for i in range(count)]
     discs = [disc(place, start) for place, start in zip(places, starts)]
-    said = list(sensor.rows(discs, 2 + rows // ROWS, 0, tally.costs))
+    said = list(sensor.rows(discs, 2 + rows // sensor.electrodes, 0, tally.costs))
     judge(said, tally)
-    tally.costs = tally.costs[2 * ROWS :]
+    tally.costs = tally.costs[2 * sensor.electrodes :]
     return tally
 
 
@@ -342,6 +398,8 @@ def main() -> None:
     parser.add_argument("--idle", type=int, default=20_000, help="rows where nothing happens")
     parser.add_argument("--late", type=int, default=24, help="rows until a frame is estimated")
     parser.add_argument("--order", choices=("jumping", "turn", "adaptive"), default="jumping")
+    parser.add_argument("--layout", default="equal-8x8", help="a name or a file")
+    parser.add_argument("--sensor", choices=SENSORS, default="exact")
     cases = {
         "onset from nothing": lambda s, n: onset(s, n, False, args.draw),
         "onset beside one": lambda s, n: onset(s, n, True, args.draw),
@@ -353,7 +411,7 @@ def main() -> None:
     }
     parser.add_argument("--cases", nargs="+", choices=cases, default=list(cases))
     args = parser.parse_args()
-    sensor, table = Sensor(args.late, args.order), []
+    sensor, table = Sensor(args.late, args.order, args.layout, args.sensor), []
     for name in args.cases:
         begun = time.monotonic()
         table.append(line(name, cases[name](sensor, args.touches)))
