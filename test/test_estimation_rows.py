@@ -251,6 +251,12 @@ def test_what_is_released_while_a_frame_is_estimated_does_not_come_back(estimato
     assert not any(each.contacts or each.reason for each in followed[21:])
 
 
+def test_the_end_of_a_wide_contact_shows_in_the_next_row(estimator):
+    followed = followed_late(estimator, [replace(WIDE, end=0.0405)], 4, 9)
+    assert all(len(each.contacts) == 1 for each in followed[26:41])
+    assert not any(each.contacts or each.reason for each in followed[41:])
+
+
 def test_rows_are_withheld_where_frames_are(estimator):
     rows, state = RowEstimator(estimator), RowsState(waits=False)
     frame = frames_of([Contact("disc", **NEW)], 1)[0]

@@ -66,21 +66,21 @@ class Displacement:
         of_patches = self._kernel(places) - self._between @ share
         return self._alone - of_patches @ fed.T
 
-    def row(self, at_rest, aside, ground, ratio, own, impedance, places, share, fed) -> np.ndarray:
-        """(n,) what a row without gains changes by as electrodes lie `aside` (2, n), m; the rest as
-        for `fields` and `displaced`, of one row with electrode `ground` grounded.
+    def row(self, at_rest, ground, ratio, own, impedance, places, share, fed):
+        """(2, n) each, of one row without gains with electrode `ground` grounded: derivatives of
+        each reading by how far aside its own electrode lies, and of all by the grounded one, 1/m.
 
-        at_rest (2, n, n) : `fields` of what else touches
+        at_rest (2, n, n) : `fields` of what else touches; the rest as for `fields` and `displaced`
         """
         of_patches = self._kernel(places) - self._between @ share
-        felt = at_rest @ ratio - of_patches @ (fed.T @ ratio)
+        columns = of_patches @ (fed.T @ ratio) - at_rest @ ratio
+        at_ground = -columns[:, ground]
+        columns[:, ground] = 0.0
         taken = at_rest[:, ground] - of_patches[:, ground] @ fed.T
-        here = aside[:, ground] @ taken
-        around = impedance @ here - ratio * (impedance[ground] @ here)
-        out = -(aside * felt).sum(axis=0)
-        at_ground = -out[ground]
-        out[ground] = -at_ground
-        return out + ratio * at_ground - around / own
+        moved = taken @ impedance - np.outer(taken @ impedance[ground], ratio)
+        ways = np.outer(at_ground, ratio) - moved / own
+        ways[:, ground] -= at_ground
+        return columns, ways
 
     def _kernel(self, places):
         """(2, n, Q) field at the electrodes of 1 A fed in at `places` (Q, 2), V/m, without what

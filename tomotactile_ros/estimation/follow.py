@@ -3,8 +3,8 @@
 The belief about contacts and sheet is brought to the time of a row and corrected by its readings:
 the iterated extended Kalman filter of the cost that `solver` minimises (Bell and Cathey 1993). A
 row that the expected contacts do not explain is looked at again: contacts may have moved or changed
-at once, one or all of them have gone, one has come, or one that has just come was somewhere else.
-Of these the likeliest is believed, -2 ln(likelihood) with the belief marginal, and what begins or
+at once, one or all of them have gone, one has come, or one that has just come was somewhere else; and
+with each of these, some readings may be wrong (`row_outliers`). Of these the likeliest is believed, -2 ln(likelihood) with the belief marginal, and what begins or
 ends costs in addition what its prior probability says. One that comes must, besides, exceed what
 noise does anywhere on the lattice (`births`).
 """
@@ -25,6 +25,7 @@ from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
+from tomotactile_ros.estimation.row_outliers import outliers
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, Belief, RowState
 from tomotactile_ros.estimation.touch import RADIUS
 
@@ -32,6 +33,7 @@ _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looke
 _CONFUSING = 1e-5  # the same of rows that are counted: noise makes two in ten once in two weeks
 _UNEXPLAINED = 1e-9  # the same of a row that nothing explains: one in 12 days at 1 kHz
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
+_COST = -2 * float(np.log(_EVENT))
 _CALMING = 0.9  # part of the surprises that the next row remembers: ten rows
 _CONFUSED = (
     2.8  # surprises of late: one touch or its end makes two; more, and rows are not believed
@@ -50,6 +52,7 @@ _PART, _PATTERN = (
     0.25,
     0.6180339887,
 )  # of other rows that do; golden section: all electrodes' in turn
+_MOST_DISTRUSTED = 0.25  # of the channels: if rows contradict more of them, they are not believed
 _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
@@ -115,6 +118,7 @@ class Follower:
         """Nothing touches, no row was read."""
         state = RowState(Belief.untouched(known.shift_deviation))
         state.model, state.sums = RowModel(self.operator, known), self.births.nothing()
+        state.distrusted = np.zeros(self.operator.count, int)
         return state
 
     def follow(self, state: RowState, readings, valid, ground: int, time: float) -> None:
@@ -130,6 +134,8 @@ class Follower:
         faded = state.unfaded if state.unfaded > _FADING else 0.0
         state.unfaded -= faded
         expected = state.belief.later(lasts, state.model.known.shift_deviation, faded)
+        state.distrusted = np.maximum(state.distrusted - 1, 0)
+        valid = valid & (state.distrusted == 0)
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         learns = self._learns(expected, state.read)
@@ -140,10 +146,17 @@ class Follower:
             confuses = fit.chi_squared > confusing
             fit = self._explained(state, expected, fit, read, ground, lasts)
             state.confused += confuses * (1 + (fit.chi_squared > confusing))
-            if state.confused > _CONFUSED:  # what rows say from here on rests on what was wrong
+            doubtful = np.count_nonzero(state.distrusted) > _MOST_DISTRUSTED * len(valid)
+            if (
+                state.confused > _CONFUSED or doubtful
+            ):  # what rows say from here on rests on what was wrong
                 state.confused = np.inf
         else:
             state.sums = self.births.nothing()
+            if expected.count and state.model.known.wide is None:
+                # what a multiplexer that settles slowly leaves of a touch surprises nobody
+                gone = self._gone(state.model, expected, read)
+                fit = min(fit, gone, key=lambda each: each.cost + (_COST if each is gone else 0.0))
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         if state.model.known.wide is not None and np.isinf(fit.row.own):
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
@@ -166,7 +179,7 @@ class Follower:
 
     def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
         """The likeliest of what may have happened."""
-        model, event = state.model, -2 * np.log(_EVENT)
+        model, event = state.model, _COST
         tried = [(plain.cost, plain)]
 
         def offer(fit: _Fit, events: int) -> None:
@@ -179,7 +192,7 @@ class Follower:
             for rest in left:
                 offer(self._fit(model, rest, read, ground, 3), 1)
             if expected.count > 1:
-                offer(self._gone(model, expected, read, ground), 1)
+                offer(self._gone(model, expected, read), 1)
             for i, rest in enumerate(left):
                 if expected.rows[i] < YOUNG:
                     names = expected.numbers[i], expected.begun[i]
@@ -187,21 +200,37 @@ class Follower:
                     for fit in self._born(model, rest, before, read, ground, None, names):
                         offer(fit, 2)
         if model.known.wide is not None:
-            offer(self._gone(model, expected, read, ground), 1)
+            offer(self._gone(model, expected, read), 1)
         names = state.last + 1, state.time
         for fit in self._born(model, expected, plain, read, ground, state, names):
             offer(fit, 1)
-        best = min(tried, key=lambda each: each[0])[1]
+        best = self._trusted(state, tried, read, ground)
         if names[0] in best.prior.numbers:
             state.last += 1
             state.sums = self.births.nothing()
         return best
 
-    def _gone(self, model, belief, read, ground) -> _Fit:
+    def _trusted(self, state, tried: list[tuple[float, _Fit]], read, ground) -> _Fit:
+        """The likeliest of fits with their costs, without readings that are rather wrong. Those are
+        not read for a frame, which can tell."""
+        readings, valid = read
+        wrong = [outliers(fit.misfit, fit.root, valid) for _, fit in tried]
+        costs = [cost - gained for (cost, _), (_, gained) in zip(tried, wrong)]
+        likeliest = int(np.argmin(costs))
+        best, (left, _) = tried[likeliest][1], wrong[likeliest]
+        if not left:
+            return best
+        state.distrusted[left] = len(valid)
+        valid = valid.copy()
+        valid[left] = False
+        readings = np.where(valid, readings, 0.0)
+        if np.isinf(best.row.own):
+            return self._idle(state.model, best.prior, readings, valid)
+        return self._fit(state.model, best.prior, (readings, valid), ground, _STEPS, best.mean)
+
+    def _gone(self, model, belief, read) -> _Fit:
         """Nothing touches any more, nor anything wide."""
-        while belief.count:
-            belief = belief.without(0)
-        return self._idle(model, belief, *read, ground)
+        return self._idle(model, belief.of_sensor(), *read)
 
     def _born(self, model, belief, before, read, ground, state, names):
         """Fits of `belief` and one contact more, where the row asks for it."""
@@ -271,7 +300,7 @@ class Follower:
         the contacts alone where the row is not to tell of the sensor."""
         readings, valid = read
         if not prior.count and model.known.wide is None:
-            return self._idle(model, prior, readings, valid, ground)
+            return self._idle(model, prior, readings, valid)
         mean, count, n = prior.mean if start is None else start, prior.count, len(readings)
         contacts = prior.contacts(mean)
         mutual = model.mutual(contacts) if count > 1 else None
@@ -289,7 +318,7 @@ class Follower:
             spread += covariance[:, gains:] * driven
             scatter = changes.T @ spread[:gains]
             scatter += driven[:, None] * spread[gains:]
-            scatter += common[:, None] * common
+            scatter += common.T @ common
             scatter.reshape(-1)[:: n + 1] += row.variance + unread
             root = _root(scatter)
             along, shares = _whitened(root, misfit, spread if learns else spread[:sensor])
@@ -306,10 +335,10 @@ class Follower:
             contacts = prior.contacts(mean)
         return _Fit(prior, mean, chi_squared, row, misfit, root, spread, shares)
 
-    def _idle(self, model, prior, readings, valid, ground) -> _Fit:
+    def _idle(self, model, prior, readings, valid) -> _Fit:
         """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
         is learned."""
-        row = model.row(np.empty((0, 4)), ground, prior.shift)
+        row = model.idle()
         left = np.where(valid, readings - row.readings, 0.0)
         deviation = np.sqrt(np.where(valid, row.variance, _NOT_READ))
         chi_squared = float(((left / deviation) ** 2).sum())

@@ -116,6 +116,9 @@ def corrected(
     if ended and not confused:  # what was there before may be seen still, as something wide
         there = [*then.values(), *(np.array([each.x, each.y]) for *_, each in state.wide)]
         blurred |= _wide(found, operator.pitch) & _apart(found, there, reach)
+    if not confused:  # rows saw the end of what the frame shows as something wide
+        gone = [place for number, place in then.items() if number not in belief.numbers]
+        blurred |= _wide(found, operator.pitch) & ~_apart(found, gone, reach)
     is_wide = _wide(found, operator.pitch) & ~blurred
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
     misfit, left = max(1.0, fit.chi_squared / fit.count), dict(then)

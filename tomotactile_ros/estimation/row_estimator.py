@@ -104,9 +104,10 @@ class RowsState:
     @property
     def asks(self) -> bool:
         """Whether a frame can tell what rows cannot: of what has just begun, of wide contacts,
-        where rows are not believed; and now and then in any case."""
+        where rows are not believed, of channels that they contradict; and now and then in any
+        case."""
         rows = self.rows
-        if rows is None or self.touching is None or rows.wide:
+        if rows is None or self.touching is None or rows.wide or rows.distrusted.any():
             return True
         new = any(begun > self.confirmed for begun in rows.belief.begun)
         return new or rows.time - self.looked > _LOOKED_AT
@@ -198,7 +199,8 @@ class RowEstimator:
         follower = self._follower(state.used, drive_voltage)
         at = int(follower.operator.position[grounded])
         valid = (np.isfinite(voltages) & ~ended)[follower.operator.used]
-        if at >= 0 and valid.any() and not state.end.most:
+        # where the wire of a channel that rows contradict leads is not known: its row tells nothing
+        if at >= 0 and valid.any() and not state.end.most and not state.rows.distrusted[at]:
             readings = voltages[follower.operator.used] / drive_voltage
             before = state.rows.touched
             try:

@@ -14,7 +14,8 @@ inverse then serves as Zb if M and z are given what a potential of all electrode
 with w = A^-1 1, s = 1^T w, p = 1 - Q w; so that a row costs one product of Zb with as many columns
 as there are unknowns. The share of a disc in an electrode is that of its centre but for the
 logarithm of their distance, which is averaged over the disc where it reaches the electrode
-(`row_shares`). Matrices of few columns lie in memory as their transposes.
+(`row_shares`). Where electrodes lie is known to a part of a spacing: that is noise of single readings, and
+for the grounded electrode of all (`displacement`). Matrices of few columns lie in memory as their transposes.
 
 Readings are those of the contacts as they are. Derivatives change slowly: those of the last row of
 the same electrode serve as long as contacts stay nearly where they were then.
@@ -41,6 +42,8 @@ _ALIKE, _AS_STRONG = 0.01, 0.1
 # spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim
 # of an insulated sheet they vanish: what ended there would stay, and seem to be known nowhere
 _INSIDE = 0.1
+# spacings that electrodes lie aside along x and y, standard deviation, where it is not known better
+_ASIDE = 0.02
 _ALL = np.ones(1, bool)  # readings are valid
 
 
@@ -101,8 +104,8 @@ class Row:
     changes (5 k + J, n) derivatives by the numbers of each contact (`row_state.STATE`) and by the
         sheet's coefficients, 0 for readings that are not valid
     driven (n,) 1 - rho, derivatives by gains
-    variance (n,) of what is not known of single readings; common (n,) standard deviation that all
-        share (R_l)
+    variance (n,) of what is not known of single readings; common (3, n) standard deviations that
+        all share (R_l, the place of the grounded electrode)
     ratio (n,) rho; own : N, ohm
     spread (k, n) Q^T, matrix (k, k) A, lifted (n,) p / s^(1/2), see the module
     """
@@ -154,6 +157,7 @@ class RowModel:
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
+        self._aside = np.maximum(np.array(known.deviations[3:]), _ASIDE * operator.pitch)
         size = np.array(operator.layout.outline.size)
         self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}
@@ -170,7 +174,7 @@ class RowModel:
         """
         known, zb = self.known, self.impedance
         if not len(contacts) and known.wide is None:
-            return self._idle()
+            return self.idle()
         count = len(contacts)
         share, slopes = self.shares.at(contacts) if count else (self._none, self._none)
         way, spread = np.exp(-contacts[:, 2]), share @ zb
@@ -190,22 +194,26 @@ class RowModel:
         own = float(z[ground] + known.resistance[ground])
         ratio = z / own
         driven = 1 - ratio
-        variance = self._alone + INEXACT**2 * driven**2
-        common = known.gain * ratio * (known.deviations[2][ground] / own)
-        row = Row(driven, self._none, driven, variance, common, ratio, own, spread, matrix, lifted)
+        row = Row(
+            driven, self._none, driven, driven, self._none, ratio, own, spread, matrix, lifted
+        )
         here, read = contacts.tolist(), valid.tobytes()
         kept = self._kept.get(ground)
         if kept is None or kept[1] != read or not self._alike(kept[0], here):
             between = np.diag(way) if mutual is None else np.diag(way) + mutual
             changes, aside = self._changes(contacts, ground, row, share, slopes, between)
-            self._kept[ground] = kept = here, read, changes * (known.gain * valid), aside
+            self._kept[ground] = kept = here, read, changes * (known.gain * valid), *aside
         row.changes, modes = kept[2], len(known.sheet)
+        row.variance = self._alone + INEXACT**2 * driven**2 + kept[4]
+        row.common = np.concatenate([ratio[None] * (known.deviations[2][ground] / own), kept[5]])
+        row.common *= known.gain
         row.readings = (known.gain + shift[modes:]) * (driven + kept[3]) + known.offset
         row.readings += shift[:modes] @ row.changes[STATE * count :]
         return row
 
     def _changes(self, contacts, ground, row: Row, share, slopes, between):
-        """(5 k + J, n) derivatives, for gains of 1, and (n,) what electrodes that lie aside change.
+        """(5 k + J, n) derivatives, for gains of 1, and of electrodes that lie aside: (n,) what they
+        change; what is not known of that, (n,) variance of each, (2, n) deviations that all share.
 
         share (k, n), slopes (k, 2, n) : of contacts; between (k, k) : C^-1
         """
@@ -230,10 +238,12 @@ class RowModel:
             currents += (current.astype(np.float32) @ moved.reshape(count, -1)).reshape(-1, n)
             currents += (moved @ single).T @ fed.astype(np.float32)
         np.matmul(currents, impedance.astype(np.float32), out=changes[STATE * count :])
-        if not self.known.aside.any():
-            return changes, 0.0
-        seen = self._fields, self.known.aside, ground, row.ratio, row.own, impedance
-        return changes, self.operator.displacement.row(*seen, contacts[:, :2], share.T, fed.T)
+        seen = self._fields, ground, row.ratio, row.own, impedance
+        columns, ways = self.operator.displacement.row(*seen, contacts[:, :2], share.T, fed.T)
+        aside, unsure = self.known.aside, self._aside
+        moved = (aside * columns).sum(axis=0) + aside[:, ground] @ ways
+        variance = ((unsure * columns) ** 2).sum(axis=0)
+        return changes, (moved, variance, unsure[:, ground, None] * ways)
 
     def _alike(self, ones: list, others: list) -> bool:
         """Whether contacts x, y, ln c, ln a are nearly the same."""
@@ -243,14 +253,15 @@ class RowModel:
             for (x, y, c, a), (u, v, d, b) in zip(ones, others)
         )
 
-    def _idle(self) -> Row:
+    def idle(self) -> Row:
+        """The row of an untouched sheet, whatever electrode is grounded."""
         known, count, none = self.known, self.operator.count, np.zeros(self.operator.count)
         return Row(
             known.offset,
             np.zeros((len(known.sheet), count)),
             none,
             self._alone,
-            none,
+            np.zeros((3, count)),
             np.ones(count),
             np.inf,
             self._none,

@@ -99,6 +99,11 @@ class Belief:
         covariance[own, own] += np.tile(variances, self.count)
         return self.after(self.mean, covariance)
 
+    def of_sensor(self) -> Belief:
+        """The belief without any contact, whatever those were."""
+        own = slice(STATE * self.count, None)
+        return Belief(self.mean[own], self.covariance[own, own], np.empty((0, 2)))
+
     def without(self, which: int) -> Belief:
         """The belief of all contacts but one, whatever that one was."""
         kept = np.ones(len(self.mean), bool)
@@ -166,6 +171,7 @@ class RowState:
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
     model : `RowModel` of the sensor as known; sums : of the matched filter
+    distrusted (n,) : rows for which each channel is not read yet, as a row contradicted it
     wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed
         them
     """
@@ -181,6 +187,7 @@ class RowState:
     touched_at_once: bool = False
     sums: np.ndarray | None = None
     model: Any = None
+    distrusted: Any = None
     wide: list = field(default_factory=list)
 
     @property
