@@ -44,7 +44,19 @@ def ring(count=16):
     return Layout("ring", Outline.circle(0.1), 1e4, 0.0025, positions)
 
 
-LAYOUTS = {"4x4": lambda: grid(4), "8x8": lambda: grid(8), "void": void, "ring": ring}
+def inner():
+    """An equal grid that leaves 14 mm to the rim."""
+    full = grid(8)
+    return Layout("inner", full.outline, 1e4, 0.0025, 0.86 * full.positions)
+
+
+LAYOUTS = {
+    "inner": inner,
+    "4x4": lambda: grid(4),
+    "8x8": lambda: grid(8),
+    "void": void,
+    "ring": ring,
+}
 
 
 @cache
@@ -401,3 +413,22 @@ def test_with_more_than_half_of_the_channels_dead_nothing_is_told(many):
     said = estimate("8x8", broken)
     assert said.state == "withheld" and not said.contacts
     assert said.reason.startswith(f"{many} of 64 channels give no readings or never change")
+
+
+@pytest.mark.parametrize(
+    "disc, seed",
+    [
+        ((-0.0841, -0.0819, 0.0071, 11e3), 6),
+        ((0.0907, -0.0851, 0.0077, 7.5e3), 51),
+        ((-0.0886, 0.0870, 0.0083, 10e3), 52),
+    ],
+)
+def test_contacts_beyond_the_outermost_electrodes(disc, seed):
+    """The sheet was bent to a contact on the rim or across an electrode, 5 to 8 mm off."""
+    sheet = SheetVariation(0.1, 0.05, seed)
+    frame = simulate("inner", [disc], sequence=seed, sheet_variation=sheet)
+    estimator = Estimator(inner(), noise=NOISE, law=LAW, radius=0.005)
+    (contact,) = estimator.estimate(frame, np.arange(64), DRIVE, State()).contacts
+    off = np.array([contact.x - disc[0], contact.y - disc[1]])
+    assert np.hypot(*off) < 2.5e-3
+    assert off @ np.linalg.solve(np.reshape(contact.covariance, (2, 2)), off) < 6  # 95 %

@@ -507,6 +507,8 @@ class Search:
         found = first
         if found.covariance is None:
             found = self._simplified(self._solve(first.unknowns, first))
+        for which in range(len(found.unknowns.contacts)):
+            found = self._beyond(found, which)
         short = self._falls_short(found)
         if shapes and short and not self._changing:
             found = self._of_any_shape(found, look, rest)
@@ -870,6 +872,30 @@ class Search:
         start = self._added(fit.unknowns, place, strength, fit.prior.radius)
         found = self._begin(start, fit, 1)
         return self._other_sizes(found, len(found.unknowns.contacts) - 1)
+
+    def _beyond(self, fit: Fit, which: int) -> Fit:
+        """The same or a better fit that starts with contact `which` on another side of the electrode next to
+        it, or off the rim, if it ended beyond the outermost electrodes: what lies there is seen through
+        few electrodes and mirrored in the rim, and the sheet may be bent to what a contact elsewhere
+        explains."""
+        operator, outline = self.operator, self.operator.layout.outline
+        contact = fit.unknowns.contacts[which]
+        place = contact[:2]
+        if operator.encloses(place) or self._left <= 0:
+            return fit
+        centres = operator.layout.positions[operator.used]
+        centre = centres[np.hypot(*(centres - place).T).argmin()]
+        x, y = place - centre
+        inwards = np.exp(contact[RADIUS]) * outline.depth(place[None])[1][0]
+        found = fit
+        for start in (place + inwards, *(centre + way for way in ((-x, -y), (-y, x), (y, -x)))):
+            if not outline.contains(start[None])[0]:
+                continue
+            contacts = fit.unknowns.contacts.copy()
+            contacts[which, :2] = start
+            tried = self._solve(replace(fit.unknowns, contacts=contacts), fit, goal=found.cost)
+            found = tried if tried.cost < found.cost else found
+        return found
 
     def _other_sizes(self, fit: Fit, which: int) -> Fit:
         """The same or a better fit that starts with contact `which` smaller or larger, if this one
