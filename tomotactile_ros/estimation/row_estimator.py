@@ -19,6 +19,7 @@ import numpy as np
 from tomotactile_ros.estimation.arrangement import CLOSE
 from tomotactile_ros.estimation.equations import SIMILAR
 from tomotactile_ros.estimation.estimator import EXCLUDED, Estimator, State
+from tomotactile_ros.estimation.fits import FILLED
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
 from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
@@ -35,7 +36,6 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd, Turns
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
-from tomotactile_ros.estimation.search import FILLED
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]

@@ -21,22 +21,18 @@ from tomotactile_ros.estimation.arrangement import (
     LONG,
     as_discs,
     as_known,
-    chosen,
     clustered,
-    clusters,
-    gathered,
     halved,
-    merged,
     most_together,
     one_of,
     overlaps,
     resting,
-    with_disc,
 )
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.equations import Contacts, Equations, Linear
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.fits import DYNAMIC, MISFIT, SIZES, Fits
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import (
@@ -51,57 +47,40 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
 from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
-from tomotactile_ros.estimation.solver import STEPS, approach, solve
+from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     MOST_ACROSS,
     RADIUS,
     STRETCH,
-    patches_for,
-    patches_of,
 )
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
 _FORM = 4  # parameters of a disc
-_RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
-_SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts with the sensor held as it is known
-FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
-_DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
-_WIDER = 1.0  # of ln a: so much wider a contact is made at once
 # mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
 # negative half
 CUT_OFF = (2 * np.pi) ** -0.5
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
-_DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
-# times the threshold: a contact that a linear test is so sure of is not tried without
-_CERTAIN = 2.0
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
-_DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
 _SEVERAL = 8  # picks: what shows more in a first look is one wide thing, or several
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 # of what one whole step from discs in the place of a shape's parts leaves over, the best fit leaves
 _AT_LEAST = 0.25
-_WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
-# chi-squared per reading above which other starts are tried, and contacts are moved alone first
-_MISFIT = 3.0
 # the same from which on other numbers and forms of new contacts are tried: right ones leave 1.05
 _LEFT_OVER = 1.1
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
 MOST = 12  # discs
 BOUNDED = 8  # patches to the width of a contact, where `MOST_ACROSS` take too long
-_FEW, _COARSE = 3, 5  # discs; patches to the width of each if there are more
-_IN_MOTION = 10  # patches to the width of one that moves
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
-_LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
 FIRST_LOOK = 2000  # the same of a search that begins with what was there before
 _TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
 _MOVES = 5.0  # standard deviations of its speed, at which a contact moves
@@ -124,24 +103,21 @@ class Solver(Protocol):
     def __call__(self, start: Unknowns, like: Fit, *, goal: float = np.inf) -> Fit: ...
 
 
-class Search:
+class Search(Fits):
     """Finds contacts in rows of a sensor, with at most `across` patches to the width of each."""
 
     def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS):
-        self.operator, self.across = operator, across
         self.detector, self.shapes = Detector(operator), Shapes(operator)
-        self._known, self._refused = None, 0.0
+        threshold = float(chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels)))
+        super().__init__(operator, across, threshold)
+        self._refused = 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._reciprocity: Reciprocity | None = None  # that of `reciprocity`
         self._quiet: tuple[Rows, Prior, Fit | None] | None = None  # that of `untouched`
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
-        self._simple: Fit | None = None  # the last answer of `_simplified`
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
         self._finished: tuple[Fit, Fit | None] | None = None  # that of `_whole`
-        self._left = 0  # of the budget for the frame at hand
-        self._changing = False  # whether motion is the likeliest reason of what is left over
-        self._threshold = chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels))
 
     def contacts(
         self,
@@ -170,7 +146,8 @@ class Search:
         elif start is not None and len(start.unknowns.contacts):
             fit = self._continued(start, usual)
         else:
-            fit = self._first(self._at_rest(rows, prior) if start is None else self._told(start))
+            begun = resting(self.operator, prior) if start is None else start.unknowns
+            fit = self._first(Fit(self.operator, self._told(begun, rows, prior), rows, prior))
         if fit.unknowns.bond is not None:
             return fit
         while len(fit.unknowns.contacts) < MOST and self._left > 0:
@@ -185,7 +162,7 @@ class Search:
         excess = start.chi_squared - usual * start.rows.count
         if start.covariance is not None and excess < self._threshold * start.doubt:
             return start
-        if start.chi_squared > _MISFIT * usual * start.rows.count:
+        if start.chi_squared > MISFIT * usual * start.rows.count:
             return self._first(self._at_rest(start.rows, start.prior))
         return whole(again(start), self._threshold)
 
@@ -209,22 +186,17 @@ class Search:
         """No contact."""
         return Fit(self.operator, self._expected(rows, prior), rows, prior)
 
-    def _told(self, rest: Fit) -> Fit:
+    def _expected(self, rows: Rows, prior: Prior) -> Unknowns:
+        """No contact, the sensor as expected, with channels as `_told`."""
+        return self._told(resting(self.operator, prior), rows, prior)
+
+    def _told(self, unknowns: Unknowns, rows: Rows, prior: Prior) -> Unknowns:
         """The same with channels as rows tell them by themselves, where these contradict what was
         expected."""
-        channels = self._contradicting(rest.rows, rest.prior)
+        channels = self._contradicting(rows, prior)
         if channels is None:
-            return rest
-        unknowns = replace(rest.unknowns, gain=channels.gain, offset=channels.offset)
-        return Fit(self.operator, unknowns, rest.rows, rest.prior)
-
-    def _expected(self, rows: Rows, prior: Prior) -> Unknowns:
-        """No contact, the sensor as expected; channels as rows tell them by themselves, where these
-        contradict what was expected."""
-        rest, channels = resting(self.operator, prior), self._contradicting(rows, prior)
-        if channels is None:
-            return rest
-        return replace(rest, gain=channels.gain, offset=channels.offset)
+            return unknowns
+        return replace(unknowns, gain=channels.gain, offset=channels.offset)
 
     def _contradicting(self, rows: Rows, prior: Prior) -> Channels | None:
         """Channels as rows tell them by themselves; None where these do not contradict what was expected
@@ -241,7 +213,7 @@ class Search:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
         `known` as in `contacts`."""
         self._known = known
-        if start.chi_squared < _MISFIT * start.rows.count:
+        if start.chi_squared < MISFIT * start.rows.count:
             return True
         return bool(len(start.unknowns.contacts)) and self._leads_on(start, usual)
 
@@ -263,7 +235,7 @@ class Search:
     def _from(self, start: Fit) -> Fit:
         """The best fit from the contacts of `start`, or from them and one that has come."""
         found = self._solve(start.unknowns, start)
-        if found.chi_squared < _MISFIT * found.rows.count or self._left <= 0:
+        if found.chi_squared < MISFIT * found.rows.count or self._left <= 0:
             return found
         place, strength = self._next(start)
         if place is None:
@@ -281,7 +253,7 @@ class Search:
         apart = np.hypot(*(contacts - start.contacts)[:, :2].T)
         moved = (apart > _CONTINUED * self.operator.pitch).any()
         # how much the model errs changes with the place
-        poor = _MISFIT if start.moving.any() else _POOR
+        poor = MISFIT if start.moving.any() else _POOR
         return bool(moved or found.chi_squared > poor * usual * found.rows.count)
 
     def moving(self, rows: Rows, prior: Prior, start: Unknowns | None) -> Fit:
@@ -338,91 +310,6 @@ class Search:
         tried = self._solve(fit.unknowns.in_motion(), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
-    def _begin(self, start: Unknowns, like: Fit, new: int, goal: float = np.inf) -> Fit:
-        """The best fit from `start`, see `_solve` and `_begun`."""
-        begun = self._begun(start, like, new)
-        return self._solve(begun.unknowns, begun, goal=goal)
-
-    def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
-        """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
-        seems out of reach."""
-        start = self._coarse(start)
-        at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
-        far = at.chi_squared > _MISFIT * at.rows.count  # from the touch that goes on, say
-        if far and like.prior.learned and len(start.contacts):
-            at = Fit(self.operator, self._settled(start, like), like.rows, like.prior)
-        if steps > 1 and len(start.contacts) and not at.steps:
-            at = self._approached(at)
-        most = max(self._left, _LEAST_WORK)
-        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
-        fit = solve(*given, at, most)
-        self._known = fit.equations
-        across = self._patches(fit.unknowns)
-        if across != fit.unknowns.across and fit.cost < _WORTH * goal:
-            finer = replace(fit.unknowns, across=across)
-            work = fit.work
-            given = self.operator, finer, like.rows, like.prior, steps, self._known, goal
-            fit = solve(*given, most=most)
-            fit.work += work
-        self._left -= fit.work
-        return fit
-
-    def _approached(self, fit: Fit) -> Fit:
-        """The same, or nearer where it leaves much over."""
-        if fit.chi_squared < _MISFIT * fit.rows.count:
-            return fit
-        fit = approach(fit, self._left)
-        self._left -= fit.work
-        bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
-        return self._wide_enough(fit, bare)
-
-    def _most_across(self, unknowns: Unknowns) -> int:
-        """Patches to the width of each contact at most: fewer of many, which together are one wide
-        shape, and of contacts that move, whose form shows later."""
-        if len(unknowns.contacts) > _FEW:
-            return min(_COARSE, self.across)
-        return min(_IN_MOTION, self.across) if unknowns.moving.any() else self.across
-
-    def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
-        """Patches across each contact as its radius asks for, or what it has where that is near."""
-        most = self._most_across(unknowns)
-        return tuple(
-            self._across(each, had, most) for each, had in zip(unknowns.contacts, unknowns.across)
-        )
-
-    def _across(self, contact: np.ndarray, before: int, most: int) -> int:
-        wanted = min(patches_of(contact, self.operator.pitch), most)
-        if wanted * before < 0:
-            return wanted
-        more = abs(wanted) - abs(before)
-        return wanted if more > 0 or more < -2 else before
-
-    def _coarse(self, unknowns: Unknowns) -> Unknowns:
-        """The same with no more patches than contacts that move are allowed."""
-        most = self._most_across(unknowns)
-        if not unknowns.moving.any() or max(unknowns.across, default=0) <= most:
-            return unknowns
-        return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
-
-    def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
-        """Contacts from `start` on, also from other sizes, with the sensor held as it was
-        learned."""
-        held, best = like.prior.held(), None
-        for factor in (None, *_SIZES):
-            contacts, across = start.contacts.copy(), start.across
-            if factor is not None:
-                contacts[:, RADIUS] = np.log(factor * like.prior.radius)
-                across = [patches_for(factor * like.prior.radius, self.operator.pitch)] * len(
-                    contacts
-                )
-            own = replace(as_known(start, held), contacts=contacts, across=tuple(across))
-            fit = solve(self.operator, own, like.rows, held, STEPS, self._known)
-            self._left -= fit.work
-            best = fit if best is None or fit.cost < best.cost else best
-            if best.chi_squared < _MISFIT * like.rows.count:
-                break
-        return best.unknowns
-
     def untouched(self, rows: Rows, prior: Prior) -> Fit | None:
         """The fit without contacts, where offsets of the channels may be all there is, and are;
         else None."""
@@ -469,11 +356,11 @@ class Search:
         explain the readings with the sensor as expected: a disc that covers half an electrode may not
         come to cover it, and the sheet would be bent to it."""
         found = None
-        for factor in sorted(_SIZES, key=lambda factor: abs(np.log(factor))):
+        for factor in sorted(SIZES, key=lambda factor: abs(np.log(factor))):
             seen = self._as_discs(points, like, factor)
             tried = self._approached(self._begun(seen, like, len(seen.contacts)))
             found = tried if found is None or tried.cost < found.cost else found
-            if found.chi_squared < _MISFIT * found.rows.count or self._together(points) > 2:
+            if found.chi_squared < MISFIT * found.rows.count or self._together(points) > 2:
                 break
         return found
 
@@ -544,7 +431,7 @@ class Search:
         if not explains(shape) and shape.chi_squared + shape.of_sensor > least:
             return found
         parts = self._parts(shape, rest)
-        if parts.chi_squared < _MISFIT * parts.rows.count:
+        if parts.chi_squared < MISFIT * parts.rows.count:
             found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
         return self._shape_or(shape, found) or found
 
@@ -708,7 +595,7 @@ class Search:
         seen = self._as_discs(points, like)
         few = clustered(seen, self.operator.pitch)
         found = self._approached(self._begun(few, like, len(few.contacts)))
-        if found.chi_squared > _MISFIT * found.rows.count:
+        if found.chi_squared > MISFIT * found.rows.count:
             return None
         found = self._simplified(self._solve(found.unknowns, found))
         if self._falls_short(found):
@@ -752,7 +639,7 @@ class Search:
         u = shape.unknowns
         strengths = np.exp(u.contacts[:, CONDUCTANCE])
         sums = np.bincount(group, strengths)
-        strong = np.flatnonzero(sums > _DYNAMIC * sums.max())
+        strong = np.flatnonzero(sums > DYNAMIC * sums.max())
         found = like.unknowns
         for each in strong[np.argsort(-sums[strong])][:MOST]:
             found = one_of(u, group == each, found, self.operator.pitch)
@@ -776,7 +663,7 @@ class Search:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
         readings, or contacts near its own would with a likely sensor, to first order. Three near
         each other may be parts of something long or wide, whatever they explain."""
-        if fit.chi_squared < _MISFIT * fit.rows.count:
+        if fit.chi_squared < MISFIT * fit.rows.count:
             return True
         contacts = fit.unknowns.contacts
         most = most_together(contacts[:, :2], self.operator.pitch)
@@ -861,7 +748,7 @@ class Search:
         if fit.cost - found.cost < self._threshold * found.doubt:
             return None
         contacts = found.unknowns.contacts
-        if contacts[-1, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DYNAMIC):
+        if contacts[-1, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(DYNAMIC):
             return None
         if overlaps(contacts, len(contacts) - 1):
             return None
@@ -872,164 +759,6 @@ class Search:
         start = self._added(fit.unknowns, place, strength, fit.prior.radius)
         found = self._begin(start, fit, 1)
         return self._other_sizes(found, len(found.unknowns.contacts) - 1)
-
-    def _beyond(self, fit: Fit, which: int) -> Fit:
-        """The same or a better fit that starts with contact `which` on another side of the electrode next to
-        it, or off the rim, if it ended beyond the outermost electrodes: what lies there is seen through
-        few electrodes and mirrored in the rim, and the sheet may be bent to what a contact elsewhere
-        explains."""
-        operator, outline = self.operator, self.operator.layout.outline
-        contact = fit.unknowns.contacts[which]
-        place = contact[:2]
-        if operator.encloses(place) or self._left <= 0:
-            return fit
-        centres = operator.layout.positions[operator.used]
-        centre = centres[np.hypot(*(centres - place).T).argmin()]
-        x, y = place - centre
-        inwards = np.exp(contact[RADIUS]) * outline.depth(place[None])[1][0]
-        found = fit
-        for start in (place + inwards, *(centre + way for way in ((-x, -y), (-y, x), (y, -x)))):
-            if not outline.contains(start[None])[0]:
-                continue
-            contacts = fit.unknowns.contacts.copy()
-            contacts[which, :2] = start
-            tried = self._solve(replace(fit.unknowns, contacts=contacts), fit, goal=found.cost)
-            found = tried if tried.cost < found.cost else found
-        return found
-
-    def _other_sizes(self, fit: Fit, which: int) -> Fit:
-        """The same or a better fit that starts with contact `which` smaller or larger, if this one
-        explains too little."""
-        for factor in _RADII:
-            if fit.chi_squared < _MISFIT * fit.rows.count or self._left <= 0:
-                break
-            unknowns = fit.unknowns
-            radius = float(np.exp(unknowns.contacts[which, RADIUS])) * factor
-            keep = np.arange(len(unknowns.contacts)) != which
-            start = self._added(
-                chosen(unknowns, keep),
-                unknowns.contacts[which, :2],
-                np.exp(unknowns.contacts[which, CONDUCTANCE]),
-                radius,
-            )
-            tried = self._begin(start, fit, 1, goal=fit.cost)
-            if tried.cost < fit.cost:
-                back = np.insert(np.arange(len(keep) - 1), which, len(keep) - 1)
-                fit = self._solve(chosen(tried.unknowns, back), fit, 1)
-        return fit
-
-    def _added(self, unknowns: Unknowns, place, strength: float, radius: float) -> Unknowns:
-        """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
-        the end."""
-        return with_disc(unknowns, place, strength, radius, self.operator.pitch, self._changing)
-
-    def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
-        """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
-        fit = Fit(self.operator, self._coarse(start), like.rows, like.prior)
-        return self._wide_enough(fit, np.arange(len(start.contacts)) >= len(start.contacts) - new)
-
-    def _wide_enough(self, fit: Fit, which: np.ndarray) -> Fit:
-        """The same with contacts `which` (k,) as wide as they must be to conduct as they do.
-
-        What a contact conducts shows well, its width hardly: of those that conduct more than most bare
-        conductors of their width do, the width is wrong. Mean D falls by R_s / 2 pi with the
-        logarithm of the radius.
-        """
-        contacts, across = fit.unknowns.contacts.copy(), list(fit.unknowns.across)
-        ways = FILLED * np.exp(-contacts[:, CONDUCTANCE])
-        which = which & (fit.prediction.means > ways)
-        if not which.any():
-            return fit
-        excess = (fit.prediction.means - ways)[which] * 2 * np.pi / self.operator.resistance
-        contacts[which, RADIUS] += np.minimum(excess, _WIDER)
-        for i, wanted in enumerate(self._patches(replace(fit.unknowns, contacts=contacts))):
-            if which[i]:
-                across[i] = wanted
-        wider = replace(fit.unknowns, contacts=contacts, across=tuple(across))
-        begun = Fit(self.operator, wider, fit.rows, fit.prior)
-        most = np.log(FILLED / np.maximum(begun.prediction.means, 1e-9))
-        if not (which & (contacts[:, CONDUCTANCE] > most)).any():
-            return begun
-        kept = np.where(which, np.minimum(contacts[:, CONDUCTANCE], most), contacts[:, CONDUCTANCE])
-        contacts[:, CONDUCTANCE] = kept
-        return Fit(self.operator, replace(wider, contacts=contacts), fit.rows, fit.prior)
-
-    def _simplified(self, fit: Fit) -> Fit:
-        """As few contacts as explain the readings as well: those near each other as one, then each
-        left to its neighbour; whatever is left of the budget."""
-        if fit is self._simple:
-            return fit
-        self._left = max(self._left, _LEAST_WORK)
-        fit = self._gathered(fit)
-        tested: set[bytes] = set()
-        while len(fit.unknowns.contacts) > 1 and self._left > 0:
-            order = np.argsort(self._certainties(fit))
-            untested = [i for i in order if fit.unknowns.contacts[i, :2].tobytes() not in tested]
-            fewer = None
-            for weakest in untested:
-                contacts = fit.unknowns.contacts
-                tested.add(contacts[weakest, :2].tobytes())
-                one = overlaps(contacts, weakest)
-                if not one and not self._may_go(fit, weakest):
-                    continue
-                limit = fit.cost + self._threshold * fit.doubt
-                tried = self._solve(
-                    merged(fit.unknowns, weakest), fit, goal=np.inf if one else limit
-                )
-                if one or tried.cost < limit:
-                    fewer = tried
-                    break
-            if fewer is None:
-                break
-            fit = fewer
-        self._simple = self._without_idle(fit)
-        return self._simple
-
-    def _gathered(self, fit: Fit) -> Fit:
-        """The same or a fit with one wide contact in the place of several near each other."""
-        contacts = fit.unknowns.contacts
-        if len(contacts) < 2:
-            return fit
-        group = clusters(contacts, self.operator.pitch)
-        for each in np.unique(group):
-            of = np.flatnonzero(group == each)
-            if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
-                continue
-            if not any(self._may_go(fit, which) for which in of):
-                continue
-            limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
-            tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)
-            if tried.cost < limit:
-                return self._gathered(tried)
-        return fit
-
-    def _certainties(self, fit: Fit) -> np.ndarray:
-        """(k,) conductance of each contact over its deviation, squared."""
-        free = fit.unknowns.free
-        at = np.cumsum(free.sum(axis=1)) - free.sum(axis=1) + free[:, :CONDUCTANCE].sum(axis=1)
-        return 1 / fit.covariance.diagonal()[at]
-
-    def _may_go(self, fit: Fit, which: int) -> bool:
-        """Whether a contact may be none of its own: weak, or near a stronger one, and not certain to
-        conduct whatever the others do (Wald 1943)."""
-        if self._certainties(fit)[which] > _CERTAIN * self._threshold * fit.doubt:
-            return False
-        contacts = fit.unknowns.contacts
-        others = np.delete(contacts, which, axis=0)
-        apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
-        weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
-        return weak or apart < CLOSE * self.operator.pitch
-
-    def _without_idle(self, fit: Fit) -> Fit:
-        """Contacts below the dynamic range are taken out again, weakest first."""
-        while len(fit.unknowns.contacts) > 1:
-            strengths = fit.unknowns.contacts[:, CONDUCTANCE]
-            weakest = int(strengths.argmin())
-            if strengths[weakest] > strengths.max() + np.log(_DYNAMIC):
-                break
-            keep = np.arange(len(strengths)) != weakest
-            fit = self._solve(chosen(fit.unknowns, keep), fit)
-        return fit
 
 
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:

@@ -1,0 +1,301 @@
+"""Fits of given contacts within a budget of work, with patches as fine as each contact asks for; from other
+starts, where a fit may have ended short of the best; and with as few contacts as explain as much.
+
+Which contacts there are, `search` says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tomotactile_ros.estimation.arrangement import (
+    CLOSE,
+    as_known,
+    chosen,
+    clusters,
+    gathered,
+    merged,
+    overlaps,
+    with_disc,
+)
+from tomotactile_ros.estimation.equations import Equations
+from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import STEPS, approach, solve
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, patches_for, patches_of
+
+_RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
+SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts with the sensor held as it is known
+FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
+DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
+_WIDER = 1.0  # of ln a: so much wider a contact is made at once
+_DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
+# times the threshold: a contact that a linear test is so sure of is not tried without
+_CERTAIN = 2.0
+_DOUBT = 10.0  # beyond, a fit is not one whose contacts are too many but one that came to nothing
+_WORTH = 10.0  # times the goal: from there on patches of another size are not worth trying
+# chi-squared per reading above which other starts are tried, and contacts are moved alone first
+MISFIT = 3.0
+_FEW, _COARSE = 3, 5  # discs; patches to the width of each if there are more
+_IN_MOTION = 10  # patches to the width of one that moves
+_LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
+
+
+class Fits:
+    """Fits for one sensor, with at most `across` patches to the width of each contact; `threshold` : of
+    the cost, what one contact more must explain."""
+
+    def __init__(self, operator: SheetOperator, across: int, threshold: float):
+        self.operator, self.across, self._threshold = operator, across, threshold
+        self._left = 0  # of the budget for the frame at hand
+        self._known: Equations | None = None  # with which the last fit ended
+        self._simple: Fit | None = None  # the last answer of `_simplified`
+        self._changing = False  # whether motion is the likeliest reason of what is left over
+
+    def _begin(self, start: Unknowns, like: Fit, new: int, goal: float = np.inf) -> Fit:
+        """The best fit from `start`, see `_solve` and `_begun`."""
+        begun = self._begun(start, like, new)
+        return self._solve(begun.unknowns, begun, goal=goal)
+
+    def _solve(self, start: Unknowns, like: Fit, steps: int = STEPS, goal: float = np.inf) -> Fit:
+        """The best fit from `start` of the rows that `like` is a fit of; given up where `goal`
+        seems out of reach."""
+        start = self._coarse(start)
+        at = like if like.unknowns is start else Fit(self.operator, start, like.rows, like.prior)
+        far = at.chi_squared > MISFIT * at.rows.count  # from the touch that goes on, say
+        if far and like.prior.learned and len(start.contacts):
+            at = Fit(self.operator, self._settled(start, like), like.rows, like.prior)
+        if steps > 1 and len(start.contacts) and not at.steps:
+            at = self._approached(at)
+        most = max(self._left, _LEAST_WORK)
+        given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
+        fit = solve(*given, at, most)
+        self._known = fit.equations
+        across = self._patches(fit.unknowns)
+        if across != fit.unknowns.across and fit.cost < _WORTH * goal:
+            finer = replace(fit.unknowns, across=across)
+            work = fit.work
+            given = self.operator, finer, like.rows, like.prior, steps, self._known, goal
+            fit = solve(*given, most=most)
+            fit.work += work
+        self._left -= fit.work
+        return fit
+
+    def _approached(self, fit: Fit) -> Fit:
+        """The same, or nearer where it leaves much over."""
+        if fit.chi_squared < MISFIT * fit.rows.count:
+            return fit
+        fit = approach(fit, self._left)
+        self._left -= fit.work
+        bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
+        return self._wide_enough(fit, bare)
+
+    def _most_across(self, unknowns: Unknowns) -> int:
+        """Patches to the width of each contact at most: fewer of many, which together are one wide
+        shape, and of contacts that move, whose form shows later."""
+        if len(unknowns.contacts) > _FEW:
+            return min(_COARSE, self.across)
+        return min(_IN_MOTION, self.across) if np.any(unknowns.moving) else self.across
+
+    def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
+        """Patches across each contact as its radius asks for, or what it has where that is near."""
+        most = self._most_across(unknowns)
+        return tuple(
+            self._across(each, had, most) for each, had in zip(unknowns.contacts, unknowns.across)
+        )
+
+    def _across(self, contact: np.ndarray, before: int, most: int) -> int:
+        wanted = min(patches_of(contact, self.operator.pitch), most)
+        if wanted * before < 0:
+            return wanted
+        more = abs(wanted) - abs(before)
+        return wanted if more > 0 or more < -2 else before
+
+    def _coarse(self, unknowns: Unknowns) -> Unknowns:
+        """The same with no more patches than contacts that move are allowed."""
+        most = self._most_across(unknowns)
+        if not np.any(unknowns.moving) or max(unknowns.across, default=0) <= most:
+            return unknowns
+        return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
+
+    def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
+        """Contacts from `start` on, also from other sizes, with the sensor held as it was
+        learned."""
+        held = like.prior.held()
+        best: Fit | None = None
+        for factor in (None, *SIZES):
+            contacts, across = start.contacts.copy(), start.across
+            if factor is not None:
+                contacts[:, RADIUS] = np.log(factor * like.prior.radius)
+                patches = patches_for(factor * like.prior.radius, self.operator.pitch)
+                across = (patches,) * len(contacts)
+            own = replace(as_known(start, held), contacts=contacts, across=across)
+            fit = solve(self.operator, own, like.rows, held, STEPS, self._known)
+            self._left -= fit.work
+            best = fit if best is None or fit.cost < best.cost else best
+            if best.chi_squared < MISFIT * like.rows.count:
+                break
+        assert best is not None  # there is a first start
+        return best.unknowns
+
+    def _beyond(self, fit: Fit, which: int) -> Fit:
+        """The same or a better fit that starts with contact `which` on another side of the electrode next to
+        it, or off the rim, if it ended beyond the outermost electrodes: what lies there is seen through
+        few electrodes and mirrored in the rim, and the sheet may be bent to what a contact elsewhere
+        explains."""
+        operator, outline = self.operator, self.operator.layout.outline
+        contact = fit.unknowns.contacts[which]
+        place = contact[:2]
+        if operator.encloses(place) or self._left <= 0:
+            return fit
+        centres = operator.layout.positions[operator.used]
+        centre = centres[np.hypot(*(centres - place).T).argmin()]
+        x, y = place - centre
+        inwards = np.exp(contact[RADIUS]) * outline.depth(place[None])[1][0]
+        found = fit
+        for start in (place + inwards, *(centre + way for way in ((-x, -y), (-y, x), (y, -x)))):
+            if not outline.contains(start[None])[0]:
+                continue
+            contacts = fit.unknowns.contacts.copy()
+            contacts[which, :2] = start
+            tried = self._solve(replace(fit.unknowns, contacts=contacts), fit, goal=found.cost)
+            found = tried if tried.cost < found.cost else found
+        return found
+
+    def _other_sizes(self, fit: Fit, which: int) -> Fit:
+        """The same or a better fit that starts with contact `which` smaller or larger, if this one
+        explains too little."""
+        for factor in _RADII:
+            if fit.chi_squared < MISFIT * fit.rows.count or self._left <= 0:
+                break
+            unknowns = fit.unknowns
+            radius = float(np.exp(unknowns.contacts[which, RADIUS])) * factor
+            keep = np.arange(len(unknowns.contacts)) != which
+            start = self._added(
+                chosen(unknowns, keep),
+                unknowns.contacts[which, :2],
+                np.exp(unknowns.contacts[which, CONDUCTANCE]),
+                radius,
+            )
+            tried = self._begin(start, fit, 1, goal=fit.cost)
+            if tried.cost < fit.cost:
+                back = np.insert(np.arange(len(keep) - 1), which, len(keep) - 1)
+                fit = self._solve(chosen(tried.unknowns, back), fit, 1)
+        return fit
+
+    def _added(self, unknowns: Unknowns, place, strength: float, radius: float) -> Unknowns:
+        """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
+        the end."""
+        return with_disc(unknowns, place, strength, radius, self.operator.pitch, self._changing)
+
+    def _begun(self, start: Unknowns, like: Fit, new: int) -> Fit:
+        """Where a fit of the rows of `like` begins, whose last `new` contacts were never fitted."""
+        fit = Fit(self.operator, self._coarse(start), like.rows, like.prior)
+        return self._wide_enough(fit, np.arange(len(start.contacts)) >= len(start.contacts) - new)
+
+    def _wide_enough(self, fit: Fit, which: np.ndarray) -> Fit:
+        """The same with contacts `which` (k,) as wide as they must be to conduct as they do.
+
+        What a contact conducts shows well, its width hardly: of those that conduct more than most bare
+        conductors of their width do, the width is wrong. Mean D falls by R_s / 2 pi with the
+        logarithm of the radius.
+        """
+        contacts, across = fit.unknowns.contacts.copy(), list(fit.unknowns.across)
+        ways = FILLED * np.exp(-contacts[:, CONDUCTANCE])
+        which = which & (fit.prediction.means > ways)
+        if not which.any():
+            return fit
+        excess = (fit.prediction.means - ways)[which] * 2 * np.pi / self.operator.resistance
+        contacts[which, RADIUS] += np.minimum(excess, _WIDER)
+        for i, wanted in enumerate(self._patches(replace(fit.unknowns, contacts=contacts))):
+            if which[i]:
+                across[i] = wanted
+        wider = replace(fit.unknowns, contacts=contacts, across=tuple(across))
+        begun = Fit(self.operator, wider, fit.rows, fit.prior)
+        most = np.log(FILLED / np.maximum(begun.prediction.means, 1e-9))
+        if not (which & (contacts[:, CONDUCTANCE] > most)).any():
+            return begun
+        kept = np.where(which, np.minimum(contacts[:, CONDUCTANCE], most), contacts[:, CONDUCTANCE])
+        contacts[:, CONDUCTANCE] = kept
+        return Fit(self.operator, replace(wider, contacts=contacts), fit.rows, fit.prior)
+
+    def _simplified(self, fit: Fit) -> Fit:
+        """As few contacts as explain the readings as well: those near each other as one, then each
+        left to its neighbour; whatever is left of the budget."""
+        if fit is self._simple:
+            return fit
+        self._left = max(self._left, _LEAST_WORK)
+        fit = self._gathered(fit)
+        tested: set[bytes] = set()
+        while len(fit.unknowns.contacts) > 1 and self._left > 0:
+            order = np.argsort(self._certainties(fit))
+            untested = [i for i in order if fit.unknowns.contacts[i, :2].tobytes() not in tested]
+            fewer = None
+            for weakest in untested:
+                contacts = fit.unknowns.contacts
+                tested.add(contacts[weakest, :2].tobytes())
+                one = overlaps(contacts, weakest)
+                if not one and not self._may_go(fit, int(weakest)):
+                    continue
+                limit = fit.cost + self._threshold * fit.doubt
+                tried = self._solve(
+                    merged(fit.unknowns, int(weakest)), fit, goal=np.inf if one else limit
+                )
+                if one or tried.cost < limit:
+                    fewer = tried
+                    break
+            if fewer is None:
+                break
+            fit = fewer
+        self._simple = self._without_idle(fit)
+        return self._simple
+
+    def _gathered(self, fit: Fit) -> Fit:
+        """The same or a fit with one wide contact in the place of several near each other."""
+        contacts = fit.unknowns.contacts
+        if len(contacts) < 2:
+            return fit
+        group = clusters(contacts, self.operator.pitch)
+        for each in np.unique(group):
+            of = np.flatnonzero(group == each)
+            if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
+                continue
+            if not any(self._may_go(fit, int(which)) for which in of):
+                continue
+            limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
+            tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)
+            if tried.cost < limit:
+                return self._gathered(tried)
+        return fit
+
+    def _certainties(self, fit: Fit) -> np.ndarray:
+        """(k,) conductance of each contact over its deviation, squared."""
+        free = fit.unknowns.free
+        assert fit.covariance is not None  # it was solved
+        at = np.cumsum(free.sum(axis=1)) - free.sum(axis=1) + free[:, :CONDUCTANCE].sum(axis=1)
+        return 1 / fit.covariance.diagonal()[at]
+
+    def _may_go(self, fit: Fit, which: int) -> bool:
+        """Whether a contact may be none of its own: weak, or near a stronger one, and not certain to
+        conduct whatever the others do (Wald 1943)."""
+        if self._certainties(fit)[which] > _CERTAIN * self._threshold * fit.doubt:
+            return False
+        contacts = fit.unknowns.contacts
+        others = np.delete(contacts, which, axis=0)
+        apart = np.hypot(*(others[:, :2] - contacts[which, :2]).T).min()
+        weak = contacts[which, CONDUCTANCE] < contacts[:, CONDUCTANCE].max() + np.log(_DOUBTFUL)
+        return weak or apart < CLOSE * self.operator.pitch
+
+    def _without_idle(self, fit: Fit) -> Fit:
+        """Contacts below the dynamic range are taken out again, weakest first."""
+        while len(fit.unknowns.contacts) > 1:
+            strengths = fit.unknowns.contacts[:, CONDUCTANCE]
+            weakest = int(strengths.argmin())
+            if strengths[weakest] > strengths.max() + np.log(DYNAMIC):
+                break
+            keep = np.arange(len(strengths)) != weakest
+            fit = self._solve(chosen(fit.unknowns, keep), fit)
+        return fit
