@@ -9,7 +9,7 @@ from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
-from tomotactile_ros.estimation.row_outliers import outliers
+from tomotactile_ros.estimation.row_outliers import WRONG, outliers
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -42,20 +42,20 @@ def followed(estimator, defects, layout=LAYOUT, contacts=None):
 
 def test_what_a_reading_takes_with_it_is_what_leaving_it_out_takes():
     random = np.random.default_rng(5)
-    half = random.standard_normal((9, 9))
-    covariance = 1e-4 * (half @ half.T + np.eye(9))
-    misfit = np.linalg.cholesky(covariance) @ random.standard_normal(9)
+    half = random.standard_normal((16, 16))
+    covariance = 1e-4 * (half @ half.T + np.eye(16))
+    misfit = np.linalg.cholesky(covariance) @ random.standard_normal(16)
     misfit[[2, 7]] += (0.7, -0.4)
 
     def cost(kept):
         own = covariance[np.ix_(kept, kept)]
         return misfit[kept] @ np.linalg.solve(own, misfit[kept]) + np.linalg.slogdet(own)[1]
 
-    found, gained = outliers(misfit, np.linalg.cholesky(covariance), np.ones(9, bool))
+    found, gained = outliers(misfit, np.linalg.cholesky(covariance), np.ones(16, bool), 3)
     assert set(found) == {2, 7}
-    kept = np.setdiff1d(np.arange(9), found)
-    price = -2 * np.log(1e-3) - np.log(2 * np.pi)
-    assert cost(np.arange(9)) - cost(kept) - 2 * price == pytest.approx(gained)
+    kept = np.setdiff1d(np.arange(16), found)
+    price = -2 * np.log(WRONG) - np.log(2 * np.pi)
+    assert cost(np.arange(16)) - cost(kept) - 2 * price == pytest.approx(gained)
 
 
 @pytest.mark.parametrize(

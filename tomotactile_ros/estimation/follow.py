@@ -53,6 +53,9 @@ _PART, _PATTERN = (
     0.6180339887,
 )  # of other rows that do; golden section: all electrodes' in turn
 _MOST_DISTRUSTED = 0.25  # of the channels: if rows contradict more of them, they are not believed
+_TOGETHER = 2  # contacts that begin in one row, at most: fingers of a gripper
+_SURE = 3  # rows of all contacts, from which on
+_AT_ONCE = 3  # contacts that begin or end in one row and readings that are wrong, together
 _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
@@ -145,8 +148,9 @@ class Follower:
         if fit.chi_squared > surprising:
             confuses = fit.chi_squared > confusing
             fit = self._explained(state, expected, fit, read, ground, lasts)
-            state.confused += confuses * (1 + (fit.chi_squared > confusing))
-            doubtful = np.count_nonzero(state.distrusted) > _MOST_DISTRUSTED * len(valid)
+            left_out = (state.distrusted == len(valid)).any()  # in this row
+            state.confused += confuses * (1 + (fit.chi_squared > confusing)) + left_out
+            doubtful = np.count_nonzero(state.distrusted) >= _MOST_DISTRUSTED * len(valid)
             if (
                 state.confused > _CONFUSED or doubtful
             ):  # what rows say from here on rests on what was wrong
@@ -179,11 +183,11 @@ class Follower:
 
     def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
         """The likeliest of what may have happened."""
-        model, event = state.model, _COST
-        tried = [(plain.cost, plain)]
+        model = state.model
+        tried = [(0, plain)]
 
         def offer(fit: _Fit, events: int) -> None:
-            tried.append((fit.cost + events * event, fit))
+            tried.append((events, fit))
 
         if expected.count:
             variances = np.array(_LOOSE) ** 2
@@ -201,21 +205,34 @@ class Follower:
                         offer(fit, 2)
         if model.known.wide is not None:
             offer(self._gone(model, expected, read), 1)
-        names = state.last + 1, state.time
-        for fit in self._born(model, expected, plain, read, ground, state, names):
-            offer(fit, 1)
+        surprising, base = _limits(max(int(np.count_nonzero(read[1])), 1))[0], plain
+        # on an untouched sheet one contact may explain what several do
+        sure = min(expected.rows, default=0) >= _SURE
+        for number in range(1, 1 + (_TOGETHER if sure else 1)):
+            names = state.last + number, state.time
+            given = base.prior, base, read, ground, state if number == 1 else None, names
+            born = list(self._born(model, *given))
+            for fit in born:
+                offer(fit, number)
+            if not born:
+                break
+            base = min(born, key=lambda fit: fit.cost)
+            if base.chi_squared < surprising:
+                break
         best = self._trusted(state, tried, read, ground)
-        if names[0] in best.prior.numbers:
-            state.last += 1
-            state.sums = self.births.nothing()
+        last = max(best.prior.numbers, default=0)
+        if last > state.last:
+            state.last, state.sums = last, self.births.nothing()
         return best
 
-    def _trusted(self, state, tried: list[tuple[float, _Fit]], read, ground) -> _Fit:
-        """The likeliest of fits with their costs, without readings that are rather wrong. Those are
+    def _trusted(self, state, tried: list[tuple[int, _Fit]], read, ground) -> _Fit:
+        """The likeliest of fits with so many events, without readings that are rather wrong. Those are
         not read for a frame, which can tell."""
         readings, valid = read
-        wrong = [outliers(fit.misfit, fit.root, valid) for _, fit in tried]
-        costs = [cost - gained for (cost, _), (_, gained) in zip(tried, wrong)]
+        wrong = [outliers(fit.misfit, fit.root, valid, _AT_ONCE - events) for events, fit in tried]
+        costs = [
+            fit.cost + events * _COST - gained for (events, fit), (_, gained) in zip(tried, wrong)
+        ]
         likeliest = int(np.argmin(costs))
         best, (left, _) = tried[likeliest][1], wrong[likeliest]
         if not left:
@@ -233,7 +250,8 @@ class Follower:
         return self._idle(model, belief.of_sensor(), *read)
 
     def _born(self, model, belief, before, read, ground, state, names):
-        """Fits of `belief` and one contact more, where the row asks for it."""
+        """Fits of `belief` and one contact more, where the row asks for it: where `before`, a fit of
+        that belief, does not explain it."""
         sums = self.births.nothing() if state is None else state.sums
         gains, conductances, sums = self.births.look(
             model, before.row, ground, before.misfit, before.root, sums, model.known.gain
@@ -250,7 +268,8 @@ class Follower:
                 continue
             mean = np.array([x, y, 0.0, 0.0, strength])
             begun = belief.with_contact(mean, variances, self._size, *names)
-            fits.append((begun, self._fit(model, begun, read, ground, _FIRST_STEPS)))
+            start = np.insert(before.mean, STATE * belief.count, mean)
+            fits.append((begun, self._fit(model, begun, read, ground, _FIRST_STEPS, start)))
         if fits:
             begun, first = min(fits, key=lambda each: each[1].cost)
             found = self._fit(model, begun, read, ground, _STEPS, first.mean)

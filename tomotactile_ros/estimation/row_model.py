@@ -42,8 +42,8 @@ _ALIKE, _AS_STRONG = 0.01, 0.1
 # spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim
 # of an insulated sheet they vanish: what ended there would stay, and seem to be known nowhere
 _INSIDE = 0.1
-# spacings that electrodes lie aside along x and y, standard deviation, where it is not known better
-_ASIDE = 0.02
+# spacings that electrodes lie aside along x and y, standard deviation, while nothing was learned of it
+_ASIDE = 0.01
 _ALL = np.ones(1, bool)  # readings are valid
 
 
@@ -55,6 +55,7 @@ class Known:
     sheet_deviation (J,), deviations : standard deviations, of gain, offset, resistance and ways aside
         (n,) each
     variance : of the noise of a reading, parts of V0 squared
+    learned : whether the sensor has shown all this itself
     wide : contacts too wide for a patch, as the last frame showed them, or None
     """
 
@@ -66,6 +67,7 @@ class Known:
     sheet_deviation: np.ndarray
     deviations: tuple[np.ndarray, ...]
     variance: float
+    learned: bool = False
     wide: Unknowns | None = None
 
     @property
@@ -86,6 +88,7 @@ class Known:
             prior.sheet_deviation,
             prior.deviations,
             variance,
+            prior.learned,
         )
 
     def moved(self, shift: np.ndarray, wide: Unknowns | None) -> Known:
@@ -157,7 +160,8 @@ class RowModel:
         self._inverse = operator.bordered[:-1]
         self._alone = known.variance + known.deviations[1] ** 2
         self._none = np.zeros((0, operator.count))
-        self._aside = np.maximum(np.array(known.deviations[3:]), _ASIDE * operator.pitch)
+        least = 0.0 if known.learned else _ASIDE * operator.pitch
+        self._aside = np.maximum(np.array(known.deviations[3:]), least)
         size = np.array(operator.layout.outline.size)
         self._inside = size / 2 - _INSIDE * operator.pitch
         self._kept: dict[int, tuple] = {}

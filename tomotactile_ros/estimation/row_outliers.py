@@ -20,24 +20,26 @@ import numpy as np
 from scipy.linalg.lapack import dpotri, dtrtrs
 
 WRONG = 1e-3  # probability that a given row has a given reading wrong: one of 64 once in 16 rows
-_MOST = 3  # of a row: two wires exchanged, and another; rows with more of them are not explained
 
 
-def outliers(misfit: np.ndarray, root: np.ndarray, valid: np.ndarray) -> tuple[list[int], float]:
-    """Which readings of a row are rather wrong than what was expected, and by how much that lowers
-    -2 ln(likelihood).
+def outliers(
+    misfit: np.ndarray, root: np.ndarray, valid: np.ndarray, most: int
+) -> tuple[list[int], float]:
+    """Which readings of a row, `most` of them, are rather wrong than what was expected, and by how much
+    that lowers -2 ln(likelihood).
 
     misfit (n,); root (n, n) lower Cholesky factor of its covariance; valid (n,) bool, of readings
     """
     price = -2 * np.log(WRONG) - np.log(2 * np.pi)
     white = dtrtrs(root, misfit, lower=1)[0]
-    if white @ white + np.log((root**2).sum(axis=1).max()) <= price:  # no reading can take more
+    widest = float((root**2).sum(axis=1).max(initial=1e-300, where=valid))
+    if white @ white + np.log(widest) <= price:  # no reading can take more
         return [], 0.0
     precision = _inverse(root)
     weighted, diagonal = precision @ misfit, precision.diagonal().copy()
     found: list[int] = []
     gained = 0.0
-    while len(found) < _MOST:
+    while len(found) < most:
         gains = weighted**2 / np.maximum(diagonal, 1e-300) - np.log(np.maximum(diagonal, 1e-300))
         gains[~valid] = -np.inf
         gains[found] = -np.inf
