@@ -1,7 +1,7 @@
 """How soon and how well contacts are known that are followed from row to row.
 
     scripts/setup python3 benchmark/rows.py [--touches N] [--idle ROWS] [--cases onset ...] [--late ROWS]
-        [--layout L] [--sensor exact | worn | bad | aside]
+        [--layout L] [--sensor exact | worn | bad | aside | stuck | exchanged | neighbours | slow]
 
 Rows of the simulator's finite elements, each of the sheet as it is at its own time, 1 mV, 12 bits, 1 ms
 a row, 8 x 8 electrodes on 200 mm unless --layout says otherwise; the reconstruction has the closed form
@@ -83,14 +83,25 @@ class Tally:
 @dataclass(frozen=True)
 class Wrong:
     """What is wrong with a sensor, root mean square: the sheet, relative; gains; offsets, V; places of
-    electrodes along x and y, m. Resistances to ground are 75 to 225 ohm where anything is wrong."""
+    electrodes along x and y, m; with an uneven sheet, resistances to ground are 75 to 225 ohm. Or one
+    channel is stuck at 0 V, two wires are exchanged, those of neighbours if not of any two, or
+    readings keep 0.5 % of the row before: `broken`."""
 
     sheet: float = 0.0
     gains: float = 0.0
     offsets: float = 0.0
     aside: float = 0.0
+    broken: str = ""
 
-    def defects(self, seed: int) -> Defects:
+    def defects(self, seed: int, electrodes: int) -> Defects:
+        one, other = np.random.default_rng(seed).choice(electrodes - 1, 2, replace=False).tolist()
+        if self.broken:
+            return {
+                "stuck": Defects(channels=Channels(stuck={one: 0.0})),
+                "exchanged": Defects(swapped=((one, other),)),
+                "neighbours": Defects(swapped=((one, one + 1),)),
+                "slow": Defects(channels=Channels(settling=0.005)),
+            }[self.broken]
         if not self.sheet:
             return Defects()
         gain, offset = Rms(self.gains, seed), Rms(self.offsets, seed)
@@ -116,6 +127,7 @@ SENSORS = {
     "worn": Wrong(0.1, 0.01, 0.002, 0.0003),
     "bad": Wrong(0.2, 0.02, 0.002, 0.0003),
     "aside": Wrong(0.1, 0.01, 0.002, 0.001),
+    **{each: Wrong(broken=each) for each in ("stuck", "exchanged", "neighbours", "slow")},
 }
 
 
@@ -144,7 +156,9 @@ class Sensor:
     def rows(self, contacts: list[Contact], frames: int, seed: int, costs: list) -> Iterator[Row]:
         """What is said of each row of a scene."""
         noise, adc = Noise(NOISE, seed), Adc(12, DRIVE)
-        scene = Scene("rows", DRIVE, contacts, LAW, noise, adc, self.wrong.defects(seed))
+        scene = Scene(
+            "rows", DRIVE, contacts, LAW, noise, adc, self.wrong.defects(seed, self.electrodes)
+        )
         layout = self.wrong.moved(self.layout, seed)
         simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
         state, due, read = self.pipeline.rows(waits=False), {}, []

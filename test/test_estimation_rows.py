@@ -257,6 +257,38 @@ def test_the_end_of_a_wide_contact_shows_in_the_next_row(estimator):
     assert not any(each.contacts or each.reason for each in followed[41:])
 
 
+def test_a_wide_contact_that_moves_is_reported_where_it_is():
+    """Frames alone show it, 24 rows late here: it goes on meanwhile, and is up to 9 mm farther."""
+    layout, law, speed = load_layout("equal-8x8"), ContactLaw(1e-4, 1.0), 0.1
+    palm = Contact(
+        "disc",
+        center=(-0.05, 0.01),
+        radius=0.025,
+        pressure=5e3,
+        start=0.0095,
+        velocity=(speed, 0.0),
+    )
+    scene = Scene("palm", DRIVE, [palm], law, Noise(NOISE, 1), Adc(12, DRIVE))
+    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
+    estimator = Estimator(layout, noise=NOISE, law=law, radius=0.008)
+    rows, state, seen, off = RowEstimator(estimator), RowsState(waits=False), {}, []
+    for k in range(4):
+        frame = simulator.frame(64 * k * ROW_PERIOD, k)
+        for i, row in enumerate(frame):
+            now = 64 * k + i
+            if now in seen:
+                state.tell(seen[now])
+            said = rows.estimate(row, i, DRIVE, now * ROW_PERIOD, state)
+            if now > 155:  # the second frame that shows it is told
+                ((_, _, contact),) = said.contacts
+                true = palm.at(now * ROW_PERIOD).center
+                off.append(np.hypot(contact.x - true[0], contact.y - true[1]))
+                assert contact.velocity[0] == pytest.approx(speed, rel=0.1)
+        told = rows.look(frame, np.arange(64), DRIVE, ROW_PERIOD, state.frames)
+        seen[64 * k + 64 + 24] = told.at(64 * k * ROW_PERIOD, ROW_PERIOD, 64)
+    assert max(off) < 3e-3 and np.median(off) < 1e-3
+
+
 def test_rows_are_withheld_where_frames_are(estimator):
     rows, state = RowEstimator(estimator), RowsState(waits=False)
     frame = frames_of([Contact("disc", **NEW)], 1)[0]

@@ -26,12 +26,16 @@ from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.joining import TOUCHING
 from tomotactile_ros.estimation.prior import RATES
-from tomotactile_ros.estimation.reported import Estimate
+from tomotactile_ros.estimation.reported import Contact, Estimate
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
-from tomotactile_ros.estimation.tracks import REACH
+from tomotactile_ros.estimation.tracks import REACH, has_moved
 
+_GOES_ON = 2.0  # times the time between two frames, for which what moves is taken to go on
+_CARRIED = (
+    0.05  # spacings that wide contacts go until rows are linear about them where they are by then
+)
 _WIDE = 0.4  # spacings: discs with larger radii are more than one patch to electrodes
 _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape is no disc
 # deviations, root mean square over the electrodes, by which a frame has their places otherwise: the sensor is
@@ -120,7 +124,9 @@ def corrected(
         gone = [place for number, place in then.items() if number not in belief.numbers]
         blurred |= _wide(found, operator.pitch) & ~_apart(found, gone, reach)
     is_wide = _wide(found, operator.pitch) & ~blurred
-    state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch)
+    step = seen.ended - state.wide_time
+    state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch, step)
+    state.wide_time, state.wide_step, state.wide_carried = seen.ended, step, 0.0
     misfit, left = max(1.0, fit.chi_squared / fit.count), dict(then)
     if confused:
         belief = unlearned(belief, state.model.known)
@@ -156,6 +162,7 @@ def corrected(
     if is_wide.any() or confused or elsewhere:
         # rows took it for something else, and the sensor for the rest
         wide = chosen(found, is_wide) if is_wide.any() else None
+        state.wide_ways = found.rates[is_wide, :2]
         known = replace(known, sheet=found.sheet, gain=found.gain, aside=found.aside, wide=wide)
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
@@ -276,16 +283,19 @@ def _covariance(fit: Fitted, which: int, misfit: float):
     return float(size), own
 
 
-def _numbered(state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitch: float) -> list:
-    """Contacts of the frame that have wide parts, with their numbers; see `RowState.wide`.
+def _numbered(
+    state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitch: float, step: float
+) -> list:
+    """Contacts of the frame that have wide parts, with their numbers, and velocities by where they
+    were in the frame `step` s before; see `RowState.wide`.
 
     Rows may have followed one as a small contact: it keeps the number.
     """
     if not is_wide.any():
         return []
     small = zip(state.belief.numbers, state.belief.begun, state.belief.contacts())
-    before = [(number, began, c.x, c.y) for number, began, c in state.wide]
-    before += [(number, began, c[X], c[Y]) for number, began, c in small]
+    before = [(number, began, c.x, c.y, c) for number, began, c in state.wide]
+    before += [(number, began, c[X], c[Y], None) for number, began, c in small]
     found = []
     centres = seen.contacts[is_wide, :2]
     radii = np.exp(seen.contacts[is_wide, RADIUS])
@@ -297,9 +307,61 @@ def _numbered(state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitc
         same = [w for w in before if np.hypot(w[2] - contact.x, w[3] - contact.y) < reach]
         if same:
             before.remove(same[0])
-            number, began = same[0][:2]
+            number, began, *_, earlier = same[0]
+            contact = _moving(contact, earlier, step)
         else:
             state.last += 1
             number, began = state.last, state.time
         found.append((number, began, contact))
     return found
+
+
+def _moving(contact: Contact, earlier: Contact | None, step: float) -> Contact:
+    """The same with its velocity, if it was elsewhere `step` s `earlier`."""
+    if earlier is None or any(contact.velocity) or not 0 < step < np.inf:
+        return contact
+    way = np.array([contact.x - earlier.x, contact.y - earlier.y])
+    spread = np.add(contact.covariance, earlier.covariance).reshape(2, 2)
+    if not has_moved(way, spread):
+        return contact
+    x, y = (way / step).tolist()
+    return replace(contact, velocity=(x, y))
+
+
+def carried_on(follower: Follower, state: RowState, time: float) -> None:
+    """Brings wide contacts that move to `time`, s, in what rows are compared with."""
+    known = state.model.known
+    if known.wide is None or not state.wide_ways.any():
+        return
+    lasts = _since(state, time) - state.wide_carried
+    reach = _CARRIED * follower.operator.pitch
+    if lasts * float(np.hypot(*state.wide_ways.T).max()) < reach:
+        return
+    contacts = known.wide.contacts.copy()
+    contacts[:, :2] += lasts * state.wide_ways
+    state.wide_carried += lasts
+    wide = replace(known.wide, contacts=contacts)
+    belief, last = state.belief, state.unexplained
+    linearised(follower, state, known.moved(belief.shift, wide), belief)
+    state.unexplained = last
+
+
+def wide_now(state: RowState) -> list:
+    """`RowState.wide` at the time of the last row: what moves goes on as from one frame to the next."""
+    found = []
+    for number, begun, contact in state.wide:
+        lasts = _since(state, state.time)
+        if any(contact.velocity) and lasts > 0:
+            vx, vy = contact.velocity
+            part = lasts / state.wide_step  # of the way from the frame before
+            more = (1 + part) ** 2 + part**2
+            covariance = tuple(more * each for each in contact.covariance)
+            place = {"x": contact.x + lasts * vx, "y": contact.y + lasts * vy}
+            contact = replace(contact, **place, covariance=covariance)
+        found.append((number, begun, contact))
+    return found
+
+
+def _since(state: RowState, time: float) -> float:
+    """s from the last frame that showed wide contacts to `time`, as far as they are taken to go on."""
+    return min(max(time - state.wide_time, 0.0), _GOES_ON * state.wide_step)

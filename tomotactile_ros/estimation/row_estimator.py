@@ -21,7 +21,14 @@ from tomotactile_ros.estimation.equations import SIMILAR
 from tomotactile_ros.estimation.estimator import EXCLUDED, Estimator, State
 from tomotactile_ros.estimation.fits import FILLED
 from tomotactile_ros.estimation.follow import YOUNG, Follower
-from tomotactile_ros.estimation.frames_in_rows import FrameSeen, corrected, linearised, unlearned
+from tomotactile_ros.estimation.frames_in_rows import (
+    FrameSeen,
+    carried_on,
+    corrected,
+    linearised,
+    unlearned,
+    wide_now,
+)
 from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
 from tomotactile_ros.estimation.reported import (
     FORCE_FLOOR,
@@ -204,6 +211,7 @@ class RowEstimator:
             readings = voltages[follower.operator.used] / drive_voltage
             before = state.rows.touched
             try:
+                carried_on(follower, state.rows, time)
                 follower.follow(state.rows, readings, valid, at, time)
             except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
                 self._begin(state, drive_voltage)
@@ -340,7 +348,8 @@ class RowEstimator:
         if self._frames and self._may_be_one(state):
             reason = "a wide contact or several near each other have begun: the next frame tells"
             return Followed([], "withheld", reason)
-        found = [(number, max(rows.time - begun, 0.0), each) for number, begun, each in rows.wide]
+        wide = wide_now(rows)
+        found = [(number, max(rows.time - begun, 0.0), each) for number, begun, each in wide]
         belief, contacts = rows.belief, rows.belief.contacts()
         if state.means.keys() - belief.numbers:
             state.means = {n: each for n, each in state.means.items() if n in belief.numbers}

@@ -173,7 +173,8 @@ class RowState:
     model : `RowModel` of the sensor as known; sums : of the matched filter
     distrusted (n,) : rows for which each channel is not read yet, as a row contradicted it
     wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed
-        them
+        them; wide_time : s, of that frame; wide_step : s, since the one before; wide_ways (k, 2) m/s, of
+        their discs; wide_carried : s for which these have gone on since
     """
 
     belief: Belief | None = None
@@ -189,6 +190,10 @@ class RowState:
     model: Any = None
     distrusted: Any = None
     wide: list = field(default_factory=list)
+    wide_time: float = -np.inf
+    wide_step: float = np.inf
+    wide_ways: Any = None
+    wide_carried: float = 0.0
 
     @property
     def touched(self) -> bool:

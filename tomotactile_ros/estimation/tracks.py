@@ -42,6 +42,12 @@ class Followed(NamedTuple):
     velocity: tuple[float, float]
 
 
+def has_moved(way: np.ndarray, spread: np.ndarray) -> bool:
+    """Whether a contact that is elsewhere than before by `way` (2,), m, does not rest; `spread` (2, 2), m²,
+    of both places together."""
+    return bool(way @ np.linalg.solve(spread, way) > chdtri(len(way), _RESTS))
+
+
 @dataclass
 class _Track:
     number: int
@@ -80,8 +86,8 @@ class Tracks:
                 self.last += 1
                 track = _Track(self.last, time, time, place, covariance, velocity)
             elif not velocity.any() and time > track.seen:
-                way, spread = place - track.place, covariance + track.covariance
-                if way @ np.linalg.solve(spread, way) > chdtri(len(way), _RESTS):
+                way = place - track.place
+                if has_moved(way, covariance + track.covariance):
                     velocity = way / (time - track.seen)
             track.place, track.covariance = place, covariance
             track.velocity, track.seen = velocity, time
