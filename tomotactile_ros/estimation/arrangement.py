@@ -36,6 +36,13 @@ def with_disc(
     return unknowns.joined_by(contact, patches_for(radius, pitch), _DISC, moving)
 
 
+def other_sides(place: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """(3, 2) m, where a contact at `place` (2,) beside an electrode at `centre` (2,) would be on its three
+    other sides: there readings are much the same."""
+    x, y = place - centre
+    return centre + np.array([[-x, -y], [-y, x], [y, -x]])
+
+
 def as_discs(unknowns: Unknowns, radii: np.ndarray, pitch: float) -> Unknowns:
     """Discs of `radii` (k,), m, in the place of the contacts."""
     contacts = unknowns.contacts.copy()

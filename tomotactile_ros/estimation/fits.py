@@ -17,6 +17,7 @@ from tomotactile_ros.estimation.arrangement import (
     clusters,
     gathered,
     merged,
+    other_sides,
     overlaps,
     with_disc,
 )
@@ -26,6 +27,7 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, patches_for, patches_of
+from tomotactile_ros.layouts.region import enclosed
 
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
 SIZES = (0.5, 1.0, 2.0)  # times the typical radius: starts with the sensor held as it is known
@@ -149,14 +151,13 @@ class Fits:
         operator, outline = self.operator, self.operator.layout.outline
         contact = fit.unknowns.contacts[which]
         place = contact[:2]
-        if operator.encloses(place) or self._left <= 0:
-            return fit
         centres = operator.layout.positions[operator.used]
+        if self._left <= 0 or enclosed(place[None], centres, operator.layout.radius)[0]:
+            return fit
         centre = centres[np.hypot(*(centres - place).T).argmin()]
-        x, y = place - centre
         inwards = np.exp(contact[RADIUS]) * outline.depth(place[None])[1][0]
         found = fit
-        for start in (place + inwards, *(centre + way for way in ((-x, -y), (-y, x), (y, -x)))):
+        for start in (place + inwards, *other_sides(place, centre)):
             if not outline.contains(start[None])[0]:
                 continue
             contacts = fit.unknowns.contacts.copy()

@@ -4,9 +4,9 @@ The belief about contacts and sheet is brought to the time of a row and correcte
 the iterated extended Kalman filter of the cost that `solver` minimises (Bell and Cathey 1993). A
 row that the expected contacts do not explain is looked at again: contacts may have moved or changed
 at once, one or all of them have gone, one has come, or one that has just come was somewhere else; and
-with each of these, some readings may be wrong (`row_outliers`). Of these the likeliest is believed, -2 ln(likelihood) with the belief marginal, and what begins or
-ends costs in addition what its prior probability says. One that comes must, besides, exceed what
-noise does anywhere on the lattice (`births`).
+with each of these, some readings may be wrong (`row_outliers`). Of these the likeliest is believed,
+-2 ln(likelihood) with the belief marginal, and what begins or ends costs in addition what its prior
+probability says. One that comes must, besides, exceed what noise does anywhere on the lattice (`births`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import chdtri
 
+from tomotactile_ros.estimation.arrangement import other_sides
 from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -52,9 +53,9 @@ _PART, _PATTERN = (
     0.25,
     0.6180339887,
 )  # of other rows that do; golden section: all electrodes' in turn
-_MOST_DISTRUSTED = 0.25  # of the channels: if rows contradict more of them, they are not believed
+_MOST_DISTRUSTED = 0.25  # of the channels: if rows contradict so many, they are not believed
 _TOGETHER = 2  # contacts that begin in one row, at most: fingers of a gripper
-_SURE = 3  # rows of all contacts, from which on
+_SURE = 3  # rows for which all others must have been there
 _AT_ONCE = 3  # contacts that begin or end in one row and readings that are wrong, together
 _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
@@ -147,13 +148,12 @@ class Follower:
         state.confused *= _CALMING
         if fit.chi_squared > surprising:
             confuses = fit.chi_squared > confusing
-            fit = self._explained(state, expected, fit, read, ground, lasts)
+            fit = self._explained(state, expected, fit, read, ground, surprising)
             left_out = (state.distrusted == len(valid)).any()  # in this row
             state.confused += confuses * (1 + (fit.chi_squared > confusing)) + left_out
             doubtful = np.count_nonzero(state.distrusted) >= _MOST_DISTRUSTED * len(valid)
-            if (
-                state.confused > _CONFUSED or doubtful
-            ):  # what rows say from here on rests on what was wrong
+            # what rows say from here on rests on what was wrong
+            if state.confused > _CONFUSED or doubtful:
                 state.confused = np.inf
         else:
             state.sums = self.births.nothing()
@@ -181,8 +181,8 @@ class Follower:
         )
         return fast or min(belief.rows, default=0) < _RESTED or (number * _PATTERN) % 1 < _PART
 
-    def _explained(self, state, expected, plain, read, ground, lasts) -> _Fit:
-        """The likeliest of what may have happened."""
+    def _explained(self, state, expected, plain, read, ground, surprising) -> _Fit:
+        """The likeliest of what may have happened; `surprising` : chi-squared from which on a row is."""
         model = state.model
         tried = [(0, plain)]
 
@@ -205,7 +205,7 @@ class Follower:
                         offer(fit, 2)
         if model.known.wide is not None:
             offer(self._gone(model, expected, read), 1)
-        surprising, base = _limits(max(int(np.count_nonzero(read[1])), 1))[0], plain
+        base = plain
         # on an untouched sheet one contact may explain what several do
         sure = min(expected.rows, default=0) >= _SURE
         for number in range(1, 1 + (_TOGETHER if sure else 1)):
@@ -290,11 +290,9 @@ class Follower:
         distance, nearest = self.operator.layout.nearest(place[None])
         if distance[0] > _ACROSS * self.operator.pitch:
             return
-        centre = self.operator.layout.positions[nearest[0]]
-        x, y = place - centre
-        for way in ((-x, -y), (-y, x), (y, -x)):
+        for side in other_sides(place, self.operator.layout.positions[nearest[0]]):
             mean = fit.mean.copy()
-            mean[at : at + 2] = centre + way
+            mean[at : at + 2] = side
             yield self._limited(mean, mean.copy(), fit.prior.count)
 
     def _beside(self, wide, x, y) -> bool:

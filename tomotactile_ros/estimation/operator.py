@@ -24,7 +24,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from shapely import MultiPoint, contains_xy
 
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
@@ -253,15 +252,6 @@ class SheetOperator:
         """(n,) standard deviation of what the model errs in the impedance of each electrode, ohm: in
         every frame another one, like a resistance to ground of its own."""
         return _INEXACT * self.own_impedance
-
-    @cached_property
-    def _hull(self):
-        hull = MultiPoint(self.layout.positions[self.used]).convex_hull
-        return hull.buffer(self.layout.radius)
-
-    def encloses(self, place: np.ndarray) -> bool:
-        """Whether a place (2,), m, lies between electrodes or on one, not beyond the outermost."""
-        return bool(contains_xy(self._hull, *place))
 
     @cached_property
     def untouched(self) -> np.ndarray:

@@ -17,6 +17,13 @@ MAX_CELLS = 1_000_000
 _SLIVER = 1e-6  # cells with a smaller part in the region carry nothing and are left out
 
 
+def enclosed(points: np.ndarray, by: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
+    """Which of (P, 2) points lie in the convex hull of the points ``by`` (Q, 2), or within
+    ``tolerance``, m, of it."""
+    hull = shapely.MultiPoint(by).convex_hull
+    return shapely.distance(hull, shapely.points(points)) <= tolerance
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """A simple polygon, possibly with holes.
