@@ -33,8 +33,8 @@ def a_frame(rows: int = 16, electrodes: int = 16) -> Frame:
     return Frame(voltages, np.arange(rows, dtype=np.uint16), 7, 1.7e9 + 0.25, 3.3)
 
 
-def a_contact(x: float = 0.03, y: float = 0.02, force: float = 2.0) -> ContactEstimate:
-    return ContactEstimate(x, y, force, 2e4, 1e-4, 0.006)
+def a_contact(x: float = 0.03, y: float = 0.02, force: float = 2.0, id: int = 0) -> ContactEstimate:
+    return ContactEstimate(x, y, force, 2e4, 1e-4, 0.006, id=id)
 
 
 def round_trip(message):
@@ -207,6 +207,32 @@ def test_markers_of_contacts_that_ended_are_deleted():
     }  # fmt: skip
     assert all(m.action == Marker.DELETE for m in markers_of(markers, []))
     assert markers_of(markers, []) == []
+
+
+def test_a_contact_that_is_followed_keeps_its_markers_and_has_its_id_and_a_trail():
+    markers, later = ContactMarkers(), conversions.make_header(12.35, "skin")
+    kinds = {m.ns: m for m in markers_of(markers, [a_contact(id=9), a_contact(id=4, x=-0.05)])}
+    assert sorted(kinds) == ["contact", "force", "id"]
+    surface, moved = LAYOUT.surface, [a_contact(id=4, x=-0.04)]
+    shown = markers.of(moved, in_space(surface, moved), later).markers
+    trail = next(m for m in shown if m.ns == "trail")
+    assert trail.type == Marker.LINE_STRIP and trail.id == 4
+    assert [p.x for p in trail.points] == [-0.05, -0.04]
+    text = next(m for m in shown if m.ns == "id" and m.action == Marker.ADD)
+    assert (text.id, text.text, text.pose.position.x) == (4, "#4", -0.04)
+    assert text.pose.position.z > 0.02  # above the arrow of 2 N
+    gone = {(m.ns, m.id) for m in shown if m.action == Marker.DELETE}
+    assert gone == {("force", 9), ("contact", 9), ("id", 9)}
+
+
+def test_contacts_that_are_not_known_are_taken_out_of_the_picture():
+    markers = ContactMarkers()
+    markers_of(markers, [a_contact(id=2)])
+    gone = markers.none(HEADER).markers
+    assert {(m.ns, m.id, m.action) for m in gone} == {
+        (ns, 2, Marker.DELETE) for ns in ("force", "contact", "id")
+    }
+    assert markers.none(HEADER).markers == []
 
 
 def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():

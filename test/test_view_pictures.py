@@ -24,10 +24,11 @@ from tomotactile_ros.view.contact_lines import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import plot, save_pressure
 from tomotactile_ros.view.terminal import picture
+from tomotactile_ros.view.trails import Trails
 
 LAYOUT = load_layout("equal-4x4")
 GRID = Grid.for_outline(LAYOUT.outline, 40)
-UPPER_RIGHT = SimpleNamespace(x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01)
+UPPER_RIGHT = SimpleNamespace(x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01, id=0)
 
 
 def pressed(contact) -> np.ndarray:
@@ -225,6 +226,49 @@ def test_electrodes_are_marked_in_the_terminal_picture_where_they_are():
     assert changed == [0, 9]
     light = ";".join(str(c // 2 + 128) for c in palette()[0])
     assert lines[0].count(f"38;2;{light}") == 3 and lines[9].count(f"48;2;{light}") == 3
+
+
+def test_trails_and_names_are_written_into_the_terminal_picture():
+    grid = equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4)
+    image, bounds = np.zeros((20, 40)), grid.outline.bounds
+    trail = np.array([[-0.0475, 0.0025], [0.0475, 0.0025]])  # of 20 cells, in one row of them
+    named = [(trail[1], "17"), (np.array([0.099, -0.05]), "205")]
+    lines = picture(image, bounds, 1e3, 80, 24, trails=[trail], names=named)
+    plain = picture(image, bounds, 1e3, 80, 24)
+    assert [i for i, (one, other) in enumerate(zip(lines, plain)) if one != other] == [4, 9]
+    reddish = ";".join(str(c // 2 + s) for c, s in zip(palette()[0].tolist(), (128, 32, 32)))
+    assert lines[4].count(f"48;2;{reddish}") == 19  # its last cell has a letter
+    text = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in lines]
+    assert text[4].index("17") - 5 == 29 and text[9].index("205") - 5 == 37
+
+
+def test_a_trail_is_where_a_contact_was_within_a_second_and_outlasts_it():
+    trails = Trails()
+    contact, unnamed = SimpleNamespace(id=3), SimpleNamespace(id=0)
+    for k in range(21):
+        trails.add([contact, unnamed], np.array([[0.01 * k, 0.0], [0.0, 0.0]]), 5.0 + 0.1 * k)
+    ((number, places),) = trails.items()
+    assert number == 3
+    np.testing.assert_allclose(places[:, 0], 0.01 * np.arange(10, 21), atol=1e-12)
+    trails.add([], np.empty((0, 2)), 7.85)
+    np.testing.assert_allclose(trails.items()[0][1][:, 0], [0.19, 0.2])
+    trails.add([], np.empty((0, 2)), 8.05)
+    assert trails.items() == []
+
+
+def test_the_trail_of_a_contact_that_rests_stays_short_and_a_clock_set_back_ends_it():
+    trails = Trails()
+    for k in range(1000):
+        trails.add([SimpleNamespace(id=1)], np.array([[0.01, 1e-5 * (k % 7)]]), 1e-3 * k)
+    assert len(trails.items()[0][1]) < 4
+    trails.add([SimpleNamespace(id=1)], np.array([[0.05, 0.0]]), 0.2)
+    np.testing.assert_array_equal(trails.items()[0][1], [[0.05, 0.0]])
+
+
+def test_contacts_are_called_by_their_ids():
+    first, second = (SimpleNamespace(**{**vars(UPPER_RIGHT), "id": number}) for number in (12, 7))
+    lines = contact_lines([first, second])
+    assert [line.split(":")[0] for line in lines] == ["contact 12", "contact 7"]
 
 
 def test_axes_of_a_flat_terminal_picture_name_its_ends():

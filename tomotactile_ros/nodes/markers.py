@@ -1,10 +1,12 @@
-"""Markers for rviz: contacts as arrows and discs, electrodes and outline of the layout.
+"""Markers for rviz: contacts as arrows and discs with their ids and trails, electrodes and outline
+of the layout.
 
-Contacts of successive frames are not the same objects, so each frame's markers replace the last
-ones: marker k shows the k-th strongest contact, and markers without a contact are deleted. Should
-the node end, they vanish by their lifetime.
+A contact keeps its markers as long as it lasts: their id is its own. Where nobody follows contacts,
+marker k shows the k-th strongest one. Markers without a contact are deleted; should the node end,
+they vanish by their lifetime.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,10 +16,16 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.spatial import SpatialContacts
+from tomotactile_ros.view.trails import Trails
 
 METRES_PER_NEWTON = 0.01  # length of an arrow
 _LIFETIME = Duration(sec=1)
+_IDS = 2**31  # a marker's id has a bit less than a contact's
+_DRAWN_EVERY = 0.04  # s between two times that trails are drawn; rviz shows 30 pictures/s
+_ABOVE = 0.005  # m from an electrode or an arrow to what is written above it
+_LETTER = 0.006  # m high
 _FLAT = 0.001  # m, thickness of discs
 _ARROW = Vector3(x=0.002, y=0.005, z=0.005)  # shaft, head diameter, head length
 _ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.1, a=1.0)
@@ -27,23 +35,49 @@ _UPRIGHT = Quaternion(w=1.0)
 
 
 class ContactMarkers:
-    """Makes the markers of each frame; remembers how many the last one had."""
+    """Makes the markers of each message of contacts; remembers which are shown."""
 
     def __init__(self):
-        self._shown = 0
+        self._shown: set[tuple[str, int]] = set()
+        self._trails, self._drawn = Trails(), -math.inf
 
     def of(self, contacts: Sequence, placed: SpatialContacts, header: Header) -> MarkerArray:
-        """Arrows as long as the force, onto discs of the contacts' radius."""
+        """Arrows as long as the force, onto discs of the contacts' radius; ids and trails of those
+        that are followed."""
         places, normals = placed.positions, placed.frames[:, :, 2]
         markers = []
+        followed = all(contact.id for contact in contacts)
         for k, contact in enumerate(contacts):
-            markers.append(_arrow(header, k, places[k], normals[k], float(contact.force)))
-            markers.append(_disc(header, k, places[k], normals[k], float(contact.radius)))
-        for k in range(len(contacts), self._shown):
-            for space in ("force", "contact"):
-                markers.append(Marker(header=header, ns=space, id=k, action=Marker.DELETE))
-        self._shown = len(contacts)
+            number, force = contact.id % _IDS if followed else k, float(contact.force)
+            markers.append(_arrow(header, number, places[k], normals[k], force))
+            markers.append(_disc(header, number, places[k], normals[k], float(contact.radius)))
+            if followed:
+                tip = places[k] + (METRES_PER_NEWTON * force + _ABOVE) * normals[k]
+                text = _text(header, "id", number, tip, f"#{contact.id}", _ORANGE)
+                text.lifetime = _LIFETIME
+                markers.append(text)
+        shown = {(marker.ns, marker.id) for marker in markers}
+        markers += self._but(shown, header)
+        markers += self._trails_of(contacts, places, header)
         return MarkerArray(markers=markers)
+
+    def none(self, header: Header) -> MarkerArray:
+        """What takes the contacts shown out of the picture; their trails end by themselves."""
+        return MarkerArray(markers=self._but(set(), header))
+
+    def _but(self, shown: set[tuple[str, int]], header: Header) -> list[Marker]:
+        """Deletes what was shown and is not any more."""
+        gone, self._shown = sorted(self._shown - shown), shown
+        return [Marker(header=header, ns=ns, id=k, action=Marker.DELETE) for ns, k in gone]
+
+    def _trails_of(self, contacts: Sequence, places: np.ndarray, header: Header) -> list[Marker]:
+        """Trails, as often as somebody could see them."""
+        now = stamp_of(header)
+        self._trails.add(contacts, places, now)
+        if 0 <= now - self._drawn < _DRAWN_EVERY:
+            return []
+        self._drawn = now
+        return [_trail(header, n, t) for n, t in self._trails.items() if len(t) > 1]
 
 
 def layout_markers(layout: Layout, header: Header) -> MarkerArray:
@@ -61,11 +95,7 @@ def layout_markers(layout: Layout, header: Header) -> MarkerArray:
         disc = _disc(header, k, position, normal, layout.radius)
         disc.ns, disc.color, disc.lifetime = "electrode", _GREY, Duration()
         markers.append(disc)
-        text = _marker(header, "number", k, Marker.TEXT_VIEW_FACING, _GREY)
-        text.pose.position = _point(position + 0.005 * normal)
-        text.scale.z = 0.006
-        text.text = str(k)
-        markers.append(text)
+        markers.append(_text(header, "number", k, position + _ABOVE * normal, str(k), _GREY))
     return MarkerArray(markers=markers)
 
 
@@ -101,6 +131,23 @@ def _disc(
     disc.scale = Vector3(x=2 * radius, y=2 * radius, z=_FLAT)
     disc.lifetime = _LIFETIME
     return disc
+
+
+def _text(
+    header: Header, space: str, number: int, position: np.ndarray, words: str, color: ColorRGBA
+) -> Marker:
+    text = _marker(header, space, number, Marker.TEXT_VIEW_FACING, color)
+    text.pose.position = _point(position)
+    text.scale.z = _LETTER
+    text.text = words
+    return text
+
+
+def _trail(header: Header, number: int, places: np.ndarray) -> Marker:
+    trail = _marker(header, "trail", number % _IDS, Marker.LINE_STRIP, _GLASS)
+    trail.points = [_point(place) for place in places]
+    trail.scale.x, trail.lifetime = _FLAT, _LIFETIME
+    return trail
 
 
 def _turn_to(normal: np.ndarray) -> Quaternion:

@@ -55,7 +55,7 @@ class Outputs:
         self._layout: Layout | None = None
         self._grid: Grid | None = None
         self._max_age = 0.0
-        self._order = threading.Lock()  # of contacts and of what takes them back
+        self._order = threading.Lock()  # of contacts, their markers, and what takes them back
         self._valid_since: float | None = None  # s, monotonic; None where what was said last is not
 
     def configure(self, layout: Layout, grid: Grid, values: dict[str, Any]) -> None:
@@ -103,7 +103,10 @@ class Outputs:
         if header.frame_id != self.frame_id:  # the driver has another than was thought
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
-            self._markers.publish(self._contact_markers.of(contacts, placed, header))
+            with self._order:
+                shown = self._contact_markers
+                markers = shown.none(header) if stale else shown.of(contacts, placed, header)
+                self._markers.publish(markers)
 
     def say_touched(self, touched: bool, header: Header) -> None:
         """Publish whether something touches at the time of `header`, or that is not known, where
@@ -145,6 +148,8 @@ class Outputs:
         self._valid_since = None
         self._contacts.publish(message)
         self._wrench.publish(wrench_to_message(_UNKNOWN, _UNKNOWN, message.header))
+        if self._markers.get_subscription_count() > 0:
+            self._markers.publish(self._contact_markers.none(message.header))
 
     def _too_old(self, header: Header) -> str:
         """Why contacts of this time are not valid any more, or nothing."""

@@ -35,7 +35,7 @@ def contact_lines(
     partner = pair(contacts, truth or ())
     lines = []
     for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1):
-        parts = [f"contact {i}: {_place(contact.x, contact.y)}"]
+        parts = [f"contact {number_of(contact, i)}: {_place(contact.x, contact.y)}"]
         if calibrated:
             parts += [f"  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
         if truth is not None:
@@ -46,6 +46,11 @@ def contact_lines(
             parts = [f"not found: {_place(true['x'], true['y'])}", *_strength(true)]
             lines.append(fitting(parts, width))
     return lines or ["no contact"]
+
+
+def number_of(contact, rank: int) -> int:
+    """What people call a contact: its id, or its rank where nobody follows it."""
+    return contact.id or rank
 
 
 def withheld_line(reason: str) -> str:

@@ -14,9 +14,10 @@ import numpy as np
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import SteadyScale, full_scale
-from tomotactile_ros.view.contact_lines import contact_lines, fitting, withheld_line
+from tomotactile_ros.view.contact_lines import contact_lines, fitting, number_of, withheld_line
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
+from tomotactile_ros.view.trails import Trails
 
 _LEAST_SCALE = 1000.0  # Pa
 _UNCALIBRATED = "no contact law: forces and pressures are not known"
@@ -69,6 +70,7 @@ class Display:
             calibrated = scene is None or scene.contact_law is not None
         self._calibrated = calibrated
         self._scale = SteadyScale(_LEAST_SCALE)
+        self._trails = Trails()
         self._out = sys.stdout
         self._pictures = _shows_pictures(self._out)
         self._drawn = 0  # lines of the picture on the terminal
@@ -83,6 +85,7 @@ class Display:
     def show(self, shot: Shot) -> None:
         """Show a shot, unless the last one was shown just now."""
         self.last = shot
+        self._trails.add(shot.contacts, _places(shot.contacts), shot.scene_time)
         now = time.monotonic()
         if now < self._next:
             return
@@ -104,6 +107,7 @@ class Display:
             title,
             self._calibrated,
             reason=last.reason,
+            trails=[trail for _, trail in self._trails.items()],
         )
         self.say(f"{path} written")
 
@@ -147,6 +151,7 @@ class Display:
         peak = full_scale(shot.pressure, 0.0, 0.0)
         # without a contact law each picture is shown for itself
         scale = self._scale(peak, time.monotonic()) if self._calibrated else peak or 1.0
+        placed = zip(shot.contacts, _places(shot.contacts), strict=True)
         image = picture(
             shot.pressure,
             self._layout.outline.bounds,
@@ -155,6 +160,8 @@ class Display:
             room.lines - len(contacts) - 3,
             self._layout.positions,
             self._calibrated,
+            [trail for _, trail in self._trails.items()],
+            [(place, str(number_of(c, k))) for k, (c, place) in enumerate(placed, 1)],
         )
         head = [
             f"{self._layout.name}: {shot.rate:.1f} images/s",
@@ -171,6 +178,11 @@ class Display:
         self._out.write(f"{back}{body}\x1b[J")
         self._out.flush()
         self._drawn = len(lines)
+
+
+def _places(contacts: Sequence) -> np.ndarray:
+    """(N, 2) m."""
+    return np.array([(c.x, c.y) for c in contacts], float).reshape(-1, 2)
 
 
 def _shows_pictures(out: TextIO) -> bool:

@@ -16,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import save_figure
-from tomotactile_ros.view.contact_lines import contact_lines, withheld_line
+from tomotactile_ros.view.contact_lines import contact_lines, number_of, withheld_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,10 +72,11 @@ def save_pressure(
     calibrated: bool = True,
     *,
     reason: str = "",
+    trails: Sequence[np.ndarray] = (),
 ) -> None:
     """Write the figure of `pressure_figure` as PNG, SVG or PDF by its name; its folder is made."""
     shown = pressure, layout, contacts, truth, title, calibrated
-    figure = pressure_figure(*shown, reason=reason)
+    figure = pressure_figure(*shown, reason=reason, trails=trails)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,6 +93,7 @@ def pressure_figure(
     calibrated: bool = True,
     *,
     reason: str = "",
+    trails: Sequence[np.ndarray] = (),
 ) -> Figure:
     """The figure.
 
@@ -105,6 +107,7 @@ def pressure_figure(
     title : above the picture.
     calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
     reason : why contacts are withheld, below the title; empty: they are not.
+    trails : (M, 2) m each, where contacts have been of late.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -133,6 +136,8 @@ def pressure_figure(
         *(1e3 * layout.positions.T), "o", color="white", markeredgecolor="0.5", markersize=3.5,
         clip_on=False, zorder=3, label="electrode",
     )  # fmt: skip
+    for trail in trails:
+        axes.plot(*(1e3 * trail.T), color="red", alpha=0.5, linewidth=1)
     _draw_contacts(axes, contacts, truth or ())
     axes.set(xlabel="x / mm", ylabel="y / mm", xlim=(xmin, xmax), ylim=(ymin, ymax))
     lines = contact_lines(contacts, truth, calibrated, _LINE_WIDTH)[:_MOST_LINES]
@@ -164,7 +169,7 @@ def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict]) -> Non
     for number, contact in enumerate(contacts, 1):
         x, y, radius = 1e3 * contact.x, 1e3 * contact.y, 1e3 * contact.radius
         axes.add_patch(Circle((x, y), radius, fill=False, color="red"))
-        axes.annotate(str(number), (x + radius, y + radius), color="red")
+        axes.annotate(str(number_of(contact, number)), (x + radius, y + radius), color="red")
     if truth:
         x, y = np.array([(t["x"], t["y"]) for t in truth]).T * 1e3
         axes.plot(x, y, "x", color="orange", label="true position")

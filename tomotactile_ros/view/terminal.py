@@ -4,6 +4,8 @@ Upper half blocks carry the upper cell in the foreground and the lower one in th
 so that cells are about square. Row 0, the +y edge, is the top line.
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from tomotactile_ros.view.colours import OUTSIDE, colour
@@ -11,6 +13,8 @@ from tomotactile_ros.view.colours import OUTSIDE, colour
 HALF_BLOCK = "▀"
 _RESET = "\x1b[0m"
 _MARGIN = 5  # characters for the y axis
+_WHITE, _BLACK, _RED = (255, 255, 255), (0, 0, 0), (255, 64, 64)
+_BRIGHT = 384  # red + green + blue of a colour on which black is easier to read than white
 
 
 def picture(
@@ -21,6 +25,8 @@ def picture(
     lines: int,
     electrodes: np.ndarray | None = None,
     calibrated: bool = True,
+    trails: Sequence[np.ndarray] = (),
+    names: Sequence[tuple[np.ndarray, str]] = (),
 ) -> list[str]:
     """Lines of text that show an image with its axes in mm and its colours in kPa.
 
@@ -32,15 +38,24 @@ def picture(
     columns, lines : room on the terminal; larger images are shown coarser.
     electrodes : (E, 2) positions to mark with lighter cells, m.
     calibrated : whether pressures are known; otherwise colours are parts of the full scale.
+    trails : (M, 2) m each, drawn as reddish lines of cells.
+    names : places (2,), m, and words to write there.
     """
     room = max(8, columns - _MARGIN - 14), 2 * max(4, lines - 2)
     small, factor = _coarser(pressure, room)
     rgb = colour(small, scale)
+
+    def cells(points):
+        return _cells_of(points, bounds, pressure.shape) // factor
+
     if electrodes is not None:
-        _mark(rgb, _cells_of(electrodes, bounds, pressure.shape) // factor)
+        _mix(rgb, cells(electrodes), _WHITE)
+    for trail in trails:
+        _mix(rgb, cells(_dense(trail, bounds, rgb.shape)), _RED)
     if len(rgb) % 2:
         rgb = np.vstack([rgb, np.full_like(rgb[:1], OUTSIDE)])
-    blocks = [_blocks(*pair) for pair in rgb.reshape(-1, 2, *rgb.shape[1:])]
+    words = _written(names, cells, rgb.shape[1])
+    blocks = [_blocks(*pair, words.get(k, {})) for k, pair in enumerate(_lines_of(rgb))]
     heights = bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1]
     labels = _spread([_millimetres(y) for y in heights], len(blocks))
     levels = ["100 %", "50 %", "0"]
@@ -48,7 +63,7 @@ def picture(
         levels = [f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)]
     keys = _spread(levels, len(blocks))
     shades = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
-    bar = [_blocks(*pair) * 2 for pair in shades.reshape(-1, 2, 1, 3)]
+    bar = [_blocks(*pair, {}) * 2 for pair in _lines_of(shades)]
     text = [
         f"{label:>{_MARGIN - 1}} {block}{_RESET} {colours}{_RESET} {key}"
         for label, block, colours, key in zip(labels, blocks, bar, keys, strict=True)
@@ -65,10 +80,35 @@ def _cells_of(points: np.ndarray, bounds: tuple, shape: tuple[int, int]) -> np.n
     return np.clip((part * shape).astype(int), 0, np.array(shape) - 1)
 
 
-def _mark(rgb: np.ndarray, cells: np.ndarray) -> None:
-    """Lighten cells (E, 2) half way to white: what they show stays visible."""
+def _mix(rgb: np.ndarray, cells: np.ndarray, shade: tuple[int, int, int]) -> None:
+    """Bring cells (E, 2) half way to a colour: what they show stays visible."""
     rows, columns = np.unique(cells, axis=0).T
-    rgb[rows, columns] = rgb[rows, columns] // 2 + 128
+    rgb[rows, columns] = rgb[rows, columns] // 2 + ((np.array(shade) + 1) // 2).astype(np.uint8)
+
+
+def _dense(line: np.ndarray, bounds: tuple, shape: tuple) -> np.ndarray:
+    """A line (M, 2) with points in every cell that it crosses."""
+    cell = min((bounds[2] - bounds[0]) / shape[1], (bounds[3] - bounds[1]) / shape[0])
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-12))])
+    fine = np.linspace(0.0, way[-1], 2 + int(2 * way[-1] / cell))
+    return np.column_stack([np.interp(fine, way, line[:, axis]) for axis in (0, 1)])
+
+
+def _written(names: Sequence[tuple[np.ndarray, str]], cells: Callable, width: int) -> dict:
+    """{line: {column: character}} of words, each begun at its place, as far as they fit."""
+    written: dict[int, dict[int, str]] = {}
+    for place, word in names:
+        row, column = cells(np.reshape(place, (1, 2)))[0]
+        first = max(0, min(int(column), width - len(word)))
+        line = written.setdefault(int(row) // 2, {})
+        line.update({first + i: letter for i, letter in enumerate(word) if first + i < width})
+    return written
+
+
+def _lines_of(rgb: np.ndarray) -> np.ndarray:
+    """(L, 2, W, 3): the two rows of cells of each line."""
+    return rgb.reshape(-1, 2, *rgb.shape[1:])
 
 
 def _coarser(image: np.ndarray, room: tuple[int, int]) -> tuple[np.ndarray, int]:
@@ -85,12 +125,16 @@ def _coarser(image: np.ndarray, room: tuple[int, int]) -> tuple[np.ndarray, int]
     return np.where(np.isinf(blocks), np.nan, blocks), factor
 
 
-def _blocks(upper: np.ndarray, lower: np.ndarray) -> str:
-    """Half blocks of (W, 3) colours."""
-    return "".join(
-        f"\x1b[38;2;{u[0]};{u[1]};{u[2]};48;2;{v[0]};{v[1]};{v[2]}m{HALF_BLOCK}"
-        for u, v in zip(upper.tolist(), lower.tolist(), strict=True)
-    )
+def _blocks(upper: np.ndarray, lower: np.ndarray, words: dict[int, str]) -> str:
+    """Half blocks of (W, 3) colours, and letters in the columns that have one."""
+    text = ""
+    for column, (u, v) in enumerate(zip(upper.tolist(), lower.tolist(), strict=True)):
+        shown = HALF_BLOCK
+        if letter := words.get(column):
+            v = [(a + b) // 2 for a, b in zip(u, v, strict=True)]
+            u, shown = _BLACK if sum(v) > _BRIGHT else _WHITE, letter
+        text += f"\x1b[38;2;{u[0]};{u[1]};{u[2]};48;2;{v[0]};{v[1]};{v[2]}m{shown}"
+    return text
 
 
 def _spread(words: list[str], lines: int) -> list[str]:
