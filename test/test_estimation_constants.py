@@ -27,6 +27,7 @@ INTERNAL = {
     ),
     *(
         "follow._NOT_READ",
+        "estimator._SAME_TIME",
         "follow._COST",
         "scatter._OF_NORMAL",
         "search.CUT_OFF",

@@ -61,6 +61,21 @@ def test_two_that_cross_keep_their_numbers():
         assert numbers(tracks, contacts, step * k) == [1, 2]
 
 
+def test_taps_at_two_places_are_two_contacts_where_rows_say_that_both_rest():
+    """90 mm apart, 0.3 s between frames that were processed."""
+    for timed, second in ((True, 2), (False, 1)):
+        tracks = Tracks(0.025)
+        tracks.follow([At(0.03, 0.06)], 0.0, timed)
+        assert tracks.follow([At(-0.06, 0.06)], 0.29, timed)[0].number == second
+
+
+def test_a_finger_that_begins_to_slide_or_turns_back_is_the_same():
+    tracks, lasts = Tracks(0.025), 0.25
+    tracks.follow([At(0.0, 0.0)], 0.0, True)
+    assert tracks.follow([At(0.02, 0.0, (0.1, 0.0))], lasts, True)[0].number == 1
+    assert tracks.follow([At(0.01, 0.0, (-0.1, 0.0))], 2 * lasts, True)[0].number == 1
+
+
 def test_frames_that_say_nothing_do_not_end_a_contact_at_once():
     tracks = Tracks(0.025)
     tracks.follow([At(0.0, 0.0)], 0.0)

@@ -6,12 +6,14 @@ before a change, frames that no contacts explain.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from tomotactile_ros.estimation.arrangement import as_known
+from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -73,12 +75,34 @@ _FEWEST_READINGS = 8  # a contact has four unknowns
 # last rows of a frame that are looked at alone where it changes: of half as many where these contradict
 # each other, else of twice as many, again and again
 _WINDOW = 4
+_SAME_TIME = 1e-6  # s
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
+_DRIFTED = 0.05  # spacings that a contact which rested has moved in a frame, as rows say
+# steps and patches of a fit of contacts that go on moving: if these do not do, the motion has changed,
+# which rows show
+_GOES_ON = 2, 300
+SLIDING = 0.02  # m/s: the way within a frame is a part of a contact's width
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
+
+
+class FollowedRows(NamedTuple):
+    """What rows say of a frame within which something changes: its `estimate`, and `contacts` (k, 4)
+    at its end, x, y, m, ln c, ln a, with their `velocities` (k, 2), m/s; `lasts` : s to its last
+    row from the first one after the last beginning or end; `slides` : whether some surely move."""
+
+    estimate: Estimate
+    contacts: np.ndarray
+    velocities: np.ndarray
+    lasts: float
+    slides: bool
+
+
+# asked with the channels that are left out and why
+ByRows = Callable[[dict[int, str]], FollowedRows | None]
 
 
 @dataclass
@@ -143,18 +167,25 @@ class Estimator:
         return 0.0 if self.sensor is None else self.sensor["offset"][list(used)]
 
     def estimate(
-        self, voltages, grounded, drive_voltage: float, state: State, row_period: float = 0.0
+        self,
+        voltages,
+        grounded,
+        drive_voltage: float,
+        state: State,
+        row_period: float = 0.0,
+        follow: ByRows | None = None,
     ) -> Estimate:
         """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in
         turn.
 
         Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of
-        the last row. Readings that scatter more than they were said to are looked at again as what
-        they are, and the next ones from the beginning.
+        the last row. Of rows within which something changes, `follow` is asked first. Readings that
+        scatter more than they were said to are looked at again as what they are, and the next ones
+        from the beginning.
         """
         frame = np.asarray(voltages, float), np.asarray(grounded, int), drive_voltage
         noise = max(self.noise, state.noise)
-        estimate, seen = self._look(*frame, state, row_period, noise)
+        estimate, seen = self._look(*frame, state, row_period, noise, follow)
         if seen is None:
             return estimate
         variance, readings = seen
@@ -169,13 +200,20 @@ class Estimator:
         if noisier:
             state.forget()
             state.noise = as_seen
-            estimate, _ = self._look(*frame, state, row_period, as_seen)
+            estimate, _ = self._look(*frame, state, row_period, as_seen, follow)
         elif variance < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
             state.noise = as_seen
         return replace(estimate, noise=max(self.noise, state.noise))
 
     def _look(
-        self, voltages, grounded, drive_voltage: float, state: State, row_period, noise: float
+        self,
+        voltages,
+        grounded,
+        drive_voltage,
+        state: State,
+        row_period,
+        noise: float,
+        follow: ByRows | None,
     ) -> tuple[Estimate, tuple[float, int] | None]:
         """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
         that, and the number of readings; None where they do not."""
@@ -226,6 +264,10 @@ class Estimator:
         if few and search.untouched(rows, prior):
             state.forget()
             return Estimate([], [], "valid", "", left_out, 0.0, begun), None
+        ahead = row_period * (len(grounded) + 1) / 2
+        followed = None if times is None or follow is None else partial(follow, left_out)
+        if few and followed is not None and (by_rows := followed()) is not None:
+            return self._went_on(by_rows, state, search, prior, used, ahead), None
         if rows.count < _FEWEST_READINGS or few:
             reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
             return Estimate([], [], "withheld", reason, left_out, first=begun), None
@@ -238,7 +280,11 @@ class Estimator:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
             judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
-            fit, first, torn = self._fit(search, rows, prior, start, state, begun > 0, noise, judge)
+            fit, first, torn = self._fit(
+                search, rows, prior, start, state, begun > 0, noise, judge, followed
+            )
+        except _Followed as what:
+            return self._went_on(what.by_rows, state, search, prior, used, ahead), None
         except _Contradiction as what:
             state.forget()
             known = left_out, what.found.misfit, begun
@@ -329,14 +375,22 @@ class Estimator:
         return rows, grounded[silent & (at >= 0)]
 
     def _fit(
-        self, search: Search, rows: Rows, prior: Prior, start, state, begun, noise, judge
+        self, search: Search, rows: Rows, prior: Prior, start, state, begun, noise, judge, followed
     ) -> tuple[Fit, int, bool]:
         """The fit of all rows, or of those since the last change where they contradict each
         other, its first row, and whether they do and no few of the last are explained.
 
         judge : `_consistent` of rows that are not the last frame's contacts still
+        followed : what else tells of rows of several states, raised as `_Followed`
         """
         timed = rows.times is not None
+        moves = timed and start is not None and start.moving.any()
+        if moves and search.untouched(rows, prior) is None:
+            fit = search.moved(start, rows, prior, *_GOES_ON)
+            if fit.chi_squared < _CHANGING * state.misfit * rows.count:
+                return search.one_more(fit), 0, False
+            _ask(followed)
+            followed = None
         there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
         goes_on = not (begun or there is None) and search.goes_on(
@@ -349,7 +403,7 @@ class Estimator:
         late = None
         if timed and (begun or alike < whole):
             least = _FEWEST if begun else _WINDOW
-            late = self._grown(search, rows, prior, start, state.sensor, alike, least)
+            late = self._late(search, rows, prior, start, state.sensor, alike, least, followed)
         if late is None:
             quick = timed and there is not None
             refused = 0.0 if start is None else state.refused
@@ -365,7 +419,8 @@ class Estimator:
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
                 if alike < whole:
-                    late = self._grown(search, rows, prior, start, state.sensor, alike, _WINDOW)
+                    known = start, state.sensor
+                    late = self._late(search, rows, prior, *known, alike, _WINDOW, followed)
         if late is not None:
             return late, whole - len(late.rows.grounded), False
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
@@ -375,6 +430,60 @@ class Estimator:
             again = search.contacts(rows, prior)
             fit = _better(fit, again) if rows is fit.rows else again
         return fit, 0, timed and (begun or alike < whole)
+
+    def _late(
+        self, search: Search, rows: Rows, prior: Prior, start, known, alike, least, followed
+    ) -> Fit | None:
+        """The fit of the last rows of several states, since something began or ended. `_Followed` where
+        rows one by one tell of it, and what rests since then does not explain them.
+
+        Arguments as for `_grown` and `_fit`
+        """
+        by_rows = None if followed is None else followed()
+        if by_rows is None or self._drifts(search, start, by_rows):
+            late = self._grown(search, rows, prior, start, known, alike, least)
+            if late is not None or by_rows is None:
+                return late
+            raise _Followed(by_rows)
+        since = rows.times[-1] - by_rows.lasts - _SAME_TIME
+        part = rows.part(np.flatnonzero(rows.times >= since))
+        if len(part.grounded) < _WINDOW or by_rows.slides or not len(by_rows.contacts):
+            raise _Followed(by_rows)
+        expected = prior if known is None else _after(known)
+        there = self._by_rows(search, expected, by_rows).in_motion(False)
+        fit = search.of_any_size(there, part, expected, *_GOES_ON)
+        if _explains(fit):
+            return fit
+        raise _Followed(by_rows)
+
+    def _drifts(self, search: Search, start: Unknowns | None, by_rows: FollowedRows) -> bool:
+        """Whether what rested in the frame before has moved by what rows say: of a few electrodes, they
+        may take a soft touch elsewhere for that."""
+        if start is None or start.moving.any() or start.bond is not None:
+            return False
+        before, now = start.contacts[:, :2], by_rows.contacts[:, :2]
+        apart = np.hypot(*(before[:, None] - now).transpose(2, 0, 1)) / search.operator.pitch
+        return bool(((apart > _DRIFTED) & (apart < CLOSE)).any())
+
+    def _by_rows(self, search: Search, known, by_rows: FollowedRows) -> Unknowns:
+        """What rows say at the end of a frame, the sensor being as `known`."""
+        there, pitch = as_known(Unknowns.at_rest(search.operator), known), search.operator.pitch
+        for x, y, strength, size in by_rows.contacts:
+            there = with_disc(there, (x, y), np.exp(strength), np.exp(size), pitch)
+        rates = np.column_stack([by_rows.velocities, np.zeros(len(by_rows.velocities))])
+        return replace(there, rates=rates, moving=np.ones(len(rates), bool))
+
+    def _went_on(
+        self, by_rows: FollowedRows, state: State, search: Search, prior: Prior, used, ahead: float
+    ) -> Estimate:
+        """What rows said, with which the next frame begins, whose middle is `ahead`, s."""
+        known = prior if state.sensor is None or state.used != used else state.sensor.unknowns
+        there = self._by_rows(search, known, by_rows)
+        moves = (np.hypot(*by_rows.velocities.T) > SLIDING).any()
+        there = there.after(ahead) if moves else there.in_motion(False)
+        state.unknowns, state.used, state.equations, state.fit = there, used, None, None
+        state.misfit, state.refused = 1.0, 0.0
+        return by_rows.estimate
 
     def _there(
         self, search: Search, start: Unknowns, rows: Rows, prior: Prior, state: State
@@ -502,6 +611,21 @@ class Estimator:
         if state.joined is None or not similar(contacts, state.joined[0], fit.operator.pitch):
             state.joined = contacts, groups(fit, search.allows)
         return state.joined[1]
+
+
+class _Followed(Exception):
+    """Rows of several states, of which who follows them knows `by_rows`."""
+
+    def __init__(self, by_rows: FollowedRows):
+        super().__init__("rows were followed")
+        self.by_rows = by_rows
+
+
+def _ask(followed: Callable[[], FollowedRows | None] | None) -> None:
+    """`_Followed` where rows tell."""
+    by_rows = None if followed is None else followed()
+    if by_rows is not None:
+        raise _Followed(by_rows)
 
 
 class _Contradiction(Exception):

@@ -27,7 +27,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
 from tomotactile_ros.estimation.row_outliers import outliers
-from tomotactile_ros.estimation.row_state import STATE, STRENGTH, Belief, RowState
+from tomotactile_ros.estimation.row_state import MOVING, STATE, STRENGTH, Belief, RowState
 from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
@@ -48,7 +48,7 @@ _SETTLED = 0.05  # standard deviations that a last step moves a contact
 _NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
 _BESIDE = 1.0  # spacings from the rim of a wide contact within which nothing begins
-_RESTED, _MOVING = 128, 0.02  # rows; m/s: others' rows tell of the sensor
+_RESTED = 128  # rows: those of what has not come since, nor moves, hardly tell of the sensor
 _PART, _PATTERN = (
     0.25,
     0.6180339887,
@@ -161,23 +161,47 @@ class Follower:
                 # what a multiplexer that settles slowly leaves of a touch surprises nobody
                 gone = self._gone(state.model, expected, read)
                 fit = min(fit, gone, key=lambda each: each.cost + (_COST if each is gone else 0.0))
+            fit = self._ended(state, fit, read, ground)
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         if state.model.known.wide is not None and np.isinf(fit.row.own):
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
         state.belief = self._tidied(fit.believed())
         state.untouched = bool(np.isinf(fit.row.own))
+        state.misfit = fit.chi_squared / max(count, 1)
         if state.untouched:
             state.confused, state.touched_at_once = 0.0, False
         elif not state.read:  # a row tells one contact from several only where one comes at a time
             state.confused, state.touched_at_once = np.inf, True
         state.read += 1
 
+    def _ended(self, state: RowState, fit: _Fit, read, ground: int) -> _Fit:
+        """The same fit, or one without the contacts that have gone: one that is let go ever more softly
+        surprises nobody either, but what was left of it is not there in one row after the other."""
+        count = fit.prior.count
+        spent = {}
+        for i in reversed(range(count)):
+            number, at = fit.prior.numbers[i], STATE * i + STRENGTH
+            fallen = fit.prior.mean[at] - fit.mean[at]
+            before = state.fading.get(number, 0.0)
+            if not before and fallen**2 < fit.prior.covariance[at, at]:
+                continue
+            if fallen < 0 and not before:
+                continue
+            rest = self._fit(state.model, fit.prior.without(i), read, ground, _FIRST_STEPS)
+            gained = before + fit.cost - rest.cost
+            if gained > _COST:
+                fit = rest
+            elif gained > 0:
+                spent[number] = gained
+        state.fading = spent
+        return fit
+
     def _learns(self, belief: Belief, number: int) -> bool:
         """Whether a row is to tell of the sensor: those of contacts that have come or move do, of
         resting ones each fourth, in a pattern that meets all electrodes."""
         fast = any(
-            vx**2 + vy**2 > _MOVING**2 for _, _, vx, vy, _ in _each(belief.mean, belief.count)
+            vx**2 + vy**2 > MOVING**2 for _, _, vx, vy, _ in _each(belief.mean, belief.count)
         )
         return fast or min(belief.rows, default=0) < _RESTED or (number * _PATTERN) % 1 < _PART
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import chosen
-from tomotactile_ros.estimation.estimator import RESTING, State
+from tomotactile_ros.estimation.estimator import RESTING, SLIDING, State
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
@@ -41,7 +41,7 @@ _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape
 # deviations, root mean square over the electrodes, by which a frame has their places otherwise: the sensor is
 # then what the frame says
 _ELSEWHERE = 1.0
-_SLIDING = 0.02  # m/s, known for sure: the way within a frame is a part of a contact's width
+POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
@@ -115,14 +115,18 @@ def corrected(
     found = fit.unknowns.after(fit.lasts)
     since = max(state.time - seen.ended, 0.0)
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
-    sliding = {} if confused else _sliding(belief)
-    blurred = _blurred(found, then, sliding, reach, seen.ended - seen.begun)
+    slide = {} if confused else sliding(belief)
+    blurred = _blurred(found, then, slide, reach, seen.ended - seen.begun)
     if ended and not confused:  # what was there before may be seen still, as something wide
         there = [*then.values(), *(np.array([each.x, each.y]) for *_, each in state.wide)]
         blurred |= _wide(found, operator.pitch) & _apart(found, there, reach)
     if not confused:  # rows saw the end of what the frame shows as something wide
         gone = [place for number, place in then.items() if number not in belief.numbers]
         blurred |= _wide(found, operator.pitch) & ~_apart(found, gone, reach)
+    # rows one by one tell more of what changes than some of them together do, or all not well explained
+    partial = not confused and (seen.estimate.first > 0 or fit.chi_squared > POOR * fit.count)
+    if partial:
+        blurred |= _wide(found, operator.pitch) & ~_apart(found, [*then.values()], reach)
     is_wide = _wide(found, operator.pitch) & ~blurred
     step = seen.ended - state.wide_time
     state.wide = _numbered(state, seen.estimate, found, is_wide, operator.pitch, step)
@@ -130,6 +134,7 @@ def corrected(
     misfit, left = max(1.0, fit.chi_squared / fit.count), dict(then)
     if confused:
         belief = unlearned(belief, state.model.known)
+        state.distrusted = np.zeros_like(state.distrusted)  # the frame has left out which are wrong
     for i in np.flatnonzero(~is_wide & ~blurred):
         contact, (size, own) = found.contacts[i], _covariance(fit, i, misfit)
         mean = np.array([contact[X], contact[Y], *found.rates[i, :2], contact[CONDUCTANCE]])
@@ -141,20 +146,24 @@ def corrected(
             later = dict(zip(belief.numbers, belief.contacts()[:, :2]))
             fresh = {n: place for n, place in later.items() if n not in then}
             known_by_now = _nearest(fresh, mean[:2], reach) is not None
-            if confused or not (known_by_now or ended):
+            if confused or not (known_by_now or ended or partial):
                 state.last += 1
                 belief = belief.with_contact(mean, own, sizes, state.last, state.time)
             continue
-        mean[:2] -= left.pop(number)
+        before = left.pop(number)
         if number in belief.numbers:  # otherwise it has gone since
             which = belief.numbers.index(number)
+            if confused:  # nor is the way believed that it has gone by rows since then
+                mean[:2] += since * found.rates[i, :2]
+                before = belief.mean[STATE * which : STATE * which + 2]
+            mean[:2] -= before
             belief = _agreed(belief, which, mean, own, sizes, confused)
     taken_over = {number for number, *_ in state.wide}
     for j in reversed(range(belief.count)):
         number = belief.numbers[j]
         missed = number in left and (confused or belief.begun[j] <= seen.begun)
         in_wide = number in taken_over or _lies_in(belief.contacts()[j], found.contacts[is_wide])
-        if in_wide or (missed and number not in sliding):
+        if in_wide or (missed and number not in slide):
             belief = belief.without(j)
     known = state.model.known.moved(belief.shift, None)
     aside = found.aside - known.aside
@@ -167,15 +176,16 @@ def corrected(
         belief = unlearned(belief, known)
     linearised(follower, state, known, belief)
     state.confused, state.touched_at_once = 0.0, False
+    state.read = max(state.read, 1)  # a first row that is touched needs no other frame
 
 
-def _sliding(belief: Belief) -> dict[int, float]:
+def sliding(belief: Belief) -> dict[int, float]:
     """{number: speed, m/s} of contacts that are known to move."""
     out = {}
     for j, number in enumerate(belief.numbers):
         at = slice(STATE * j + 2, STATE * j + 4)
         speed = float(np.hypot(*belief.mean[at]))
-        if speed > _SLIDING + 3 * np.sqrt(np.trace(belief.covariance[at, at])):
+        if speed > SLIDING + 3 * np.sqrt(np.trace(belief.covariance[at, at])):
             out[number] = speed
     return out
 

@@ -18,10 +18,11 @@ import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE
 from tomotactile_ros.estimation.equations import SIMILAR
-from tomotactile_ros.estimation.estimator import EXCLUDED, Estimator, State
+from tomotactile_ros.estimation.estimator import EXCLUDED, Estimator, FollowedRows, State
 from tomotactile_ros.estimation.fits import FILLED
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import (
+    POOR,
     FrameSeen,
     carried_on,
     corrected,
@@ -52,7 +53,6 @@ _UNSEEN = 1.0
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
-_POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
 
@@ -118,6 +118,16 @@ class RowsState:
             return True
         new = any(begun > self.confirmed for begun in rows.belief.begun)
         return new or rows.time - self.looked > _LOOKED_AT
+
+    @property
+    def known(self) -> bool:
+        """Whether rows know what there is, and nothing of it is wider than they can tell."""
+        return self.touching is not None and not self.rows.wide
+
+    @property
+    def clear(self) -> bool:
+        """Whether, besides, a frame has told of it in the last half second."""
+        return self.known and self.rows.time - self.looked < _LOOKED_AT
 
     @property
     def touching(self) -> tuple[int, ...] | None:
@@ -219,6 +229,8 @@ class RowEstimator:
             after, untouched = state.rows.touched, state.rows.untouched
             if state.turns.take(before, after, untouched, time):
                 state.rows.confused = np.inf
+        elif at >= 0:
+            state.rows.distrusted = np.maximum(state.rows.distrusted - 1, 0)
         state.past.append((time, state.rows.belief.places()))
         if not (state.waits and self._frames):
             return
@@ -229,12 +241,30 @@ class RowEstimator:
             self._frame(state)
             state.read, state.grounded, state.times = [], [], []
 
+    def go_on(self, state: RowsState, seen: FrameSeen, drive_voltage: float) -> None:
+        """Begin with what a frame said of which no row was followed."""
+        self._begin(state, drive_voltage)
+        state.rows.time = seen.ended
+        state.past.append((seen.ended, {}))
+        self._take(seen, state)
+
     def look(
-        self, voltages, grounded, drive_voltage: float, period: float, frames: State
-    ) -> FrameSeen:
+        self,
+        voltages,
+        grounded,
+        drive_voltage: float,
+        period: float,
+        frames: State,
+        clear: bool = False,
+    ) -> FrameSeen | None:
         """What a frame (L, E), V, with `period` s from row to row says; `frames` lasts from frame
-        to frame."""
-        estimate = self.estimator.estimate(voltages, grounded, drive_voltage, frames, period)
+        to frame. None where something changes within it and rows are `clear`: they tell more."""
+        follow = _leave_to_rows if clear else None
+        given = voltages, grounded, drive_voltage, frames, period, follow
+        try:
+            estimate = self.estimator.estimate(*given)
+        except _Changes:
+            return None
         return FrameSeen.of(estimate, frames)
 
     def _is_broken(self, state: RowsState, time: float) -> bool:
@@ -286,7 +316,9 @@ class RowEstimator:
         if why:
             seen = FrameSeen(Estimate([], [], "withheld", why), None)
         else:
-            seen = self.look(*rows, state.drive, period, state.frames)
+            seen = self.look(*rows, state.drive, period, state.frames, state.clear)
+            if seen is None:
+                return
         self._take(replace(seen, begun=begun, ended=ended), state)
 
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
@@ -437,13 +469,23 @@ class RowEstimator:
         )
 
 
+class _Changes(Exception):
+    """Something changes within a frame, and rows tell."""
+
+
+def _leave_to_rows(left_out: dict[int, str]) -> FollowedRows | None:
+    raise _Changes
+
+
 def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
     """Whether rows saw something begin or end in a frame so that it tells them nothing: in its last
     few rows, of which they know as much, or where it does not explain its rows well."""
     since, fit = state.rows_since_change(seen.begun, seen.ended), seen.fit
-    if since is None:
-        return False
-    poor = fit is not None and fit.chi_squared > _POOR * fit.count
+    if (
+        since is None
+    ):  # a press that grows or fades, or motion: its last rows tell no more than all one by one
+        return bool(seen.estimate.first) and not state.confused
+    poor = fit is not None and fit.chi_squared > POOR * fit.count
     return poor or since < YOUNG
 
 

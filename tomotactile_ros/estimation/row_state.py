@@ -13,6 +13,8 @@ import numpy as np
 STATE = 5  # numbers of a contact: x, y (m), vx, vy (m/s), ln c
 PLACE, SPEED, STRENGTH = slice(0, 2), slice(2, 4), 4
 _ENDURING = 0.3  # m/s that the velocity changes by in `_WITHIN`, standard deviation
+_HELD = 0.03  # m/s: the same of a contact that rests
+_RESTED, MOVING = 32, 0.02  # rows; m/s: what has been there for so many and is slower rests
 _WITHIN = 1.0  # s: a hand's mean acceleration; jerks are noticed and told apart
 _FORGETTING = 60.0  # s: a minute of rows tells of the sensor, as many touches as a hand makes in it
 _PRESSING = 0.08  # of ln c in a millisecond's root: 10 /s over a frame of 64 rows as `solver.RATES`
@@ -71,7 +73,7 @@ class Belief:
         if not self.count or lasts <= 0:
             return self
         contacts, faded = STATE * self.count, lasts if unfaded is None else unfaded
-        moved, added = _lasting(self.count, lasts)
+        moved, added = _lasting(self._rest(), lasts)
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[:contacts] = moved @ mean[:contacts]
         own, rest = covariance[:contacts, :contacts], covariance[:contacts, contacts:]
@@ -86,6 +88,14 @@ class Belief:
             own = covariance.reshape(-1)[contacts * (len(mean) + 1) :: len(mean) + 1]
             own += (1 - kept**2) * deviation**2
         return self.after(mean, covariance)
+
+    def _rest(self) -> tuple[bool, ...]:
+        """(k,) which contacts have come to rest: friction holds them."""
+        speeds = self.mean[: STATE * self.count].reshape(-1, STATE)[:, SPEED].tolist()
+        return tuple(
+            rows >= _RESTED and vx**2 + vy**2 < MOVING**2
+            for rows, (vx, vy) in zip(self.rows, speeds)
+        )
 
     def after(self, mean, covariance, rows=None) -> Belief:
         """The same contacts with another mean and covariance, and `rows` (k,) read since."""
@@ -138,19 +148,22 @@ class Belief:
         )
 
 
-@lru_cache(maxsize=16)
-def _lasting(count: int, lasts: float):
-    """(5 count, 5 count) motion of contacts in `lasts` s, and what it adds to their covariance."""
-    moved, added = np.eye(STATE), np.zeros((STATE, STATE))
-    q = _ENDURING**2 / _WITHIN * lasts
-    for at, by in ((0, 2), (1, 3)):
-        moved[at, by] = lasts
-        added[by, by] = q
-        added[at, by] = added[by, at] = q * lasts / 2
-        added[at, at] = q * lasts**2 / 3
-    added[STRENGTH, STRENGTH] = _PRESSING**2 * lasts / 1e-3
-    each = np.eye(count)
-    return np.kron(each, moved), np.kron(each, added)
+@lru_cache(maxsize=64)
+def _lasting(rest: tuple[bool, ...], lasts: float):
+    """(5 k, 5 k) motion of k contacts in `lasts` s, and what it adds to their covariance; `rest` : which
+    of them rest."""
+    count = len(rest)
+    moved, added = np.eye(STATE * count), np.zeros((STATE * count, STATE * count))
+    for i, rests in enumerate(rest):
+        own = added[STATE * i : STATE * (i + 1), STATE * i : STATE * (i + 1)]
+        q = (_HELD if rests else _ENDURING) ** 2 / _WITHIN * lasts
+        for at, by in ((0, 2), (1, 3)):
+            moved[STATE * i + at, STATE * i + by] = lasts
+            own[by, by] = q
+            own[at, by] = own[by, at] = q * lasts / 2
+            own[at, at] = q * lasts**2 / 3
+        own[STRENGTH, STRENGTH] = _PRESSING**2 * lasts / 1e-3
+    return moved, added
 
 
 def known_for(distance: float) -> float:
@@ -167,10 +180,12 @@ class RowState:
         something touched already in the first row, until a frame or an untouched row tells
     unfaded : s for which what rows say of the sensor has not faded yet
     untouched : whether the last row is that of an untouched sheet
+    misfit : chi-squared per reading of the last row, against what was expected of it
     read : rows so far; touched_at_once : whether it is the first row that confused
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
     model : `RowModel` of the sensor as known; sums : of the matched filter
+    fading : {number: how much likelier rows of late are without the contact}, -2 ln(likelihood)
     distrusted (n,) : rows for which each channel is not read yet, as a row contradicted it
     wide : (number, begun in s, contact) of contacts too wide for rows, as the last frame showed
         them; wide_time : s, of that frame; wide_step : s, since the one before; wide_ways (k, 2) m/s, of
@@ -184,10 +199,12 @@ class RowState:
     confused: float = 0.0
     unfaded: float = 0.0
     untouched: bool = False
+    misfit: float = 0.0
     read: int = 0
     touched_at_once: bool = False
     sums: np.ndarray | None = None
     model: Any = None
+    fading: dict[int, float] = field(default_factory=dict)
     distrusted: Any = None
     wide: list = field(default_factory=list)
     wide_time: float = -np.inf

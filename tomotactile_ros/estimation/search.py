@@ -47,7 +47,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
 from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
-from tomotactile_ros.estimation.solver import solve
+from tomotactile_ros.estimation.solver import STEPS, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     MOST_ACROSS,
@@ -267,13 +267,38 @@ class Search(Fits):
         finally:
             self._changing = False
 
-    def moved(self, start: Unknowns, rows: Rows, prior: Prior) -> Fit:
-        """The fit of the contacts of `start`, moving; shapes do not."""
-        self._left, self._known = FIRST_LOOK, None
+    def moved(
+        self,
+        start: Unknowns,
+        rows: Rows,
+        prior: Prior,
+        steps: int = STEPS,
+        budget: int = FIRST_LOOK,
+    ) -> Fit:
+        """The fit of the contacts of `start`, moving, in so many steps at most; shapes do not."""
+        self._left, self._known = budget, None
         if start.bond is not None:
             return self._reshaped(Fit(self.operator, start, rows, prior), 1.0)
         like = Fit(self.operator, start.in_motion(), rows, prior)
-        return self._simplified(self._solve(like.unknowns, like))
+        return self._simplified(self._solve(like.unknowns, like, steps))
+
+    def of_any_size(
+        self, start: Unknowns, rows: Rows, prior: Prior, steps: int, budget: int
+    ) -> Fit:
+        """The fit of contacts from where `start` has them, each in so many steps at most, of other sizes
+        as well where these leave a little over: much is something else."""
+        best: Fit | None = None
+        for factor in sorted(SIZES, key=lambda factor: abs(np.log(factor))):
+            self._left, self._known = budget, None
+            radii = factor * np.exp(start.contacts[:, RADIUS])
+            like = Fit(self.operator, as_discs(start, radii, self.operator.pitch), rows, prior)
+            tried = self._simplified(self._solve(like.unknowns, like, steps))
+            best = tried if best is None or tried.cost < best.cost else best
+            left = best.chi_squared + best.of_sensor
+            if not _POOR * rows.count < left < MISFIT * rows.count:
+                break
+        assert best is not None  # there is a first size
+        return best
 
     def one_more(self, fit: Fit) -> Fit:
         """The same, or with one more contact, if the readings ask for it."""

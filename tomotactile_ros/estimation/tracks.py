@@ -1,8 +1,9 @@
 """Which contact of one frame is which of the next: numbers that stay while a contact lasts.
 
 Contacts go to the nearest of those expected from place and velocity, all together as cheaply as
-possible (Kuhn 1955, "The Hungarian method for the assignment problem"), and none farther than a
-finger gets while a frame is read. One that is elsewhere than in the frame before, by more than both
+possible (Kuhn 1955, "The Hungarian method for the assignment problem"). Where frames tell velocities,
+what is expected is an even acceleration from one to the other, and nothing is farther off than that
+may err; else nothing is farther off than a finger gets meanwhile. One that is elsewhere than in the frame before, by more than both
 deviations allow, moves, also where the rows of a frame alone do not tell it from rest.
 """
 
@@ -17,7 +18,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
 REACH = 0.6  # spacings between where a contact is and where it was expected
-_FASTEST = 1.0  # m/s: how much farther it may be the longer it was not seen
+_FASTEST = (
+    1.0  # m/s: how much farther it may be the longer it was not seen, if nothing tells its velocity
+)
 _RESTS = 1e-3  # probability of a way as long between two frames of a contact that rests
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
@@ -71,13 +74,16 @@ class Tracks:
         self._tracks: list[_Track] = []
         self.last = 0  # the highest number that was given
 
-    def follow(self, contacts: Sequence[Placed], time: float) -> list[Followed]:
-        """What is known of each of `contacts` of a valid frame that holds for `time`, s.
+    def follow(
+        self, contacts: Sequence[Placed], time: float, timed: bool = False
+    ) -> list[Followed]:
+        """What is known of each of `contacts` of a valid frame that holds for `time`, s; `timed` : whether
+        its rows tell velocities, so that 0 is rest.
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
         self._tracks = [t for t in self._tracks if 0 <= time - t.seen <= _LOST]
-        chosen = self._matched(contacts, time)
+        chosen = self._matched(contacts, time, timed)
         tracks, found = [], []
         for contact, track in zip(contacts, chosen):
             place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
@@ -102,16 +108,19 @@ class Tracks:
         stated = np.reshape(contact.position_covariance, (2, 2))
         return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
-    def _matched(self, contacts, time) -> list[_Track | None]:
+    def _matched(self, contacts, time, timed: bool) -> list[_Track | None]:
         chosen: list[_Track | None] = [None] * len(contacts)
         if not contacts or not self._tracks:
             return chosen
         places = np.array([[each.x, each.y] for each in contacts])
         lasts = np.array([time - track.seen for track in self._tracks])
-        expected = np.array([track.place for track in self._tracks])
-        expected += lasts[:, None] * np.array([track.velocity for track in self._tracks])
+        before = np.array([track.velocity for track in self._tracks])
+        change = np.array([each.velocity for each in contacts])[:, None] - before
+        ways = lasts[:, None] * (before + change / 2 if timed else before)
+        expected = np.array([track.place for track in self._tracks]) + ways
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
-        reach = REACH * self._pitch + _FASTEST * lasts
+        speed = np.hypot(*change.transpose(2, 0, 1)) / 2 if timed else _FASTEST
+        reach = REACH * self._pitch + speed * lasts
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):
             if cost[row, column] < 1:

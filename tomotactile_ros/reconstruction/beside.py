@@ -68,7 +68,8 @@ class Beside:
         self, state: RowsState, voltages, grounded, drive_voltage, row_period, stamp
     ) -> None:
         """As `Pipeline.correct`, of the frame that was just given to `process` if any was."""
-        seen = self._ask("correct", voltages, grounded, drive_voltage, row_period, stamp)
+        frame = voltages, grounded, drive_voltage, row_period, stamp
+        seen = self._ask("correct", *frame, state.clear)
         if seen is not None:
             state.tell(seen)
 

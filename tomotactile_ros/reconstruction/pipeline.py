@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from tomotactile_ros.estimation.changing import Changing
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
 from tomotactile_ros.estimation.ground import ground_is_doubtful
@@ -128,6 +129,8 @@ class Pipeline:
         self._exchanged = False  # wires seemed to be exchanged in the last frame that was asked
         self._estimate_of_frame: FrameSeen | None = None
         self._rows: RowEstimator | None = None
+        self._changing = Changing(self._row_estimator)
+        self._began = self._ended = 0.0  # s, of the rows of the last frame
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile in ESTIMATED or left < FEWEST or layout.scan:
             self._estimator = self._make_estimator()
@@ -208,6 +211,7 @@ class Pipeline:
     def _forget(self) -> None:
         """Start the next frame from scratch."""
         self._state.forget()
+        self._changing.forget()
         self._imaged_before = None
 
     def process(
@@ -233,6 +237,8 @@ class Pipeline:
         """
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
         self._estimate_of_frame = None
+        self._began = self._ended + row_period if stamp is None else stamp
+        self._ended = self._began + row_period * max(len(grounded) - 1, 0)
         once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
         mistake = self._no_ground(voltages, grounded, drive_voltage)
         mistake = mistake or self._mistake(*once, drive_voltage)
@@ -247,7 +253,8 @@ class Pipeline:
         if result.contacts or result.reason:
             self._explained_one = not result.reason
         if stamp is not None and not result.reason:
-            followed = self._tracks.follow(result.contacts, stamp + result.holds)
+            timed = row_period > 0 and self.profile in ESTIMATED
+            followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)
             result.contacts = [
                 replace(contact, id=each.number, age=each.age, velocity=each.velocity)
                 for contact, each in zip(result.contacts, followed)
@@ -369,12 +376,21 @@ class Pipeline:
         return self._as_known(replace(result, pressure=pressure))
 
     def correct(
-        self, state: RowsState, voltages, grounded, drive_voltage: float, row_period, stamp: float
+        self,
+        state: RowsState,
+        voltages,
+        grounded,
+        drive_voltage: float,
+        row_period,
+        stamp: float,
+        clear: bool | None = None,
     ) -> None:
-        """Let the frame that was just given to `process` correct rows that are followed meanwhile,
-        maybe in another thread.
+        """Let a frame, the one that was just given to `process` if any was, correct rows that are
+        followed meanwhile, maybe in another thread.
 
         Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
+        `clear` : whether rows are clear, should the state not be theirs: a frame within which
+        something changes then tells nothing.
         """
         seen, self._estimate_of_frame = self._estimate_of_frame, None
         if seen is not None:
@@ -382,8 +398,11 @@ class Pipeline:
             return
         chosen = np.asarray(grounded, int)
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        seen = self._row_estimator().look(rows, chosen, drive_voltage, row_period, state.frames)
-        state.tell(seen.at(stamp, row_period, len(chosen)))
+        clear = state.clear if clear is None else clear
+        given = rows, chosen, drive_voltage, row_period, state.frames, clear
+        seen = self._row_estimator().look(*given)
+        if seen is not None:
+            state.tell(seen.at(stamp, row_period, len(chosen)))
 
     def _row_estimator(self) -> RowEstimator:
         rows = self._rows
@@ -506,10 +525,17 @@ class Pipeline:
         found.left_out.update(dict.fromkeys(_numbers(bad), CONTRADICTS))
         return found
 
-    def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0):
+    def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0, began=None):
         chosen = np.asarray(grounded, int)
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        return self._estimates().estimate(rows, chosen, drive_voltage, self._state, row_period)
+        began = self._began if began is None else began
+        given = rows, chosen, drive_voltage
+        follow = partial(self._changing.estimate, *given, began, row_period)
+        estimate = self._estimates().estimate(*given, self._state, row_period, follow)
+        if row_period > 0 and self._state.fit is not None:
+            seen = FrameSeen.of(estimate, self._state)
+            self._changing.saw(seen.at(began, row_period, len(chosen)))
+        return estimate
 
     def _expected_zero(self, readings, grounded=slice(None)):
         """(..., E) ordered readings, V, with the tare taken off, but for offsets that are known:
@@ -581,7 +607,7 @@ class Pipeline:
         """Remember a frame that needed no estimate, should the next one need what was there."""
         self._state.forget()
         before = np.array(voltages, float), np.array(grounded), drive_voltage, row_period
-        self._imaged_before = before
+        self._imaged_before = *before, self._began
 
     def _handed_over(self, voltages, grounded, drive_voltage, row_period) -> Result:
         """What the estimator says of a frame that no image explains; of the last that one did it is

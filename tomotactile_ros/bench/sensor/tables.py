@@ -15,6 +15,7 @@ TITLES = {
     "layouts": "Layouts",
     "crowd": "Crowd: the strongest with ten times the force of the weakest",
     "wide": "Wide contacts",
+    "wide-channels": "Wide contacts on channels that nobody knows",
 }
 LEGEND = """\
 ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired
