@@ -205,8 +205,13 @@ def test_markers_of_contacts_that_ended_are_deleted():
     assert {(m.ns, m.id) for m in one if m.action == Marker.DELETE} == {
         ("force", 1), ("contact", 1)
     }  # fmt: skip
-    assert all(m.action == Marker.DELETE for m in markers_of(markers, []))
-    assert markers_of(markers, []) == []
+    for header in (HEADER, conversions.make_header(13.0, "skin")):  # one message may be lost
+        gone = markers.of([], in_space(LAYOUT.surface, []), header).markers
+        assert {(m.ns, m.id, m.action) for m in gone} == {
+            (ns, k, Marker.DELETE) for ns in ("force", "contact") for k in (0, 1)
+        }
+    later = conversions.make_header(13.5, "skin")  # they do not live so long
+    assert markers.of([], in_space(LAYOUT.surface, []), later).markers == []
 
 
 def test_a_contact_that_is_followed_keeps_its_markers_and_has_its_id_and_a_trail():
@@ -232,7 +237,7 @@ def test_contacts_that_are_not_known_are_taken_out_of_the_picture():
     assert {(m.ns, m.id, m.action) for m in gone} == {
         (ns, 2, Marker.DELETE) for ns in ("force", "contact", "id")
     }
-    assert markers.none(HEADER).markers == []
+    assert markers.none(conversions.make_header(14.0, "skin")).markers == []
 
 
 def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():

@@ -20,6 +20,7 @@ from tomotactile_ros.view.display import Shot
 
 NODES = ("driver", "reconstruction")
 _KEPT = 16  # frames whose parts are waited for
+_CONTACTS = 512  # messages of contacts: rows send several in a frame, which is waited for meanwhile
 _ROUNDING = 1e-5  # s, of stamps and of what is added to them
 
 
@@ -33,8 +34,8 @@ class _Frame:
 
 
 class Listener(Node):
-    """Puts together a frame's number and image, which have its stamp, and contacts, which have the
-    time for which they hold.
+    """Puts together a frame's number and image, which have its stamp, and the last contacts that hold
+    for a time within it.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Listener(Node):
         super().__init__("live")
         self._layout, self._rate = layout, rate
         self._frames: OrderedDict[float, _Frame] = OrderedDict()
-        self._contacts: deque[tuple[float, list]] = deque(maxlen=_KEPT)
+        self._contacts: deque[tuple[float, list, str]] = deque(maxlen=_CONTACTS)
         self._arrivals: deque[float] = deque(maxlen=32)
         self._heard: set[str] = set()
         self._complaints: dict[str, str] = {}
@@ -80,7 +81,7 @@ class Listener(Node):
 
     def _on_contacts(self, message: ContactArray) -> None:
         contacts = message_to_contacts(message, self._layout)
-        self._contacts.append((stamp_of(message.header), contacts))
+        self._contacts.append((stamp_of(message.header), contacts, message.reason))
         self._put_together()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -102,16 +103,17 @@ class Listener(Node):
         for stamp, frame in list(self._frames.items()):
             if frame.pressure is None or frame.began is None:
                 continue
-            for holds, contacts in self._contacts:
+            for holds, contacts, reason in reversed(self._contacts):
                 since = holds - stamp
                 if -_ROUNDING < since < frame.lasts + _ROUNDING:
                     del self._frames[stamp]
-                    self._complete(stamp, frame.pressure, contacts, frame.began + since)
+                    shown = contacts, frame.began + since, reason
+                    self._complete(stamp, frame.pressure, *shown)
                     break
 
-    def _complete(self, stamp: float, pressure, contacts: list, scene_time: float) -> None:
+    def _complete(self, stamp: float, pressure, contacts, scene_time: float, reason: str) -> None:
         self._arrivals.append(time.monotonic())
         span = self._arrivals[-1] - self._arrivals[0]
         rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
         age = self.get_clock().now().nanoseconds * 1e-9 - stamp
-        self._shot = Shot(pressure, contacts, scene_time, rate=rate, age=age)
+        self._shot = Shot(pressure, contacts, scene_time, rate=rate, age=age, reason=reason)

@@ -77,6 +77,7 @@ def _free_domain() -> int:
 
 def _start(options: argparse.Namespace) -> list[Child]:
     driver = {"layout": options.layout, "scene": options.scene, "rate": options.rate}
+    driver["delivery"] = "rows"  # contacts do not wait for frames
     reconstruction = {"layout": options.layout, "profile": options.profile}
     if options.scene in LEARNING:
         reconstruction["learn"] = "all"

@@ -39,6 +39,7 @@ class ContactMarkers:
 
     def __init__(self):
         self._shown: set[tuple[str, int]] = set()
+        self._gone: dict[tuple[str, int], float] = {}  # when markers were deleted first, s
         self._trails, self._drawn = Trails(), -math.inf
 
     def of(self, contacts: Sequence, placed: SpatialContacts, header: Header) -> MarkerArray:
@@ -66,9 +67,18 @@ class ContactMarkers:
         return MarkerArray(markers=self._but(set(), header))
 
     def _but(self, shown: set[tuple[str, int]], header: Header) -> list[Marker]:
-        """Deletes what was shown and is not any more."""
-        gone, self._shown = sorted(self._shown - shown), shown
-        return [Marker(header=header, ns=ns, id=k, action=Marker.DELETE) for ns, k in gone]
+        """Deletes what was shown and is not any more, again and again for as long as it may live: a
+        message may be lost where many come."""
+        now, lasts = stamp_of(header), float(_LIFETIME.sec)
+        gone = {**self._gone, **dict.fromkeys(self._shown - shown, now)}
+        self._shown = shown
+        self._gone = {
+            each: since
+            for each, since in gone.items()
+            if each not in shown and 0 <= now - since <= lasts
+        }
+        deleted = sorted(self._gone)
+        return [Marker(header=header, ns=ns, id=k, action=Marker.DELETE) for ns, k in deleted]
 
     def _trails_of(self, contacts: Sequence, places: np.ndarray, header: Header) -> list[Marker]:
         """Trails, as often as somebody could see them."""

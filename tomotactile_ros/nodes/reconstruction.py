@@ -224,15 +224,16 @@ class Reconstruction:
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
         start = time.monotonic()
         self._check(frame, layout_id)
-        followed, result, tells = self._rows.followed, None, False
+        followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
-        if followed and self._rows.leaves_out(self._pipeline, frame):
-            return
+        left_out = followed and self._rows.leaves_out(self._pipeline, frame)
         if followed and self._pipeline.fits:
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)
+        if result is None and left_out:
+            return
         if result is None:
-            result, tells = self._rows.process(self._pipeline, frame), followed
+            result = self._rows.process(self._pipeline, frame)
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
@@ -258,7 +259,7 @@ class Reconstruction:
         took = time.monotonic() - start
         lasts = frame.row_period * len(frame.grounded)
         self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took, lasts)
-        if tells:
+        if followed and not left_out:
             self._rows.correct(self._pipeline, frame)
 
     def _check(self, frame: Frame, layout_id: str) -> None:

@@ -116,10 +116,10 @@ class Rows:
         return self._left_out
 
     def image(self, pipeline: Pipeline) -> Result | None:
-        """An image of what rows tell, where a frame could tell no more and the profile draws
+        """An image of what rows tell, where a frame would show no more of it and the profile draws
         contacts; None where the frame is to be processed."""
         state = self._state
-        if state is None or self._of[0] is not pipeline or not pipeline.fits or state.asks:
+        if state is None or self._of[0] is not pipeline or not pipeline.fits or not state.known:
             return None
         return pipeline.image_after_row(state)
 
@@ -134,7 +134,8 @@ class Rows:
         return pipeline.process(*_words(frame))
 
     def correct(self, pipeline: Pipeline, frame: Frame) -> None:
-        """Let a frame that was just processed correct what rows tell, if they ask for it."""
+        """Let a frame, that was processed last if it was at all, correct what rows tell, if they ask for
+        it."""
         state = self._state
         if state is None or self._of[0] is not pipeline or not state.asks:
             return

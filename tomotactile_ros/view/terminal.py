@@ -55,7 +55,8 @@ def picture(
     if len(rgb) % 2:
         rgb = np.vstack([rgb, np.full_like(rgb[:1], OUTSIDE)])
     words = _written(names, cells, rgb.shape[1])
-    blocks = [_blocks(*pair, words.get(k, {})) for k, pair in enumerate(_lines_of(rgb))]
+    pairs = enumerate(_lines_of(rgb))
+    blocks = [_blocks(upper, lower, words.get(k, {})) for k, (upper, lower) in pairs]
     heights = bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1]
     labels = _spread([_millimetres(y) for y in heights], len(blocks))
     levels = ["100 %", "50 %", "0"]
@@ -63,7 +64,7 @@ def picture(
         levels = [f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)]
     keys = _spread(levels, len(blocks))
     shades = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
-    bar = [_blocks(*pair, {}) * 2 for pair in _lines_of(shades)]
+    bar = [_blocks(upper, lower, {}) * 2 for upper, lower in _lines_of(shades)]
     text = [
         f"{label:>{_MARGIN - 1}} {block}{_RESET} {colours}{_RESET} {key}"
         for label, block, colours, key in zip(labels, blocks, bar, keys, strict=True)
