@@ -244,7 +244,7 @@ class RowEstimator:
     def go_on(self, state: RowsState, seen: FrameSeen, drive_voltage: float) -> None:
         """Begin with what a frame said of which no row was followed."""
         self._begin(state, drive_voltage)
-        state.rows.time = seen.ended
+        state.rows.time, state.rows.confused = seen.ended, np.inf  # all is as the frame says
         state.past.append((seen.ended, {}))
         self._take(seen, state)
 
