@@ -63,7 +63,7 @@ def test_two_that_cross_keep_their_numbers():
 
 def test_taps_at_two_places_are_two_contacts_where_rows_say_that_both_rest():
     """90 mm apart, 0.3 s between frames that were processed."""
-    for timed, second in ((True, 2), (False, 1)):
+    for timed, second in ((0.063, 2), (0.0, 1)):
         tracks = Tracks(0.025)
         tracks.follow([At(0.03, 0.06)], 0.0, timed)
         assert tracks.follow([At(-0.06, 0.06)], 0.29, timed)[0].number == second
@@ -71,9 +71,15 @@ def test_taps_at_two_places_are_two_contacts_where_rows_say_that_both_rest():
 
 def test_a_finger_that_begins_to_slide_or_turns_back_is_the_same():
     tracks, lasts = Tracks(0.025), 0.25
-    tracks.follow([At(0.0, 0.0)], 0.0, True)
-    assert tracks.follow([At(0.02, 0.0, (0.1, 0.0))], lasts, True)[0].number == 1
-    assert tracks.follow([At(0.01, 0.0, (-0.1, 0.0))], 2 * lasts, True)[0].number == 1
+    tracks.follow([At(0.0, 0.0)], 0.0, 0.063)
+    assert tracks.follow([At(0.02, 0.0, (0.1, 0.0))], lasts, 0.063)[0].number == 1
+    assert tracks.follow([At(0.01, 0.0, (-0.1, 0.0))], 2 * lasts, 0.063)[0].number == 1
+
+
+def test_a_finger_that_shifts_within_a_frame_is_the_same():
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0)], 0.0, 0.063)
+    assert tracks.follow([At(0.03, 0.0)], 0.064, 0.063)[0].number == 1
 
 
 def test_frames_that_say_nothing_do_not_end_a_contact_at_once():

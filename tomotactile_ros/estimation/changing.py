@@ -17,6 +17,8 @@ from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_state import SPEED, STATE
 
+_UNSURE = 0.5  # deviation of a force, in parts of it, from which on its size matters too much
+
 
 class Changing:
     """What rows say of frames of one sensor in which something changes.
@@ -65,10 +67,13 @@ class Changing:
         followed, last = rows.report(state), state.rows
         if last is None or last.belief is None or followed.state != "valid" or last.wide:
             return None
+        contacts = [contact for _, _, contact in followed.contacts]
+        unsure = any(not each.force_std < _UNSURE * each.force for each in contacts)
+        if unsure or state.larger:  # it may be wide, which the search tells
+            return None
         self._state, belief = state, last.belief
         since = state.rows_since_change(begun, ended)
         first = 0 if since is None else len(grounded) - since
-        contacts = [contact for _, _, contact in followed.contacts]
         misfit = float(np.mean(misfits[first:]))
         estimate = Estimate(contacts, contacts, "valid", "", dict(left_out), misfit, first)
         each = belief.mean[: STATE * belief.count].reshape(-1, STATE)

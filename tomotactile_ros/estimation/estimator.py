@@ -82,8 +82,10 @@ _DRIFTED = 0.05  # spacings that a contact which rested has moved in a frame, as
 # steps and patches of a fit of contacts that go on moving: if these do not do, the motion has changed,
 # which rows show
 _GOES_ON = 2, 300
+_MOVED = 1.25  # chi-squared per reading, the sensor's share included, of those that did: 1.0 to 1.2
 SLIDING = 0.02  # m/s: the way within a frame is a part of a contact's width
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
+_STEADY = 1.0  # of ln c in a second: what changes faster in one frame is expected to in the next
 _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 # the same of a reading, in parts of the drive voltage
 READING_FLOOR = 3e-5
@@ -387,7 +389,7 @@ class Estimator:
         moves = timed and start is not None and start.moving.any()
         if moves and search.untouched(rows, prior) is None:
             fit = search.moved(start, rows, prior, *_GOES_ON)
-            if fit.chi_squared < _CHANGING * state.misfit * rows.count:
+            if fit.chi_squared + fit.of_sensor < _MOVED * rows.count:
                 return search.one_more(fit), 0, False
             _ask(followed)
             followed = None
@@ -694,8 +696,9 @@ def _alike(fit: Fit, rows: Rows, most: int) -> int:
 
 
 def _ahead(unknowns: Unknowns, lasts: float) -> Unknowns:
-    """What is expected `lasts` s later: contacts that move go on, slow ones rest."""
-    if not (np.abs(unknowns.rates[:, :2]) > RESTING).any():
+    """What is expected `lasts` s later: contacts that move or change go on, slow ones rest."""
+    speeds, growth = np.abs(unknowns.rates[:, :2]), np.abs(unknowns.rates[:, 2])
+    if not ((speeds > RESTING).any() or (growth > _STEADY).any()):
         return unknowns.in_motion(False)
     later = unknowns.after(lasts)
     strengths = unknowns.contacts[:, CONDUCTANCE]  # a press does not go on growing

@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.frames_in_rows import (
     carried_on,
     corrected,
     linearised,
+    sliding,
     unlearned,
     wide_now,
 )
@@ -126,8 +127,18 @@ class RowsState:
 
     @property
     def clear(self) -> bool:
-        """Whether, besides, a frame has told of it in the last half second."""
-        return self.known and self.rows.time - self.looked < _LOOKED_AT
+        """Whether, besides, a frame has told of all that touches, in the last half second, and something
+        slides: then rows tell more than a frame."""
+        if not self.known or self.rows.time - self.looked > _LOOKED_AT:
+            return False
+        belief = self.rows.belief
+        new = any(begun > self.confirmed for begun in belief.begun)
+        return bool(sliding(belief)) and not new
+
+    @property
+    def larger(self) -> bool:
+        """Whether something conducts more than a bare contact of the size that rows took it for."""
+        return any(grown > 0 for *_, grown in self.means.values())
 
     @property
     def touching(self) -> tuple[int, ...] | None:

@@ -3,7 +3,7 @@
 Contacts go to the nearest of those expected from place and velocity, all together as cheaply as
 possible (Kuhn 1955, "The Hungarian method for the assignment problem"). Where frames tell velocities,
 what is expected is an even acceleration from one to the other, and nothing is farther off than that
-may err; else nothing is farther off than a finger gets meanwhile. One that is elsewhere than in the frame before, by more than both
+may err and a finger gets while a frame is read; else than it gets meanwhile. One that is elsewhere than in the frame before, by more than both
 deviations allow, moves, also where the rows of a frame alone do not tell it from rest.
 """
 
@@ -74,11 +74,9 @@ class Tracks:
         self._tracks: list[_Track] = []
         self.last = 0  # the highest number that was given
 
-    def follow(
-        self, contacts: Sequence[Placed], time: float, timed: bool = False
-    ) -> list[Followed]:
-        """What is known of each of `contacts` of a valid frame that holds for `time`, s; `timed` : whether
-        its rows tell velocities, so that 0 is rest.
+    def follow(self, contacts: Sequence[Placed], time: float, timed: float = 0.0) -> list[Followed]:
+        """What is known of each of `contacts` of a valid frame that holds for `time`, s; `timed` : how long
+        its rows took, s, if they tell velocities, so that 0 is rest at the last of them.
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
@@ -108,7 +106,7 @@ class Tracks:
         stated = np.reshape(contact.position_covariance, (2, 2))
         return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
-    def _matched(self, contacts, time, timed: bool) -> list[_Track | None]:
+    def _matched(self, contacts, time, timed: float) -> list[_Track | None]:
         chosen: list[_Track | None] = [None] * len(contacts)
         if not contacts or not self._tracks:
             return chosen
@@ -119,8 +117,11 @@ class Tracks:
         ways = lasts[:, None] * (before + change / 2 if timed else before)
         expected = np.array([track.place for track in self._tracks]) + ways
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
-        speed = np.hypot(*change.transpose(2, 0, 1)) / 2 if timed else _FASTEST
-        reach = REACH * self._pitch + speed * lasts
+        way = _FASTEST * lasts
+        if timed:  # what it did while no row was read is as even as it may be
+            way = _FASTEST * np.minimum(lasts, timed)
+            way = way + np.hypot(*change.transpose(2, 0, 1)) / 2 * lasts
+        reach = REACH * self._pitch + way
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):
             if cost[row, column] < 1:

@@ -253,7 +253,7 @@ class Pipeline:
         if result.contacts or result.reason:
             self._explained_one = not result.reason
         if stamp is not None and not result.reason:
-            timed = row_period > 0 and self.profile in ESTIMATED
+            timed = self._ended - self._began if self.fits else 0.0
             followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)
             result.contacts = [
                 replace(contact, id=each.number, age=each.age, velocity=each.velocity)
