@@ -53,6 +53,10 @@ def says(*contacts, **more):
     return SimpleNamespace(contacts=[SimpleNamespace(**c) for c in contacts], **more)
 
 
+def test_every_part_has_a_title():
+    assert list(tables.TITLES) == list(parts.PARTS)
+
+
 def test_swapped_wires_exchange_rows_and_columns():
     plain = potentials(admittance())
     swapped = potentials(admittance(), Wiring(swapped=((2, 9),)))

@@ -6,7 +6,7 @@ import pytest
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.course import Tap
+from tomotactile_ros.scenes.course import Ramp, Tap
 from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
@@ -97,6 +97,29 @@ def test_a_touch_that_is_there_from_the_first_row_on_is_estimated_as_before():
     (true,) = scene.truth(result.holds)
     (contact,) = result.contacts
     assert off(contact, (true["x"], true["y"])) < 1e-3
+
+
+def test_a_finger_pressed_ever_harder_beside_another_stays_the_one_of_two():
+    """Each frame 0.16 N more: fitted as one that rests, they became one between them."""
+    held = Contact("disc", (-0.02, 0.0), 0.006, force=3.0)
+    harder = Contact("disc", (0.016, 0.01), 0.006, force=2.0, start=0.1, course=Ramp(rise=0.8))
+    frames, _ = frames_of(held, harder, count=8)
+    results = results_of(frames)
+    for result in results[2:]:
+        places = sorted((contact.x, contact.y) for contact in result.contacts)
+        assert np.hypot(*(np.array(places) - [held.center, harder.center]).T).max() < 3e-3
+        assert {contact.id for contact in result.contacts} == {1, 2}
+
+
+def test_a_wide_touch_that_lands_is_wide_in_its_first_frame():
+    """Rows take it for a small one that conducts more than bare metal."""
+    palm = Contact("disc", (-0.03, 0.01), 0.03, force=15.0, start=0.1, course=Tap(0.25))
+    frames, scene = frames_of(palm, count=3)
+    for k, result in enumerate(results_of(frames)[1:], 1):
+        (contact,), (true,) = result.contacts, scene.truth(k * LASTS + result.holds)
+        assert off(contact, palm.center) < 2e-3
+        assert contact.radius == pytest.approx(0.03, rel=0.1)
+        assert contact.force == pytest.approx(true["force"], rel=0.2)
 
 
 def test_what_is_forgotten_is_not_followed_on(monkeypatch):
