@@ -158,7 +158,7 @@ def check_surface(probe: Probe, prefix: str = "") -> None:
     assert np.linalg.norm(table[table[:, 3].argmax(), :3] - pressed) < 2 * NEAR
 
     shown = probe.wait_for(MarkerArray, f"{prefix}/contact_markers", lambda m: len(m.markers) > 1)
-    (disc,) = (m for m in shown.markers if (m.ns, m.id) == ("contact", 0))
+    (disc,) = (m for m in shown.markers if m.ns == "contact" and m.action == m.ADD)
     assert distance_of(disc, pressed) < NEAR
     check_bent_contact(probe, prefix, pressed, disc)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
