@@ -117,10 +117,10 @@ class Scores:
     def row(self) -> list[str]:
         """Cells of a table."""
         three = [_quantiles(each) for each in (self.places, self.forces)]
-        times = f"{np.median(self.times):.3g} / {np.quantile(self.times, 0.95):.3g}"
+        times = (np.median(self.times), np.quantile(self.times, 0.95), max(self.times))
         return [
             str(self.results), str(self.ghosts), f"{self.missed} of {self.true}", str(self.withheld),
-            *three, f"{100 * np.mean(self.held):.0f}", f"{times} / {max(self.times):.3g}",
+            *three, f"{100 * np.mean(self.held):.0f}", " / ".join(f"{t:.0f}" if t > 10 else f"{t:.2g}" for t in times),
         ]  # fmt: skip
 
 
@@ -143,7 +143,9 @@ def _is_in(contact: dict, others) -> bool:
 def _quantiles(values) -> str:
     if not values:
         return "-"
-    return " / ".join(f"{np.quantile(values, q):.2g}" for q in (0.5, 0.95, 1.0))
+    return " / ".join(
+        f"{v:.0f}" if v > 10 else f"{v:.2g}" for v in np.quantile(values, (0.5, 0.95, 1.0))
+    )
 
 
 def _by_frames(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
