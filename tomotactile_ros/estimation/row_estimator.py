@@ -117,8 +117,12 @@ class RowsState:
         rows = self.rows
         if rows is None or self.touching is None or rows.wide or rows.distrusted.any():
             return True
-        new = any(begun > self.confirmed for begun in rows.belief.begun)
-        return new or rows.time - self.looked > _LOOKED_AT
+        return any(self.new) or rows.time - self.looked > _LOOKED_AT
+
+    @property
+    def new(self) -> list[bool]:
+        """Which contacts of rows no frame has confirmed yet."""
+        return [begun > self.confirmed for begun in self.rows.belief.begun]
 
     @property
     def known(self) -> bool:
@@ -131,9 +135,7 @@ class RowsState:
         slides: then rows tell more than a frame."""
         if not self.known or self.rows.time - self.looked > _LOOKED_AT:
             return False
-        belief = self.rows.belief
-        new = any(begun > self.confirmed for begun in belief.begun)
-        return bool(sliding(belief)) and not new
+        return bool(sliding(self.rows.belief)) and not any(self.new)
 
     @property
     def larger(self) -> bool:
@@ -417,7 +419,7 @@ class RowEstimator:
         belief = state.rows.belief
         if belief.count < 2:
             return False
-        new = [begun > state.confirmed for begun in belief.begun]
+        new = state.new
         if not any(new):
             return False
         places = belief.contacts()[:, :2]
@@ -492,9 +494,7 @@ def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
     """Whether rows saw something begin or end in a frame so that it tells them nothing: in its last
     few rows, of which they know as much, or where it does not explain its rows well."""
     since, fit = state.rows_since_change(seen.begun, seen.ended), seen.fit
-    if (
-        since is None
-    ):  # a press that grows or fades, or motion: its last rows tell no more than all one by one
+    if since is None:  # of a press that grows or fades, a part of the rows tells no more than each
         return bool(seen.estimate.first) and not state.confused
     poor = fit is not None and fit.chi_squared > POOR * fit.count
     return poor or since < YOUNG

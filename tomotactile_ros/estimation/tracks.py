@@ -3,8 +3,9 @@
 Contacts go to the nearest of those expected from place and velocity, all together as cheaply as
 possible (Kuhn 1955, "The Hungarian method for the assignment problem"). Where frames tell velocities,
 what is expected is an even acceleration from one to the other, and nothing is farther off than that
-may err and a finger gets while a frame is read; else than it gets meanwhile. One that is elsewhere than in the frame before, by more than both
-deviations allow, moves, also where the rows of a frame alone do not tell it from rest.
+may err and a finger gets while a frame is read; else than it gets meanwhile. One that is elsewhere
+than in the frame before, by more than both deviations allow, moves, also where the rows of a frame
+alone do not tell it from rest.
 """
 
 from __future__ import annotations
@@ -18,9 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
 REACH = 0.6  # spacings between where a contact is and where it was expected
-_FASTEST = (
-    1.0  # m/s: how much farther it may be the longer it was not seen, if nothing tells its velocity
-)
+_FASTEST = 1.0  # m/s: how much farther it may be, the longer nothing tells its velocity
 _RESTS = 1e-3  # probability of a way as long between two frames of a contact that rests
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
