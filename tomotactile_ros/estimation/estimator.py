@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -91,7 +90,8 @@ _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 READING_FLOOR = 3e-5
 
 
-class FollowedRows(NamedTuple):
+@dataclass(frozen=True)
+class FollowedRows:
     """What rows say of a frame within which something changes: its `estimate`, and `contacts` (k, 4)
     at its end, x, y, m, ln c, ln a, with their `velocities` (k, 2), m/s; `lasts` : s to its last
     row from the first one after the last beginning or end; `slides` : whether some surely move."""

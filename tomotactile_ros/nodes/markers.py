@@ -37,7 +37,7 @@ _UPRIGHT = Quaternion(w=1.0)
 class ContactMarkers:
     """Makes the markers of each message of contacts; remembers which are shown."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._shown: set[tuple[str, int]] = set()
         self._gone: dict[tuple[str, int], float] = {}  # when markers were deleted first, s
         self._trails, self._drawn = Trails(), -math.inf

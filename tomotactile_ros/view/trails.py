@@ -18,7 +18,7 @@ _SPACING = 0.001  # m between two places that are kept
 class Trails:
     """Places of the last `LASTING` s of each contact, those that have ended among them."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._places: dict[int, deque[tuple[float, np.ndarray]]] = {}
 
     def add(self, contacts: Sequence, places: np.ndarray, now: float) -> None:
