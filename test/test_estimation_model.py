@@ -119,6 +119,23 @@ PLACES = {
 
 
 @pytest.mark.parametrize("where", PLACES)
+def test_what_places_alone_decide_is_kept_and_the_rest_is_not(where):
+    """Contacts that conduct otherwise on another sheet: as worked out from nothing."""
+    before = imperfect(PLACES[where])
+    rows = Rows(np.full((E, E), 0.5), np.where(OFF, 1e6, 0.0), ALL)
+    fit = Fit(OPERATOR, before, rows, prior())
+    fit.prediction.contact_columns(), fit.prediction.sheet_columns()  # all that may be kept
+    contacts = before.contacts.copy()
+    contacts[:, CONDUCTANCE] -= 0.4
+    after = replace(imperfect(PLACES[where], seed=2), contacts=contacts)
+    found, right = fit.in_place(after), Fit(OPERATOR, after, rows, prior())
+    assert found.cost == pytest.approx(right.cost, rel=1e-12)
+    for name in ("contact_columns", "sheet_columns", "way_columns"):
+        seen, true = (getattr(each.prediction, name)() for each in (found, right))
+        assert np.allclose(seen, true, rtol=1e-9, atol=1e-12 * np.abs(true).max()), name
+
+
+@pytest.mark.parametrize("where", PLACES)
 def test_derivatives_by_contacts(where):
     """As central differences say, but for what the conductance of an uneven sheet changes with the
     place of a contact (0.4 %)."""

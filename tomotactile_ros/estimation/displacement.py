@@ -58,13 +58,22 @@ class Displacement:
         self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
         self._between = self._kernel(self._centres)
 
-    def fields(self, places=None, share=None, fed=None) -> np.ndarray:
+    def fields(self, kernel=None, share=None, fed=None) -> np.ndarray:
         """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0;
-        of patches at `places` (P, 2) with `share` H (n, P) and H C `fed` (n, P)."""
-        if places is None or not len(places):
+        of patches with the `kernel` (n, P) of their places, `share` H (n, P) and H C `fed` (n, P)."""
+        if kernel is None:
             return self._alone
-        of_patches = self._kernel(places) - self._between @ share
+        of_patches = np.array([kernel.real, kernel.imag]) - self._between @ share
         return self._alone - of_patches @ fed.T
+
+    def along(self, ways: np.ndarray, kernel=None, share=None, fed=None) -> np.ndarray:
+        """(n, n) `fields` along `ways` (2, n) from each electrode, m, times their lengths."""
+        x, y = ways[..., None]
+        alone = x * self._alone[0] + y * self._alone[1]
+        if kernel is None:
+            return alone
+        between = x * self._between[0] + y * self._between[1]
+        return alone - (x * kernel.real + y * kernel.imag - between @ share) @ fed.T
 
     def row(self, at_rest, ground, ratio, own, impedance, places, share, fed):
         """(2, n) each, of one row without gains with electrode `ground` grounded: derivatives of
@@ -83,13 +92,19 @@ class Displacement:
         return columns, ways
 
     def _kernel(self, places):
-        """(2, n, Q) field at the electrodes of 1 A fed in at `places` (Q, 2), V/m, without what
+        """(2, n, Q) real and imaginary part of `kernel`."""
+        found = self.kernel(places)
+        return np.array([found.real, found.imag])
+
+    def kernel(self, places: np.ndarray) -> np.ndarray:
+        """(n, Q) field x + i y at the electrodes of 1 A fed in at `places` (Q, 2), V/m, without what
         changes slowly with the place."""
         at = places @ _COMPLEX
         out = self._from(at, slice(None))
         for straight, turned, shift, near in self._mirrors:
             out[near] += self._from(straight * at + turned * at.conj() + shift, near)
-        return self._scale * np.array([out.real, out.imag])
+        out *= self._scale
+        return out
 
     def _from(self, at, which):
         """(n, Q) x + i y of the way to places `at` (Q,), x + i y, over its square, m."""
@@ -150,3 +165,21 @@ def displaced(fields, impedance, ratio, own, rows) -> tuple[np.ndarray, np.ndarr
     ways = ratio * at_ground[..., None] - moved / own[:, None]
     ways[:, each, rows] -= at_ground
     return columns, ways
+
+
+def shift(along, impedance, ratio, own, rows) -> np.ndarray:
+    """(L, n) change of 1 - rho by electrodes aside: the sum of what `displaced` says times how far each
+    of them lies aside.
+
+    along (n, n) : `Displacement.along` these ways; the rest as for `displaced`
+    """
+    each = np.arange(len(rows))
+    out = -(ratio @ along.T)
+    at_ground = -out[each, rows]
+    out[each, rows] = 0.0
+    taken = along[rows]
+    through = np.einsum("ln,ln->l", taken, impedance[rows])
+    out += ratio * (at_ground + through / own)[:, None]
+    out -= (taken @ impedance) / own[:, None]
+    out[each, rows] -= at_ground
+    return out

@@ -29,6 +29,8 @@ class Fit:
     equations : the last ones of `solve`, None before
     promised : what one more contact would take off the cost to first order, as far as that was
         asked
+    needed (k, 6) : its contacts as they were when the readings were last asked whether they need them
+        all, and did; None: not asked
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class Fit:
         self.cost = self.chi_squared + self._of_priors()
         self.covariance = self.equations = None
         self.steps, self.work, self.promised = 0, 0, 0.0
+        self.needed: np.ndarray | None = None
 
     def weighed(self, rows: Rows) -> Fit:
         """The same point as one of `rows` that differ in their weights only."""
@@ -76,8 +79,12 @@ class Fit:
         """A fit of the same rows by the same contacts at rest, which conduct `strengths` (k,), S."""
         contacts = self.unknowns.contacts.copy()
         contacts[:, CONDUCTANCE] = np.log(strengths)
-        unknowns = replace(self.unknowns, contacts=contacts)
-        touches = self.prediction.touches.stronger(contacts)
+        return self.in_place(replace(self.unknowns, contacts=contacts))
+
+    def in_place(self, unknowns: Unknowns) -> Fit:
+        """The fit of the same rows at `unknowns` whose contacts rest and differ in their conductance
+        only."""
+        touches = self.prediction.touches.on(unknowns.sheet).stronger(unknowns.contacts)
         found = Prediction(self.operator, unknowns, self.rows.grounded, touches)
         return Fit(self.operator, unknowns, self.rows, self.prior, found)
 

@@ -20,8 +20,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.displacement import displaced
+from tomotactile_ros.estimation.displacement import displaced, shift
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOVING, PARAMETERS, RADIUS, Touches, X, Y
 
@@ -140,9 +141,7 @@ class Prediction:
             if touches is None:
                 self.touches = Touches(operator, unknowns.contacts, unknowns.across, unknowns.sheet)
             self._connect(self.touches)
-            admittance = admittance + self.share @ self._fed.T
-            admittance[np.diag_indices(len(admittance))] += self._direct
-            self.impedance = np.linalg.inv(admittance)
+            self.impedance = np.linalg.inv(admittance + self.added)
             self.impedance = (self.impedance + self.impedance.T) / 2
         else:
             self.conductances = self.covered = self.means = np.empty(0)
@@ -152,10 +151,16 @@ class Prediction:
         self.ratio = columns / self.own[:, None]
         moved = self.ratio
         if unknowns.aside.any():
-            columns, ways = self.aside
-            moved = moved - np.einsum("dn,dln->ln", unknowns.aside, columns)
-            moved -= np.einsum("dl,dln->ln", unknowns.aside[:, rows], ways)
+            along = operator.displacement.along(unknowns.aside, *self._of_patches)
+            moved = moved - shift(along, self.impedance, self.ratio, self.own, rows)
         self.readings = unknowns.gain * (1 - moved) + unknowns.offset
+
+    @cached_property
+    def added(self) -> np.ndarray:
+        """(n, n) what contacts add to Y, S."""
+        added = self.share @ self._fed.T
+        added[np.diag_indices(len(added))] += self._direct
+        return added
 
     @property
     def size(self) -> int:
@@ -170,11 +175,11 @@ class Prediction:
         self.covered, self.share, self.means = touches.covered, touches.share, touches.mean
         weights = self.conductances[touches.owner] * touches.weight
         self._direct = self.conductances @ touches.direct
-        # C = S (1 + S D S)^-1 S with S^2 = G; D off tables need not be positive definite to the last
+        # C = S (1 + S D S)^-1 S with S^2 = G
         root = np.sqrt(weights)
         between = touches.impedance * root * root[:, None]
         between[np.diag_indices(len(between))] += 1.0
-        self._fed = np.linalg.solve(between, (self.share * root).T).T * root
+        self._fed = _solved(between, (self.share * root).T).T * root
         # H (1 + G D)^-1: what a change of the patches' conductances acts through
         self._inner = self.share - self._fed @ touches.impedance
 
@@ -187,9 +192,13 @@ class Prediction:
     @property
     def fields(self) -> np.ndarray:
         """(2, n, n) at the first electrode while the second is at 1 V, 1/m (`displacement`)."""
-        if self.touches is None:
-            return self.operator.displacement.fields()
-        return self.operator.displacement.fields(self.touches.places, self.share, self._fed)
+        return self.operator.displacement.fields(*self._of_patches)
+
+    @property
+    def _of_patches(self) -> tuple:
+        """What `Displacement` asks of them; nothing where nothing touches."""
+        touches = self.touches
+        return () if touches is None else (touches.kernel, self.share, self._fed)
 
     def freed(self, unknowns: Unknowns) -> Prediction:
         """The same for `unknowns` that differ in what is free only."""
@@ -342,3 +351,12 @@ class Prediction:
         moved -= driven
         moved *= self.unknowns.gain
         return moved
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution (P, n) for a symmetric matrix (P, P), which is positive definite unless tables are off."""
+    try:
+        factor = cho_factor(matrix, check_finite=False)
+    except np.linalg.LinAlgError:
+        return np.linalg.solve(matrix, right)
+    return cho_solve(factor, right, check_finite=False)

@@ -205,11 +205,14 @@ class SheetOperator:
     def share_added(self, sheet: np.ndarray, around: Around):
         """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes,
         1/m."""
-        near = self._share_change[:, around.nodes]
-        added = (sheet @ near.reshape(len(sheet), -1)).reshape(near.shape[1:]).T
-        if self._rest is not None:
-            added = added + self._rest.share[around.nodes].T
+        added = self.added_at(sheet, around.nodes)
         return added @ around.weights.T, np.matmul(added, around.slopes.transpose(0, 2, 1))
+
+    def added_at(self, sheet: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """(n, m) what the coefficients `sheet` (J,) add to H at `nodes` (m,) of the lattice."""
+        near = self._share_change[:, nodes]
+        added = (sheet @ near.reshape(len(sheet), -1)).reshape(near.shape[1:]).T
+        return added if self._rest is None else added + self._rest.share[nodes].T
 
     def own_added(self, around: Around) -> np.ndarray | float:
         """(Q,) what the sheet adds to D of a place with itself, ohm of an even one; beside the local
@@ -351,37 +354,26 @@ class Patches:
 
     Attributes
     ----------
-    share (n, P) H; slopes (2, n, P) its changes with the place, 1/m; impedance (P, P) D, ohm
+    share (n, P) H; impedance (P, P) D, ohm
     near : for each contact the patches (m,) that feel its own
     """
 
     def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
-        self._operator, self._places, self._radii = operator, places, radii
+        self._operator, self._places, self._radii, self._parts = operator, places, radii, parts
         self._stencil = stencil = operator.potentials.lattice.stencil(places)
-        potentials, steep = operator.potentials(places, stencil=stencil)
-        alone = operator.mutual.alone(stencil)
+        potentials = operator.potentials.values(places, stencil)
         self.around = Around(operator.lattice, places)
+        alone = operator.mutual.alone(stencil) + operator.own_added(self.around)
         self._charges = operator.mutual.induced.by(places)
         inverse = operator._inverse
         self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
         constant = inverse[-1, :-1] @ potentials.T + inverse[-1, -1]
-        self._steep = steep
-        self.share, self.slopes = (
-            self._solved,
-            np.matmul(steep, inverse[:-1, :-1]).transpose(0, 2, 1),
-        )
-        self._factor = np.ones(len(places))
-        if sheet.any() or operator.mean.any():
-            added, slopes = operator.share_added(sheet, self.around)
-            self.share, self.slopes = self.share + added, self.slopes + slopes
-            alone = alone + operator.own_added(self.around)
-            for part, field in zip(parts, operator.field_at(forms[:, :2]) @ sheet):
-                self._factor[part] = np.exp(-0.5 * field)
         owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
         group = _groups(forms, SCREENED * operator.pitch)
         members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
         self.near = [members[each] for each in group]
-        self.impedance = np.zeros((len(places), len(places)))
+        self._field = operator.field_at(forms[:, :2])
+        self._even = np.zeros((len(places), len(places)))  # D but for the sheet's local conductance
         self._bare = np.zeros(len(places), bool)  # at the rim of an electrode: D is as good as 0
         for chosen in members:
             block = operator.mutual(
@@ -398,9 +390,48 @@ class Patches:
             own = np.einsum("ii->i", block)
             self._bare[chosen] = own < 0
             np.maximum(own, 0.0, out=own)
-            self.impedance[np.ix_(chosen, chosen)] = (
-                block * self._factor[chosen, None] * self._factor[chosen]
-            )
+            if len(members) == 1:
+                self._even = block
+            else:
+                self._even[np.ix_(chosen, chosen)] = block
+        self._take(sheet)
+
+    def on(self, sheet: np.ndarray) -> Patches:
+        """The same patches on the sheet with other coefficients (J,)."""
+        other = copy(self)
+        other.__dict__.pop("slopes", None)
+        other._take(sheet)
+        return other
+
+    def _take(self, sheet: np.ndarray) -> None:
+        self._sheet = sheet
+        self.share, self.impedance = self._solved, self._even
+        self._factor = np.ones(len(self._places))
+        if not sheet.any() and not self._operator.mean.any():
+            return
+        self.share = self._solved + self._added @ self.around.weights.T
+        for part, field in zip(self._parts, self._field @ sheet):
+            self._factor[part] = np.exp(-0.5 * field)
+        self.impedance = self._even * self._factor[:, None] * self._factor
+
+    @property
+    def _added(self) -> np.ndarray:
+        """(n, m) what the sheet adds to H at the nodes around."""
+        return self._operator.added_at(self._sheet, self.around.nodes)
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """(2, n, P) change of H with the place, 1/m."""
+        inverse, operator = self._operator._inverse[:-1, :-1], self._operator
+        out = np.matmul(self._steep, inverse).transpose(0, 2, 1)
+        if not self._sheet.any() and not operator.mean.any():
+            return out
+        return out + np.matmul(self._added, self.around.slopes.transpose(0, 2, 1))
+
+    @cached_property
+    def _steep(self) -> np.ndarray:
+        """(2, P, n) change of the potentials of the electrodes with the place, ohm/m."""
+        return self._operator.potentials.steep(self._places, self._stencil)
 
     def impedance_slope(self, part: slice, near: np.ndarray):
         """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
@@ -408,8 +439,7 @@ class Patches:
         mutual = self._operator.mutual
         of_all = self.around, self._charges
         out, grown = mutual.slope(self._places, self._radii, part, near, *of_all)
-        points, weights, slopes = self._stencil
-        alone = mutual.alone_slope((points[part], weights[part], slopes[:, part])) / 2
+        alone = mutual.alone_slope(self._stencil, part) / 2
         out += alone[..., None] * ((near >= part.start) & (near < part.stop))
         out -= np.matmul(self._steep[:, part], self._solved[:, near])
         factor = self._factor[part, None] * self._factor[near]

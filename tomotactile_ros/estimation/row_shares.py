@@ -58,7 +58,7 @@ class Shares:
         """(n, K) what the sheet adds to H of an even one, with a `stencil` of the lattice."""
         if self._added is None:
             return 0.0
-        points, weights, _ = stencil
+        points, weights = stencil.points, stencil.weights
         return np.matmul(weights[:, None], self._added[points])[:, 0].T
 
     def _cell(self, key: tuple, step: float):

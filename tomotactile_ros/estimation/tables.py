@@ -9,6 +9,7 @@ electrode and far less elsewhere.
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 
@@ -38,20 +39,13 @@ class Lattice:
         axes = [s + h * np.arange(n) for s, h, n in zip(self._start, self.step, self._counts)]
         self.points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
-    def stencil(self, places: np.ndarray):
-        """Points (Q, 16) around `places` (Q, 2), their weights (Q, 16), and of the slopes
-        (2, Q, 16), 1/m."""
+    def stencil(self, places: np.ndarray) -> Stencil:
+        """At `places` (Q, 2), m."""
         at = (places - self._start) / self.step
         low = np.clip(np.floor(at).astype(int), 1, self._counts - 3)
         part = np.clip(at - low, 0.0, 1.0)
-        weights, slopes = _convolution(part)
-        slopes = slopes / self.step[:, None]
         first = (low[:, 0] - 1) * self._counts[1] + low[:, 1] - 1
-        x, y = weights[:, 0], weights[:, 1]
-        dx, dy = slopes[:, 0], slopes[:, 1]
-        both = np.einsum("kqi,kqj->kqij", np.array([x, dx, x]), np.array([y, y, dy]))
-        both = both.reshape(3, len(places), 16)
-        return first[:, None] + self._offsets, both[0], both[1:]
+        return Stencil(first[:, None] + self._offsets, part, self.step)
 
     def around(self, x: float, y: float):
         """Points (16,) around one place, m, and weights (3, 16) of the value and of both slopes, 1/m:
@@ -79,30 +73,54 @@ class Lattice:
         return cls(size, int(np.clip(np.ceil(size.max() / pitch * _PER_PITCH), *_POINTS)))
 
 
+class Stencil:
+    """Points (Q, 16) of a lattice around each of Q places, at the positions `part` (Q, 2) between the
+    middle ones, `step` (2,), m, apart."""
+
+    def __init__(self, points: np.ndarray, part: np.ndarray, step: np.ndarray):
+        self.points, self._part, self._step = points, part, step
+        t = part[..., None]
+        self._along = t ** np.arange(4) @ _KEYS  # (Q, 2, 4) four neighbours each way
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """(Q, 16)."""
+        return self._both(self._along[:, 0], self._along[:, 1])
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """(2, Q, 16) weights of the slopes, 1/m."""
+        t = self._part[..., None]
+        slopes = np.concatenate([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=-1)
+        slopes = slopes @ _KEYS / self._step[:, None]
+        x, y = self._along[:, 0], self._along[:, 1]
+        return np.array([self._both(slopes[:, 0], y), self._both(x, slopes[:, 1])])
+
+    def _both(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return (x[:, :, None] * y[:, None]).reshape(-1, 16)
+
+
 class Around:
     """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes
     (2, Q, m), 1/m."""
 
     def __init__(self, lattice: Lattice, places: np.ndarray):
-        points, weights, slopes = lattice.stencil(places)
+        self._stencil = lattice.stencil(places)
         used = np.zeros(len(lattice.points), bool)
-        used[points] = True
+        used[self._stencil.points] = True
         self.nodes = np.flatnonzero(used)
         at = np.empty(len(used), int)
         at[self.nodes] = np.arange(len(self.nodes))
-        own = np.arange(len(places))[:, None]
-        all_three = np.zeros((3, len(places), len(self.nodes)))
-        all_three[:, own, at[points]] = [weights, *slopes]
-        self.weights, self.slopes = all_three[0], all_three[1:]
+        self._at = np.arange(len(places))[:, None], at[self._stencil.points]
+        self.weights = np.zeros((len(places), len(self.nodes)))
+        self.weights[self._at] = self._stencil.weights
 
-
-def _convolution(part: np.ndarray):
-    """Weights (Q, 2, 4) of four neighbours for the positions `part` (Q, 2) between the middle two,
-    and their slopes."""
-    t = part[..., None]
-    powers = np.concatenate([np.ones_like(t), t, t**2, t**3], axis=-1)
-    slopes = np.concatenate([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=-1)
-    return powers @ _KEYS, slopes @ _KEYS
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        out = np.zeros((2, *self.weights.shape))
+        for slopes, of_stencil in zip(out, self._stencil.slopes):
+            slopes[self._at] = of_stencil
+        return out
 
 
 _KEYS = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
@@ -166,16 +184,16 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray, radii: np.ndarray | None = None, stencil=None):
+    def __call__(self, places: np.ndarray, radii: np.ndarray | None = None):
         """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m.
 
         With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but
         where a disc reaches an electrode, a ring: there the logarithm is averaged over the disc and
-        the ring. `stencil` : of `lattice` around the places, where it is known.
+        the ring.
         """
-        points, weights, slopes = stencil or self.lattice.stencil(places)
-        around = self._values[points]
-        smooth = np.matmul(np.stack([weights, *slopes], axis=1), around)
+        stencil = self.lattice.stencil(places)
+        around = self._values[stencil.points]
+        smooth = np.matmul(np.stack([stencil.weights, *stencil.slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
         values = smooth[:, 0] + singular
         rate = -self._scale / squared
@@ -183,6 +201,19 @@ class PotentialTable:
             self._averaged(apart, radii, values, rate)
         steep = rate[..., None] * apart
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+
+    def values(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
+        """(Q, n) potentials at `places` (Q, 2), ohm, `stencil` of `lattice` there: `__call__` without
+        slopes and discs."""
+        smooth = np.matmul(stencil.weights[:, None], self._values[stencil.points])[:, 0]
+        return smooth + self._logarithm(places)[0]
+
+    def steep(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
+        """(2, Q, n) slopes of `values`, ohm/m."""
+        smooth = np.matmul(stencil.slopes.transpose(1, 0, 2), self._values[stencil.points])
+        _, apart, squared = self._logarithm(places)
+        steep = (-self._scale / squared)[..., None] * apart
+        return smooth.transpose(1, 0, 2) + steep.transpose(2, 0, 1)
 
     def at(self, x: float, y: float, radius: float) -> np.ndarray:
         """(3, n) mean potential of one disc, ohm, and its slopes, ohm/m: `__call__` of a single
@@ -322,22 +353,21 @@ class MutualTable:
 
     def _own_part(self, places, radii):
         """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
-        points, weights, _ = self._coarse.stencil(places)
+        stencil = self._coarse.stencil(places)
+        points, weights = stencil.points, stencil.weights
         block = self._smooth[points[:, :, None], points[:, None, :]]
         smooth = np.einsum("pi,pij,pj->p", weights, block, weights)
         smooth += self.induced.own(places)
         return smooth + self._logarithm(places, radii, own_only=True)
 
-    def alone(self, stencil) -> np.ndarray:
+    def alone(self, stencil: Stencil) -> np.ndarray:
         """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials'
         lattice around them."""
-        points, weights, _ = stencil
-        return np.einsum("pi,pi->p", weights, self._own[points])
+        return np.einsum("pi,pi->p", stencil.weights, self._own[stencil.points])
 
-    def alone_slope(self, stencil) -> np.ndarray:
-        """(2, P) change of `alone` with the place, ohm/m."""
-        points, _, slopes = stencil
-        return np.einsum("dpi,pi->dp", slopes, self._own[points])
+    def alone_slope(self, stencil: Stencil, part: slice) -> np.ndarray:
+        """(2, p) change of `alone` of the places `part` with the place, ohm/m."""
+        return np.einsum("dpi,pi->dp", stencil.slopes[:, part], self._own[stencil.points[part]])
 
     def __call__(
         self,

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
-from functools import wraps
+from functools import cached_property, wraps
 from itertools import pairwise
 
 import numpy as np
@@ -157,18 +157,30 @@ class Touches:
         self.patches = Patches(
             operator, self.places, self.radii, self.parts, contacts[:, [X, Y, RADIUS]], sheet
         )
-        self.share, self.impedance = self.patches.share, self.patches.impedance
         self.covered = np.array([self.weight[p].sum() for p in self.parts])
         self.covered = np.maximum(self.covered + self.direct.sum(axis=1), 1e-9)
-        self.mean = np.array(
-            [self.weight[p] @ self.impedance[p, p] @ self.weight[p] for p in self.parts]
-        )
-        self.mean = self.mean / self.covered**2
+        self._take(sheet)
+
+    def _take(self, sheet: np.ndarray) -> None:
+        """What depends on the coefficients of the sheet."""
+        self._sheet = sheet
+        self.share, self.impedance = self.patches.share, self.patches.impedance
+        mean = [self.weight[p] @ self.impedance[p, p] @ self.weight[p] for p in self.parts]
+        self.mean = np.array(mean) / self.covered**2
 
     def stronger(self, contacts: np.ndarray) -> Touches:
         """The same with contacts (k, 6) that differ in their conductance only."""
         other = copy(self)
         other.contacts = contacts
+        return other
+
+    def on(self, sheet: np.ndarray) -> Touches:
+        """The same on the sheet with other coefficients (J,)."""
+        if sheet is self._sheet:
+            return self
+        other = copy(self)
+        other._known, other.patches = {}, self.patches.on(sheet)
+        other._take(sheet)
         return other
 
     def _place(self, places, radii, area):
@@ -194,6 +206,11 @@ class Touches:
         steep = (area * grows / radii)[:, None] * inwards, -area * grows * beyond / radii
         rising = (rises / radii)[:, None] * way, -rises * (distance - layout.radius) / radii
         self._on = there * area, off, steep, rising
+
+    @cached_property
+    def kernel(self) -> np.ndarray:
+        """(n, P) of `Displacement`, at all patches."""
+        return self.operator.displacement.kernel(self.places)
 
     @_once
     def moves(self, i: int) -> np.ndarray:
