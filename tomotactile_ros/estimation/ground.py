@@ -7,6 +7,7 @@ wrong place, would explain them.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -99,24 +100,33 @@ def rows_are_alike(
     few = lifted.sum() ** 2 < 0.5 * len(lifted) * (lifted**2).sum()
     if differ < noise or few:
         return False
-    apart = np.linalg.norm(grounded[:, None] - places, axis=2)
-    apart[apart == 0] = np.inf
-    near = valid & (apart <= 1.001 * np.partition(apart, _NEAREST - 1)[:, [_NEAREST - 1]])
-    far = valid & ~near & np.isfinite(apart)
+    near, far = (valid & each for each in _near_and_far(grounded.tobytes(), places.tobytes()))
     counts = max(np.count_nonzero(near), 1), max(np.count_nonzero(far), 1)
     lowered = left[far].sum() / counts[1] - left[near].sum() / counts[0]
     scatter = np.sqrt((left**2).sum() / number * (1 / counts[0] + 1 / counts[1]))
     return bool(scatter < _KNOWN_TO * differ and lowered < _LOWERED * differ)
 
 
+@lru_cache(maxsize=8)
+def _near_and_far(grounded: bytes, places: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """(L, n) each: which of `places` (n, 2) are the nearest to those of the electrodes `grounded` (L, 2),
+    and which of the others are not the same; both as bytes of float64."""
+    at, to = (np.frombuffer(each).reshape(-1, 2).T for each in (grounded, places))
+    apart = np.hypot(*(np.subtract.outer(a, b) for a, b in zip(at, to)))
+    apart[apart == 0] = np.inf
+    near = apart <= 1.001 * np.partition(apart, _NEAREST - 1)[:, [_NEAREST - 1]]
+    return near, ~near & np.isfinite(apart)
+
+
 def _without_means(rows: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(L,) part of each row, and (L, n) rows without it and without that of each channel."""
+    read = valid.astype(float)
+    in_row, in_channel = (np.maximum(read.sum(axis=axis), 1) for axis in (1, 0))
+    by_row, by_channel = (np.where(valid, rows, 0.0).sum(axis=axis) for axis in (1, 0))
     of_rows, of_channels = np.zeros(len(rows)), np.zeros(rows.shape[1])
-    in_row = np.maximum(np.count_nonzero(valid, axis=1), 1)
-    in_channel = np.maximum(np.count_nonzero(valid, axis=0), 1)
     for _ in range(_ROUNDS):
-        of_rows = np.where(valid, rows - of_channels, 0.0).sum(axis=1) / in_row
-        of_channels = np.where(valid, rows - of_rows[:, None], 0.0).sum(axis=0) / in_channel
+        of_rows = (by_row - read @ of_channels) / in_row
+        of_channels = (by_channel - of_rows @ read) / in_channel
     return of_rows, np.where(valid, rows - of_rows[:, None] - of_channels, 0.0)
 
 
