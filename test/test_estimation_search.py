@@ -5,6 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tomotactile_ros.bench import trials as bench
+from tomotactile_ros.bench.sensor.readings import potentials, readings
+from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.estimator import Estimator, State
@@ -14,6 +17,7 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -432,3 +436,43 @@ def test_contacts_beyond_the_outermost_electrodes(disc, seed):
     off = np.array([contact.x - disc[0], contact.y - disc[1]])
     assert np.hypot(*off) < 2.5e-3
     assert off @ np.linalg.solve(np.reshape(contact.covariance, (2, 2)), off) < 6  # 95 %
+
+
+def test_a_disc_that_covers_an_electrode_is_found_in_its_size():
+    """From the typical radius it ended beside the electrode, with the sheet bent to it: 0.19 mm and 4 % off,
+    said to be known to 0.05 mm. Frames of another model."""
+    pressed = states("textbook-8x8", most=11)
+    frame = readings(potentials(pressed.seen[10]), seed=(10, 1))
+    pipeline = Pipeline(pressed.layout, Settings("accurate", noise=NOISE, contact_law=bench.LAW))
+    (contact,) = pipeline.process(frame, np.arange(64), bench.DRIVE).contacts
+    (true,) = pressed.truths[10]
+    assert np.hypot(contact.x - true["x"], contact.y - true["y"]) < 0.1e-3
+    assert contact.radius == pytest.approx(true["radius"], rel=0.05)
+
+
+def test_contacts_that_fade_away_are_not_needed_for_ever():
+    """Whether they are is not asked in every frame: 12 % less in each is a small change each time."""
+    state, seen = State(), []
+    for number in range(60):
+        fading = 2e4 * 0.88**number
+        discs = ONE + ((-0.05, -0.04, 0.004, fading),) * (fading > 10)
+        frame = simulate("4x4", discs, sequence=number)
+        found = estimator("4x4").estimate(frame, np.arange(16), DRIVE, state)
+        assert found.state == "valid" and len(found.contacts) in (1, 2)
+        seen.append(len(found.contacts))
+        for contact in found.contacts:
+            apart = [np.hypot(contact.x - x, contact.y - y) for x, y, *_ in ONE + TWO]
+            assert min(apart) < 5e-3
+    assert seen[0] == 2 and seen[-1] == 1
+
+
+@pytest.mark.parametrize("pressure", [25, 18, 13])
+def test_a_contact_hardly_above_the_noise_is_an_answer_or_a_reason(pressure):
+    """Z is then nearly the same everywhere, as of an untouched sheet: sums of its differences must not
+    vanish. No overflow, and no contact that is much stronger."""
+    for sequence in (19, 21, 22):
+        frame = simulate("8x8", [(0.01, 0.01, 0.002, pressure)], sequence=sequence)
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            found = estimate("8x8", frame)
+        assert found.state == "valid" or found.reason
+        assert sum(contact.force for contact in found.contacts) < 0.01

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tomotactile_ros.estimation.channels import ChannelFit
 from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.forward import RATED, Prediction, Unknowns
 from tomotactile_ros.estimation.observation import same_rows
 from tomotactile_ros.estimation.prior import Prior, same_sensor
 from tomotactile_ros.estimation.touch import CONDUCTANCE, LONGEST, RADIUS, STRETCH, X, Y
@@ -31,6 +31,9 @@ FIRST_DAMPING = 1e-3
 _ROUNDING = 1e-11  # of the diagonal of the normal matrix
 # spacings that contacts move before derivatives by the sheet are taken anew, and as much in form
 SIMILAR = 0.04
+# the same for what was asked of them: whether they are needed, and which are one
+SAME = 0.1
+_ALIKE = 0.1  # of the largest admittance that a shape adds: the same for shapes
 _STILL = 0.01  # the same for derivatives by the contacts
 # of `Prediction.answering`: with more between them, equations of one fit tell wrong deviations of another
 _BENT = 0.02
@@ -53,14 +56,20 @@ class SheetColumns:
         shape = len(weighted), fit.misfit.size
         self.flat, self.weighted = self.columns.reshape(shape), weighted.reshape(shape)
         self.normal = self.weighted @ self.flat.T
-        self._rows, self._contacts = fit.rows, fit.unknowns.contacts
+        self._rows, self._unknowns = fit.rows, fit.unknowns
+        self._added = None if fit.unknowns.bond is None else fit.prediction.added
 
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit."""
-        contacts = fit.unknowns.contacts
-        return same_rows(self._rows, fit.rows) and similar(
-            contacts, self._contacts, fit.operator.pitch
-        )
+        known, here = self._unknowns, fit.unknowns
+        if (
+            known.bond is not None and here.bond is not None
+        ):  # neighbours may exchange what they conduct
+            added = fit.prediction.added
+            near = bool(np.abs(added - self._added).max() < _ALIKE * np.abs(added).max())
+        else:
+            near = similar(here.contacts, known.contacts, fit.operator.pitch)
+        return near and same_rows(self._rows, fit.rows)
 
 
 def similar(
@@ -190,6 +199,16 @@ class Equations:
         mixed = scaled[count:, :count]
         return 1 - np.einsum("jf,jf->f", mixed, np.linalg.solve(scaled[count:, count:], mixed))
 
+    @property
+    def prediction(self) -> Prediction:
+        """At the fit that they are of."""
+        return self._fit.prediction
+
+    @cached_property
+    def by_ways(self) -> np.ndarray:
+        """(F, k) `response` to a change of the logarithm of D of each contact."""
+        return self.response(self.prediction.way_columns())
+
     def response(self, misfits: np.ndarray) -> np.ndarray:
         """(F, m) how the contacts' parameters answer to `misfits` (m, L, n), all else marginal."""
         if not len(misfits):
@@ -225,6 +244,19 @@ class Equations:
         right -= follow.T @ along.right
         return float(right @ np.linalg.lstsq(normal, right, rcond=1e-12)[0])
 
+    def unevenness(self, fit: Fit) -> float:
+        """How much more uneven the sheet of a `fit` near is than was expected: the root of what its
+        coefficients cost for each of them that readings tell (evidence procedure; MacKay 1992), at
+        least 1."""
+        prior, modes = fit.prior, fit.operator.modes
+        expected = _sheet_block(prior, modes)
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
+        left = (inverse * scale[:, None] * scale)[-modes:, -modes:]
+        apart = fit.unknowns.sheet - prior.sheet
+        told = max(modes - float((left * expected).sum()), 1.0)
+        return max(float(np.sqrt(apart @ expected @ apart / told)), 1.0)
+
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit, of other readings: how fast the solver
         converges depends on them, and the covariance."""
@@ -248,17 +280,18 @@ class Equations:
 
 
 class Linear(Contacts):
-    """Normal equations of contacts and sheet at a fit, channels eliminated.
+    """Normal equations of contacts and sheet at a fit, channels eliminated; `anew` : without those known
+    but for derivatives by the sheet.
 
     equations : all of them but the right side, from a fit nearby or anew
     alone : steps of the channels if nothing else moves, see `ChannelFit.pulled`
     """
 
-    def __init__(self, fit: Fit, known: Equations | None = None):
+    def __init__(self, fit: Fit, known: Equations | None = None, anew: bool = False):
         self.fit = fit
         pull = contact_priors(fit)[1]
         self.free = len(pull)
-        if known is None or not known.serves(fit):
+        if known is None or anew or not known.serves(fit):
             super().__init__(fit)
             known = Equations(self, None if known is None else known.sheet)
         self.equations, self.normal, self.stiffness = known, known.normal, known.stiffness

@@ -14,7 +14,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.equations import Equations, similar
+from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtful, rows_are_alike
@@ -55,6 +55,10 @@ from tomotactile_ros.scenes.contact import ContactLaw
 
 # why an electrode is left out
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
+AT_END = (
+    "most readings are at the end of the converter's range, and no contacts explain the others: what presses "
+    "is too much to tell how much"
+)
 CHANGED = "something changed within the last rows, and no contacts explain them"
 # resistances to ground below 0, in parts of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
@@ -77,6 +81,9 @@ _WINDOW = 4
 _SAME_TIME = 1e-6  # s
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
+# of the readings at an end of the converter's range, and chi-squared per reading that the others leave then
+# at the most (400 N on a sheet of 200 mm: 0.69, and 1 of 5 frames said 263 +- 17 N; 200 N: 0.54 and 1.3)
+_MOSTLY_AT_END, _LEFT_AT_END = 0.6, 1.5
 _DRIFTED = 0.05  # spacings that a contact which rested has moved in a frame, as rows say
 # steps and patches of a fit of contacts that go on moving: if these do not do, the motion has changed,
 # which rows show
@@ -120,6 +127,7 @@ class State:
     used: tuple[int, ...] = ()
     misfit: float = 1.0  # chi-squared per reading that it left, at least 1
     refused: float = 0.0  # what one more contact promised and did not keep
+    needed: np.ndarray | None = None  # `Fit.needed` of the last fit
     fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
     joined: tuple[np.ndarray, np.ndarray] | None = (
         None  # discs, and the contact that each is part of
@@ -128,7 +136,7 @@ class State:
 
     def forget(self) -> None:
         self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
-        self.misfit, self.refused = 1.0, 0.0
+        self.misfit, self.refused, self.needed = 1.0, 0.0, None
 
 
 class Estimator:
@@ -254,7 +262,9 @@ class Estimator:
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
         prior = self._prior(search.operator, drive_voltage, noise)
-        valid &= ~self._ended(voltages, used, prior)
+        ended = valid & self._ended(voltages, used, prior)
+        at_end = np.count_nonzero(ended) > _MOSTLY_AT_END * np.count_nonzero(valid)
+        valid &= ~ended
         rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times, noise)
         for electrode in silent:
             left_out.setdefault(int(electrode), "it is never grounded: its switch or wire is open")
@@ -307,8 +317,11 @@ class Estimator:
             state.sensor = fit
         state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
+        state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit, torn, noise), fit.chi_squared / fit.rows.count
+        if at_end and misfit > _LEFT_AT_END:
+            reason = AT_END
         variance = scatter(fit)
         seen = None if variance is None else (variance, fit.rows.count)
         if reason:
@@ -395,11 +408,12 @@ class Estimator:
             followed = None
         there = None if start is None else self._there(search, start, rows, prior, state)
         whole = len(rows.grounded)
-        goes_on = not (begun or there is None) and search.goes_on(
+        touched = search.untouched(rows, prior) is None
+        ended = not (touched or start is None) and len(start.contacts) > 0
+        goes_on = not (begun or there is None or ended) and search.goes_on(
             there, state.misfit, state.equations
         )
-        touched = not goes_on and search.untouched(rows, prior) is None
-        if touched:
+        if touched and not goes_on:
             self._look_at_noise(search, rows, prior, noise)
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
@@ -416,7 +430,7 @@ class Estimator:
                     there = Fit(search.operator, there.unknowns, kept, prior)
                 rows = kept
             fit = search.contacts(
-                rows, prior, there, budget, state.equations, refused, state.misfit
+                rows, prior, there, budget, state.equations, refused, state.misfit, state.needed
             )
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)
@@ -427,7 +441,7 @@ class Estimator:
             return late, whole - len(late.rows.grounded), False
         if fit.chi_squared > _CHANGING * state.misfit * rows.count:
             fit = search.in_motion(fit)
-        if _is_suspect(fit) and start is not None and alike == whole:
+        if _is_suspect(fit) and start is not None and len(start.contacts) and alike == whole:
             rows = judge(rows, False) if goes_on else rows
             again = search.contacts(rows, prior)
             fit = _better(fit, again) if rows is fit.rows else again
@@ -484,7 +498,7 @@ class Estimator:
         moves = (np.hypot(*by_rows.velocities.T) > SLIDING).any()
         there = there.after(ahead) if moves else there.in_motion(False)
         state.unknowns, state.used, state.equations, state.fit = there, used, None, None
-        state.misfit, state.refused = 1.0, 0.0
+        state.misfit, state.refused, state.needed = 1.0, 0.0, None
         return by_rows.estimate
 
     def _there(
@@ -610,7 +624,8 @@ class Estimator:
         """(k,) the contact that each disc of a fit belongs to; asked anew where discs have
         changed."""
         contacts = fit.unknowns.contacts
-        if state.joined is None or not similar(contacts, state.joined[0], fit.operator.pitch):
+        known = state.joined
+        if known is None or not similar(contacts, known[0], fit.operator.pitch, SAME):
             state.joined = contacts, groups(fit, search.allows)
         return state.joined[1]
 

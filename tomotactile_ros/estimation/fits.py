@@ -117,9 +117,9 @@ class Fits:
         return wanted if more > 0 or more < -2 else before
 
     def _coarse(self, unknowns: Unknowns) -> Unknowns:
-        """The same with no more patches than contacts that move are allowed."""
+        """The same with no more patches than so many contacts, or those that move, are allowed."""
         most = self._most_across(unknowns)
-        if not np.any(unknowns.moving) or max(unknowns.across, default=0) <= most:
+        if max(unknowns.across, default=0) <= most:
             return unknowns
         return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
 
@@ -252,6 +252,7 @@ class Fits:
                 break
             fit = fewer
         self._simple = self._without_idle(fit)
+        self._simple.needed = self._simple.unknowns.contacts
         return self._simple
 
     def _gathered(self, fit: Fit) -> Fit:

@@ -52,6 +52,7 @@ class Fitted:
 
     used : electrodes; unknowns, covariance, chi_squared : of the fit; count : of its readings
     lasts : s from the time of the unknowns to that of the last row
+    uneven : `Equations.unevenness` of the sheet
     """
 
     used: tuple[int, ...]
@@ -60,6 +61,7 @@ class Fitted:
     chi_squared: float
     count: int
     lasts: float
+    uneven: float = 1.0
 
     @classmethod
     def of(cls, fit: Fit) -> Fitted:
@@ -72,6 +74,7 @@ class Fitted:
             fit.chi_squared,
             max(fit.rows.count, 1),
             0.0 if times is None else float(times.max()),
+            fit.equations.unevenness(fit),
         )
 
 
@@ -112,7 +115,7 @@ def corrected(
     ended : whether rows saw something end within the frame or the one before: it may show it still
     """
     operator, fit, belief = follower.operator, seen.fit, state.belief
-    found = fit.unknowns.after(fit.lasts)
+    found, state.uneven = fit.unknowns.after(fit.lasts), fit.uneven
     since = max(state.time - seen.ended, 0.0)
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
     slide = {} if confused else sliding(belief)

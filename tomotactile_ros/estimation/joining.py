@@ -42,6 +42,8 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarra
     """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
     readings of a fit allow other contacts as well, or do not ask for one contact more than those."""
     contacts, bars = fit.unknowns.contacts, np.array(fit.unknowns.across) < 0
+    if len(contacts) < 2:
+        return np.zeros(len(contacts), int)
     reach = _reaches(contacts, bars)
     most = np.where(bars, 1.0, TOUCHING)[:, None] * reach
     touching = _nearest(fit) < most + most.T

@@ -16,7 +16,8 @@ from tomotactile_ros.scenes.contact import ContactLaw
 # well that a contact conducts
 _CERTAIN = 3.0
 _LIKELY = 1.0  # the same where no contact is certain: its deviations say how little is known
-# spacings: what the model of electrodes and contacts errs in places, standard deviation
+# spacings: what the model of electrodes and contacts errs in places, standard deviation; as many times as
+# much as the sheet is more uneven than was expected, as the model is of first order in that
 PLACE_FLOOR = 1.5e-3
 # the same of wide contacts, radii, for each spacing that the radius is long: their patches are wide, too
 WIDE_FLOOR = 5e-3
@@ -91,11 +92,12 @@ def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Cont
     if not len(fit.unknowns.contacts):
         return [], np.empty(0, int)
     # what is wrong with D of each contact bends all that is fitted
-    bent = IMPEDANCE_FLOOR * fit.equations.response(fit.prediction.way_columns())
+    bent = IMPEDANCE_FLOOR * fit.equations.by_ways
     covariance = fit.covariance * fit.doubt + bent @ bent.T
     certainties = _certainties(fit, covariance, group)
     which = np.flatnonzero(certainties >= _LIKELY**2)
-    found = [_contact(fit, i, covariance, bent, certainties[i], law) for i in which]
+    floor = PLACE_FLOOR * fit.operator.pitch * fit.equations.unevenness(fit)
+    found = [_contact(fit, i, covariance, bent, certainties[i], law, floor) for i in which]
     sure = certainties[which] > _CERTAIN**2
     likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
     order = sorted(likely, key=lambda i: -found[i].force)
@@ -103,12 +105,18 @@ def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Cont
 
 
 def _contact(
-    fit: Fit, i: int, covariance: np.ndarray, bent: np.ndarray, certainty: float, law: ContactLaw
+    fit: Fit,
+    i: int,
+    covariance: np.ndarray,
+    bent: np.ndarray,
+    certainty: float,
+    law: ContactLaw,
+    floor: float,
 ) -> Contact:
     """Disc i of a fit.
 
     covariance (F, F) of the contacts' parameters; bent (F, k) how these answer to a standard
-    deviation of D of each contact
+    deviation of D of each contact; floor : of the deviation of its place, m
     """
     u, operator, prediction = fit.unknowns, fit.operator, fit.prediction
     free = u.free[i]
@@ -123,10 +131,11 @@ def _contact(
     known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
     g = known * covered
     pressure = float(law.pressure(g / area))
-    slope = prediction.force_slope(i, law.exponent)[free]
+    there = fit.equations.prediction  # near, and its derivatives are known
+    slope = there.force_slope(i, law.exponent)[free]
     noise = slope @ fit.covariance[at, at] @ slope * fit.doubt
     ways = slope @ bent[at]
-    ways[i] -= IMPEDANCE_FLOOR * prediction.force_by_impedance(i, law.exponent)
+    ways[i] -= IMPEDANCE_FLOOR * there.force_by_impedance(i, law.exponent)
     unknown = ways @ ways + crowded(known, sheet) ** 2
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
     relative = np.inf if bare else min(relative, MOST_RELATIVE)
@@ -134,7 +143,7 @@ def _contact(
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
     wide = WIDE_FLOOR * radius**2 / operator.pitch
-    place = place + np.eye(2) * ((PLACE_FLOOR * operator.pitch) ** 2 + wide**2)
+    place = place + np.eye(2) * (floor**2 + wide**2)
     place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * fit.doubt
     return Contact(
         float(x),
@@ -184,7 +193,7 @@ def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndar
     slopes = np.zeros((len(group), free.size))
     for i, strength in enumerate(strengths):
         slopes[group[i], i * free.shape[1] :][: free.shape[1]] += (
-            strength * prediction.strength_slope(i)
+            strength * fit.equations.prediction.strength_slope(i)
         )
     slopes = slopes[:, free.ravel()]
     count = slopes.shape[1]

@@ -64,6 +64,7 @@ class _Cells:
         self._by_ways = self.forces * np.array(by_ways)
         self._covariance = fit.covariance[:count, :count] * fit.doubt
         self._ways = prediction.way_columns()
+        self._uneven = fit.equations.unevenness(fit)
 
     def together(self, which: np.ndarray) -> tuple[Contact, np.ndarray]:
         """The contact that the cells `which` (m,) are, and those of them that press."""
@@ -99,7 +100,8 @@ class _Cells:
             conductance *= least
             less = least ** (1 / self._exponent)
             force, pressure = force * less, pressure * less
-        floor = (PLACE_FLOOR * fit.operator.pitch) ** 2 + (CELL_PLACE * side * coarse) ** 2
+        floor = (PLACE_FLOOR * fit.operator.pitch * self._uneven) ** 2
+        floor += (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
         contact = Contact(
             float(place[0]),

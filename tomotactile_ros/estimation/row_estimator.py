@@ -407,7 +407,7 @@ class RowEstimator:
                 off = _OFF_CENTRE * float(np.exp(contacts[i, 3]))
                 covariance = covariance + np.diag([off**2, off**2, 0.0, 0.0, 0.0])
             size = belief.sizes[i, 1] + grown**2
-            reported = self._contact(touches, contacts[i], size, mean, covariance)
+            reported = self._contact(touches, contacts[i], size, mean, covariance, rows.uneven)
             found.append((number, max(rows.time - belief.begun[i], 0.0), reported))
         if found and state.ground.alike:
             return Followed([], "withheld", ALIKE)
@@ -447,7 +447,9 @@ class RowEstimator:
             state.means[number] = kept
         return kept[1], kept[2]
 
-    def _contact(self, touches: Touches, contact, size_variance, mean, covariance) -> Contact:
+    def _contact(
+        self, touches: Touches, contact, size_variance, mean, covariance, uneven: float
+    ) -> Contact:
         touches.contacts[0, 2] = contact[2]
         g, by_strength, by_mean = touches.conductance(0)
         way = float(touches.mean[0])
@@ -462,7 +464,7 @@ class RowEstimator:
         relative += FORCE_FLOOR**2 + (IMPEDANCE_FLOOR * by_mean * way / m) ** 2
         relative += crowded(g, operator.resistance) ** 2
         relative = math.inf if bare else min(math.sqrt(relative), MOST_RELATIVE)
-        floor = (PLACE_FLOOR * operator.pitch) ** 2
+        floor = (PLACE_FLOOR * operator.pitch * uneven) ** 2
         (xx, xy), (yx, yy) = covariance[:2, :2].tolist()
         x, y, vx, vy = mean[:4].tolist()
         radius = math.sqrt(area / math.pi)

@@ -181,6 +181,7 @@ class RowState:
     unfaded : s for which what rows say of the sensor has not faded yet
     untouched : whether the last row is that of an untouched sheet
     misfit : chi-squared per reading of the last row, against what was expected of it
+    uneven : `Equations.unevenness` of the sheet, as the last frame had it
     read : rows so far; touched_at_once : whether it is the first row that confused
     time : s, of the last row; last : highest number given; unexplained : rows in a row that no
         contacts explain
@@ -200,6 +201,7 @@ class RowState:
     unfaded: float = 0.0
     untouched: bool = False
     misfit: float = 0.0
+    uneven: float = 1.0
     read: int = 0
     touched_at_once: bool = False
     sums: np.ndarray | None = None

@@ -29,7 +29,7 @@ from tomotactile_ros.estimation.arrangement import (
     resting,
 )
 from tomotactile_ros.estimation.detection import Detector
-from tomotactile_ros.estimation.equations import Contacts, Equations, Linear
+from tomotactile_ros.estimation.equations import SAME, Contacts, Equations, Linear, similar
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.fits import DYNAMIC, MISFIT, SIZES, Fits
@@ -62,11 +62,17 @@ _FORM = 4  # parameters of a disc
 CUT_OFF = (2 * np.pi) ** -0.5
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
+_MEETS = 1.1  # of its radius: how far from a disc's centre the rim of an electrode is that it meets
+# chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
+# size: 1.0 to 1.3, of a wrong one 1.7 and more
+_NEAR = 1.5
+_DEAR = 0.5  # spacings: wider discs take longer to fit than a shape
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
+_FEW = 3  # discs beside each other that may be fingertips where one contact explains as much
 _SEVERAL = 8  # picks: what shows more in a first look is one wide thing, or several
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
@@ -114,6 +120,7 @@ class Search(Fits):
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._reciprocity: Reciprocity | None = None  # that of `reciprocity`
         self._quiet: tuple[Rows, Prior, Fit | None] | None = None  # that of `untouched`
+        self._rest: Equations | None = None  # of the untouched sheet, as expected
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
@@ -128,6 +135,7 @@ class Search(Fits):
         known: Equations | None = None,
         refused: float = 0.0,
         usual: float = 1.0,
+        needed: np.ndarray | None = None,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start`, a point of the
         same rows, on.
@@ -136,6 +144,8 @@ class Search(Fits):
         refused : what one more contact promised when an earlier fit ended; it was tried then, and
             is not again
         usual : chi-squared per reading that the fit left of which `start` is
+        needed : contacts (k, 6) that an earlier fit needed; as long as they are much the same they are
+            not asked for again
         """
         self._left, self._known, self._refused = budget, known, refused
         quiet = self.untouched(rows, prior)
@@ -155,6 +165,10 @@ class Search(Fits):
             if more is None:
                 break
             fit = more
+        contacts, pitch = fit.unknowns.contacts, self.operator.pitch
+        if needed is not None and similar(contacts, needed, pitch, SAME):
+            fit.needed = needed
+            return self._without_idle(fit)
         return self._simplified(fit)
 
     def _reshaped(self, start: Fit, usual: float) -> Fit:
@@ -164,7 +178,7 @@ class Search(Fits):
             return start
         if start.chi_squared > MISFIT * usual * start.rows.count:
             return self._first(self._at_rest(start.rows, start.prior))
-        return whole(again(start), self._threshold)
+        return whole(again(start), self._threshold, self._known)
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -349,7 +363,10 @@ class Search(Fits):
         squares = (rows.weights * (rows.readings - prior.offset) ** 2).sum()
         if squares > (rows.weights * largest).sum() + 2.0 * rows.count:
             return None
-        rest = solve(self.operator, resting(self.operator, prior), rows, prior)
+        expected = Fit(self.operator, resting(self.operator, prior), rows, prior)
+        if self._rest is None or not self._rest.serves(expected):
+            self._rest = Linear(expected).equations
+        rest = solve(self.operator, expected.unknowns, rows, prior, known=self._rest, at=expected)
         return None if self.sees_more(rest) else rest
 
     def sees_more(self, fit: Fit) -> bool:
@@ -378,16 +395,32 @@ class Search(Fits):
 
     def _of_any_size(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit:
         """Near discs at `points`, from other sizes as well where the typical one leads to none that
-        explain the readings with the sensor as expected: a disc that covers half an electrode may not
-        come to cover it, and the sheet would be bent to it."""
-        found = None
+        explain the readings with the sensor as expected, a single one unless it meets an electrode most: a
+        disc that covers half an electrode may not come to cover it, and the sheet would be bent to it. Of
+        several that sizes lead to, that which would leave the least with the sensor free, to first
+        order."""
+        found: list[Fit] = []
         for factor in sorted(SIZES, key=lambda factor: abs(np.log(factor))):
             seen = self._as_discs(points, like, factor)
             tried = self._approached(self._begun(seen, like, len(seen.contacts)))
-            found = tried if found is None or tried.cost < found.cost else found
-            if found.chi_squared < MISFIT * found.rows.count or self._together(points) > 2:
+            if self._together(points) > 2:
+                return tried
+            contacts, pitch = tried.unknowns.contacts, self.operator.pitch
+            if not any(similar(contacts, each.unknowns.contacts, pitch) for each in found):
+                found.append(tried)
+            left, enough = tried.chi_squared / tried.rows.count, MISFIT
+            if len(contacts) == 1:
+                enough = _NEAR if self._meets_electrode(contacts) else SUSPECT
+            if left < enough:
                 break
-        return found
+        return found[0] if len(found) == 1 else min(found, key=self._after_a_step)
+
+    def _meets_electrode(self, contacts: np.ndarray) -> bool:
+        """Whether one of contacts (k, 6) covers a part of an electrode, or nearly."""
+        layout, used = self.operator.layout, self.operator.used
+        apart = contacts[:, None, :2] - layout.positions[used]
+        gaps = np.hypot(*apart.transpose(2, 0, 1)).min(axis=1) - layout.radius
+        return bool((gaps < _MEETS * np.exp(contacts[:, RADIUS])).any())
 
     def _together(self, points: list[tuple[np.ndarray, float]]) -> int:
         """How many of `points` are near each other, at the most: three may be one long or wide thing."""
@@ -409,9 +442,10 @@ class Search(Fits):
             return found
         discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
         discs = self._as_few(discs, start.look, fit, False)
-        if found is None or found.unknowns.bond is None:
+        if found is not None and found.unknowns.bond is None:
             return self._likelier(found, discs)
-        return found if self._is_likelier(found, discs, first) else discs
+        shape = self._whole(first)
+        return shape if shape is not None and self._is_likelier(shape, discs, first) else discs
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -471,8 +505,9 @@ class Search(Fits):
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
         itself; None where neither is sure."""
         parts = self._split(self._parts(shape, rest), self._near)
-        left = self._after_a_step(parts)
-        if left > _POOR * parts.rows.count and self._outdoes(shape, parts, left):
+        contacts = parts.unknowns.contacts
+        dear = len(contacts) > 1 or np.exp(contacts[0, RADIUS]) > _DEAR * self.operator.pitch
+        if dear and self._outdoes(shape, parts):
             return self._whole(shape)
         found = self._simplified(self._solve(parts.unknowns, parts))
         if self._falls_short(found):
@@ -504,11 +539,14 @@ class Search(Fits):
             self._finished = cells, shape if good else None
         return self._finished[1]
 
-    def _outdoes(self, cells: Fit, parts: Fit, left: float) -> bool:
-        """Whether a shape is likelier than the best fit from `parts` on can be, to first order of the cost
-        `left`."""
+    def _outdoes(self, cells: Fit, parts: Fit) -> bool:
+        """Whether a shape that leaves nothing over is likelier than the best fit from `parts` on can be, to
+        first order: it takes long to find."""
+        left = self._after_a_step(parts)
+        if left < _POOR * parts.rows.count:
+            return False
         shape = self._whole(cells)
-        if shape is None:
+        if shape is None or shape.chi_squared > _LEFT_OVER * shape.rows.count:
             return False
         least = _least_after(left, shape)
         return self._has_more_evidence(shape, cells, least, parts.unknowns.free, shape.doubt)
@@ -615,7 +653,8 @@ class Search(Fits):
     def _as_one(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit | None:
         """The best fit of one contact in the place of each three or more `points` near each other, if it leaves
         nothing over: something long or wide, rather than several beside each other."""
-        if self._changing or self._together(points) < 3:
+        together = self._together(points)
+        if self._changing or together < 3:
             return None
         seen = self._as_discs(points, like)
         few = clustered(seen, self.operator.pitch)
@@ -625,6 +664,8 @@ class Search(Fits):
         found = self._simplified(self._solve(found.unknowns, found))
         if self._falls_short(found):
             return None
+        if together > _FEW:
+            return found
         discs = self._approached(self._begun(seen, like, len(seen.contacts)))
         left = self._after_a_step(discs)
         least = min(left, _least_after(left, found))

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 
-from tomotactile_ros.estimation.equations import Contacts, Linear, contact_priors
+from tomotactile_ros.estimation.equations import Contacts, Equations, Linear, contact_priors
 from tomotactile_ros.estimation.first_look import FirstLook, not_negative
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
@@ -41,8 +41,9 @@ _SHOWN = 0.02  # of the strongest cell of a linear image: what may be touched
 _BESIDE = 0.5  # spacings around that, which may be, too
 _LEAST = 1e-6  # of the strongest: as good as nothing
 _MORE = 1.2  # conductance of a cell in parts of one over its mean D, at the most
-_STEPS, _WHOLE = 15, 3  # of the cells alone, and of sheet and channels as well
+_STEPS, _WHOLE = 15, 6  # of the cells alone, and of sheet and channels as well
 _HALVINGS = 6  # of a step that does not lower the cost
+_LACKING = 1.1  # the same of what conducted by itself, from which on all cells are asked again
 _POOR = 1.05  # chi-squared a reading, from which on sheet and channels are fitted
 _SETTLED = 1.0  # of the cost: a step that gains less is the last
 _ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
@@ -78,7 +79,7 @@ class Shapes:
         if explains(fit):
             return fit
         even = Fit(like.operator, fit.unknowns, like.rows, like.prior.with_held_sheet())
-        fit = _descended(even, _WHOLE, Linear)
+        fit = _descended(even, _WHOLE, _Linearised())
         return Fit(like.operator, fit.unknowns, like.rows, like.prior, fit.prediction)
 
 
@@ -116,17 +117,40 @@ class Lattice:
         return replace(like.with_contacts(contacts, (-_ACROSS,) * count, free), bond=bond)
 
 
-def whole(fit: Fit, threshold: float) -> Fit:
+def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     """The best fit of the cells of `fit` that conduct, with its covariance; of sheet and channels as well
     where the cells alone leave more over than noise does. Without parts that cost, doubted, no more than
-    `threshold` if they are not there (Wald 1943), but for the strongest."""
-    fit = _of_those_that_conduct(fit)
-    if fit.chi_squared > _POOR * fit.rows.count:
-        fit = _of_those_that_conduct(_descended(fit, _WHOLE, Linear))
-    linear = Linear(fit)
+    `threshold` if they are not there (Wald 1943), but for the strongest. `known` : of a shape like it."""
+    linearised = _Linearised(known)
+    found = _with_sensor(_of_those_that_conduct(fit), linearised)
+    if found.chi_squared > _LACKING * found.rows.count:
+        # some of those that had nothing to explain while the sensor was held may conduct
+        found = min(found, _with_sensor(fit, linearised), key=lambda each: each.cost)
+    fit = found
+    linear = linearised(fit)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
     certain = _certain(fit, threshold * fit.doubt)
-    return fit if certain.all() else whole(_only(fit, certain), threshold)
+    return fit if certain.all() else whole(_only(fit, certain), threshold, fit.equations)
+
+
+def _with_sensor(fit: Fit, linearised: _Linearised) -> Fit:
+    """The best fit of the cells of `fit`, of sheet and channels as well if the cells alone leave more over
+    than noise does, without those that do not conduct."""
+    if fit.chi_squared < _POOR * fit.rows.count:
+        return fit
+    return _of_those_that_conduct(_descended(fit, _WHOLE, linearised))
+
+
+class _Linearised:
+    """`Linear` of one fit after the other, with what serves again of the equations `known` so far."""
+
+    def __init__(self, known: Equations | None = None):
+        self.known = known
+
+    def __call__(self, fit: Fit) -> Linear:
+        linear = Linear(fit, self.known)
+        self.known = linear.equations
+        return linear
 
 
 def _certain(fit: Fit, threshold: float) -> np.ndarray:
@@ -219,7 +243,7 @@ def _better(fit: Fit, linear: Contacts) -> Fit | None:
             contacts[:, CONDUCTANCE] = np.log(after)
             moved = replace(fit.unknowns, contacts=contacts)
             moved = linear.followed(moved, np.concatenate([step / before, others]))
-            tried = Fit(fit.operator, moved, fit.rows, fit.prior)
+            tried = fit.in_place(moved)
         else:
             tried = fit.with_strengths(after)
         if tried.cost < fit.cost:

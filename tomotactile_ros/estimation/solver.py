@@ -30,6 +30,10 @@ _NEARER = 1.0
 # steps at most with the derivatives of where a step began that went too far; and from the second of
 # them on, the part of the cost above that beginning which one may leave
 _CHORDS, _CONTRACTS = 5, 0.5
+_MANY_STEPS = 3.0  # take as long as new derivatives by the contacts
+# steps in turn that gain less than this part of what they promise are the last ones: they creep along a
+# valley that bends, and another start or a fit with the sensor free leaves it
+_CREEPING, _CREEPS = 2, 0.05
 _HOPE = 3.0  # times what a step gained, all that follow may gain
 
 
@@ -41,8 +45,8 @@ def approach(fit: Fit, most: float = np.inf) -> Fit:
     the readings holds contacts in a wrong place. What the sensor leaves over is doubted in the same
     way as everywhere (`Fit.doubt`), so that it does not bend the contacts either.
     """
-    rows, damping, steps, work = fit.rows, FIRST_DAMPING, 0, 0
-    while steps < STEPS and work < most:
+    rows, damping, steps, work, creeps = fit.rows, FIRST_DAMPING, 0, 0, 0
+    while steps < STEPS and work < most and creeps < _CREEPING:
         doubted = fit.weighed(replace(rows, weights=rows.weights / fit.doubt))
         linear = Contacts(doubted)
         better, damping, more = _descend(linear, damping)
@@ -50,6 +54,7 @@ def approach(fit: Fit, most: float = np.inf) -> Fit:
         if better is None:
             break
         fit = better.weighed(rows)
+        creeps = creeps + 1 if doubted.cost - better.cost < _CREEPS * linear.promised else 0
         if max(doubted.cost - better.cost, linear.promised) < _NEARER:
             break
     fit.steps, fit.work = steps, work
@@ -74,8 +79,9 @@ def solve(
     ended with.
     """
     fit, damping, work = at or Fit(operator, start, rows, prior), FIRST_DAMPING, 0
+    slow = False
     for step in range(steps):
-        linear = Linear(fit, known)
+        linear = Linear(fit, known, slow)
         known = linear.equations
         better, damping, more = _descend(linear, damping, _CHORDS)
         work += more
@@ -89,12 +95,21 @@ def solve(
             break
         if step and fit.cost - _HOPE * gained > goal:
             break
+        slow = linear.whole and _is_slow(linear.promised, linear.promised - gained, settled)
     if known.bends(fit):
         linear = Linear(fit, known)
         known = linear.equations
     fit.steps, fit.work = step + 1, work
     fit.covariance, fit.equations = linear.covariance(), known
     return fit
+
+
+def _is_slow(promised: float, left: float, settled: float) -> bool:
+    """Whether steps each of which leaves as much of what it `promised` as this one, `left`, take longer to
+    settle than new derivatives."""
+    if not settled < left < promised:
+        return left >= promised
+    return bool(np.log(left / settled) > _MANY_STEPS * np.log(promised / left))
 
 
 def _back(linear: Contacts, tried: Fit, chords: int) -> tuple[Fit | None, int]:
