@@ -62,9 +62,8 @@ class SheetColumns:
     def serves(self, fit: Fit) -> bool:
         """Whether they are good enough at another fit."""
         known, here = self._unknowns, fit.unknowns
-        if (
-            known.bond is not None and here.bond is not None
-        ):  # neighbours may exchange what they conduct
+        if known.bond is not None and here.bond is not None:
+            # neighbours may exchange what they conduct
             added = fit.prediction.added
             near = bool(np.abs(added - self._added).max() < _ALIKE * np.abs(added).max())
         else:
@@ -209,6 +208,12 @@ class Equations:
         """(F, k) `response` to a change of the logarithm of D of each contact."""
         return self.response(self.prediction.way_columns())
 
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """(F + J, F + J) of the normal matrix: covariance of contacts and sheet, channels marginal."""
+        scale = 1 / np.sqrt(self.normal.diagonal())
+        return np.linalg.inv(self.normal * scale[:, None] * scale) * scale[:, None] * scale
+
     def response(self, misfits: np.ndarray) -> np.ndarray:
         """(F, m) how the contacts' parameters answer to `misfits` (m, L, n), all else marginal."""
         if not len(misfits):
@@ -250,11 +255,8 @@ class Equations:
         least 1."""
         prior, modes = fit.prior, fit.operator.modes
         expected = _sheet_block(prior, modes)
-        scale = 1 / np.sqrt(self.normal.diagonal())
-        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
-        left = (inverse * scale[:, None] * scale)[-modes:, -modes:]
         apart = fit.unknowns.sheet - prior.sheet
-        told = max(modes - float((left * expected).sum()), 1.0)
+        told = max(modes - float((self.inverse[-modes:, -modes:] * expected).sum()), 1.0)
         return max(float(np.sqrt(apart @ expected @ apart / told)), 1.0)
 
     def serves(self, fit: Fit) -> bool:
@@ -307,9 +309,7 @@ class Linear(Contacts):
 
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
-        scale = 1 / np.sqrt(self.normal.diagonal())
-        inverse = np.linalg.inv(self.normal * scale[:, None] * scale)
-        return (inverse * scale[:, None] * scale)[: self.free, : self.free]
+        return self.equations.inverse[: self.free, : self.free]
 
     def _moved(self, step):
         return self.followed(super()._moved(step), step)

@@ -122,8 +122,9 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     where the cells alone leave more over than noise does. Without parts that cost, doubted, no more than
     `threshold` if they are not there (Wald 1943), but for the strongest. `known` : of a shape like it."""
     linearised = _Linearised(known)
-    found = _with_sensor(_of_those_that_conduct(fit), linearised)
-    if found.chi_squared > _LACKING * found.rows.count:
+    conducting = _of_those_that_conduct(fit)
+    found = _with_sensor(conducting, linearised)
+    if conducting is not fit and found.chi_squared > _LACKING * found.rows.count:
         # some of those that had nothing to explain while the sensor was held may conduct
         found = min(found, _with_sensor(fit, linearised), key=lambda each: each.cost)
     fit = found
