@@ -16,6 +16,7 @@ from tomotactile_ros.estimation.frames_in_rows import FrameSeen, sliding
 from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_state import SPEED, STATE
+from tomotactile_ros.estimation.settling import Settling
 
 _UNSURE = 0.5  # deviation of a force, in parts of it, from which on its size matters too much
 
@@ -30,16 +31,18 @@ class Changing:
 
     def __init__(self, rows: Callable[[], RowEstimator]):
         self._rows = rows
+        self._settling: Settling | None = None
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is known of what was there before."""
+        """Nothing is known of what was there before, but for how it was read."""
         self._seen: FrameSeen | None = None
         self._state: RowsState | None = None
 
     def saw(self, seen: FrameSeen) -> None:
         """A frame that was of one state, and when."""
         self._seen, self._state = seen, None
+        self._settling = seen.settling
 
     def estimate(
         self, voltages, grounded, drive_voltage: float, begun: float, period: float, left_out
@@ -53,7 +56,7 @@ class Changing:
             return None
         rows, state = self._rows(), self._state
         if state is None or state.rows is None or begun <= state.rows.time:
-            state = RowsState(waits=False, left_out=dict(left_out))
+            state = RowsState(waits=False, left_out=dict(left_out), settling=self._settling)
             if self._seen is not None:
                 rows.go_on(state, self._seen, drive_voltage)
         misfits = []

@@ -49,6 +49,7 @@ from tomotactile_ros.estimation.search import (
     Search,
     tells_speeds,
 )
+from tomotactile_ros.estimation.settling import Settling, unsettled
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -133,6 +134,7 @@ class State:
         None  # discs, and the contact that each is part of
     )
     noise: float = 0.0
+    settling: Settling | None = None  # what readings keep of the row before, where they do
 
     def forget(self) -> None:
         self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
@@ -193,9 +195,18 @@ class Estimator:
         scatter more than they were said to are looked at again as what they are, and the next ones
         from the beginning.
         """
-        frame = np.asarray(voltages, float), np.asarray(grounded, int), drive_voltage
+        read, scan = np.asarray(voltages, float), np.asarray(grounded, int)
+        frame = read, scan, drive_voltage
+        if state.settling is not None:
+            frame = state.settling.taken_off(read, scan), scan, drive_voltage
         noise = max(self.noise, state.noise)
-        estimate, seen = self._look(*frame, state, row_period, noise, follow)
+        try:
+            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan)
+        except _Unsettled as what:
+            state.forget()
+            state.settling = what.settling
+            frame = state.settling.taken_off(read, scan), scan, drive_voltage
+            estimate, seen = self._look(*frame, state, row_period, noise, follow)
         if seen is None:
             return estimate
         variance, readings = seen
@@ -224,9 +235,11 @@ class Estimator:
         row_period,
         noise: float,
         follow: ByRows | None,
+        scan: np.ndarray | None = None,
     ) -> tuple[Estimate, tuple[float, int] | None]:
         """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
-        that, and the number of readings; None where they do not."""
+        that, and the number of readings; None where they do not. `_Unsettled` where readings keep a
+        part of the row before in the `scan`, if that is given."""
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -291,9 +304,10 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
+            begins = partial(self._begins, search, prior=prior, noise=noise, scan=scan, state=state)
             judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
             fit, first, torn = self._fit(
-                search, rows, prior, start, state, begun > 0, noise, judge, followed
+                search, rows, prior, start, state, begun > 0, begins, judge, followed
             )
         except _Followed as what:
             return self._went_on(what.by_rows, state, search, prior, used, ahead), None
@@ -390,11 +404,12 @@ class Estimator:
         return rows, grounded[silent & (at >= 0)]
 
     def _fit(
-        self, search: Search, rows: Rows, prior: Prior, start, state, begun, noise, judge, followed
+        self, search: Search, rows: Rows, prior: Prior, start, state, begun, begins, judge, followed
     ) -> tuple[Fit, int, bool]:
         """The fit of all rows, or of those since the last change where they contradict each
         other, its first row, and whether they do and no few of the last are explained.
 
+        begins : `_begins`, asked of rows that show another touch than the last frame
         judge : `_consistent` of rows that are not the last frame's contacts still
         followed : what else tells of rows of several states, raised as `_Followed`
         """
@@ -414,7 +429,7 @@ class Estimator:
             there, state.misfit, state.equations
         )
         if touched and not goes_on:
-            self._look_at_noise(search, rows, prior, noise)
+            begins(rows)
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
@@ -555,9 +570,18 @@ class Estimator:
                 break
         return None if best is None else search.at_rest(best)
 
-    def _look_at_noise(self, search: Search, rows: Rows, prior: Prior, noise: float) -> None:
-        """`_Contradiction` where rows contradict each other as more noise than was said lets them."""
+    def _begins(
+        self, search: Search, rows: Rows, *, prior: Prior, noise: float, scan, state: State
+    ) -> None:
+        """What rows say of how they were read, before contacts are looked for: `_Unsettled` where
+        readings keep a part of the row before in the `scan`, if that is given; `_Contradiction` where
+        they contradict each other as more noise than was said lets them."""
         operator, found = search.operator, search.reciprocity(rows, prior)
+        if scan is not None:
+            known = state.settling, self.layout.electrodes
+            settling = unsettled(found, scan, operator.used, prior, *known)
+            if settling is not None:
+                raise _Unsettled(settling)
         if found.misfit < TORN:
             return
         variance = found.scatter(operator.layout.positions[operator.used])
@@ -643,6 +667,14 @@ def _ask(followed: Callable[[], FollowedRows | None] | None) -> None:
     by_rows = None if followed is None else followed()
     if by_rows is not None:
         raise _Followed(by_rows)
+
+
+class _Unsettled(Exception):
+    """Readings keep a part of the row before: `settling`."""
+
+    def __init__(self, settling: Settling):
+        super().__init__("readings keep a part of the row before")
+        self.settling = settling
 
 
 class _Contradiction(Exception):

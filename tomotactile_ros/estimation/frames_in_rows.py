@@ -29,6 +29,7 @@ from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.reported import Contact, Estimate
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_state import STATE, Belief, RowState
+from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.estimation.tracks import REACH, has_moved
 
@@ -84,18 +85,21 @@ class FrameSeen:
 
     estimate, fit : of it; the fit is None where the estimate is not valid
     begun, ended : s, times of its first and last row
+    settling : what readings keep of the row before, as far as frames have shown it
     """
 
     estimate: Estimate
     fit: Fitted | None
     begun: float = 0.0
     ended: float = 0.0
+    settling: Settling | None = None
 
     @classmethod
     def of(cls, estimate: Estimate, state: State) -> FrameSeen:
         """What was just estimated with `state`, at times that are not known yet."""
         known = estimate.state == "valid" and state.fit is not None
-        return cls(estimate, Fitted.of(state.fit) if known else None)
+        fit = Fitted.of(state.fit) if known else None
+        return cls(estimate, fit, settling=state.settling)
 
     def at(self, begun: float, period: float, rows: int) -> FrameSeen:
         """The same of a frame of so many rows, `period` s from one to the next."""

@@ -54,6 +54,11 @@ class Reciprocity:
         return float((self.gains.left[0] ** 2).sum() / 2)
 
     @property
+    def excess(self) -> float:
+        """Chi-squared beyond what noise leaves."""
+        return self.chi_squared * (1 - 1 / max(self.misfit, 1e-9))
+
+    @property
     def electrodes(self) -> int:
         """Number of those that have equations."""
         return int(np.count_nonzero((self.gains.left[0] != 0).any(axis=0)))
@@ -70,8 +75,11 @@ class Reciprocity:
         return variance_of(e, e != 0, np.arange(len(e)), places[self.among])
 
 
-def reciprocity(rows: Rows, prior: Prior, steps: int = 1) -> Reciprocity:
-    """Of rows, by so many `steps`; by more where these do not obey it at once."""
+def reciprocity(rows: Rows, prior: Prior, steps: int = 1, settling=None) -> Reciprocity:
+    """Of rows, by so many `steps`; by more where these do not obey it at once.
+
+    settling : as for `fit_gains`, of the electrodes that are grounded; None: readings have settled
+    """
     among, at = np.unique(rows.grounded, return_inverse=True)
     frame = np.full((len(among),) * 2, np.nan)
     frame[at] = np.where(rows.weights > 0, rows.readings, np.nan)[:, among]
@@ -80,9 +88,10 @@ def reciprocity(rows: Rows, prior: Prior, steps: int = 1) -> Reciprocity:
         each[among] for each in (prior.gain, prior.offset, *prior.deviations[:2])
     )
     expected = (gain, gain_deviation), (offset, offset_deviation)
-    found = Reciprocity(rows, among, fit_gains(frame[None], 1.0, noise, *expected, steps))
+    gains = fit_gains(frame[None], 1.0, noise, *expected, steps, settling)
+    found = Reciprocity(rows, among, gains)
     if steps < _ROUNDS and found.misfit > TORN:
-        return reciprocity(rows, prior, _ROUNDS)
+        return reciprocity(rows, prior, _ROUNDS, settling)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Gains and offsets from reciprocity alone: no model of the sheet, no place, no force.
+"""Gains, offsets and settling from reciprocity alone: no model of the sheet, no place, no force.
 
 With electrode l grounded, 1 - (v_ln - o_n) / a_n = Z_ln / N_l, and the transfer impedance Z is
 symmetric (reciprocity; Geselowitz 1971). Two readings of each pair of electrodes have one Z_ln in
@@ -16,15 +16,22 @@ parameters included (errors in variables; Fuller 1987),
 which is free of the bias that plain least squares of r has. Gauss-Newton; the N of each frame are
 eliminated. The common factor of all gains shows only in how N differs between electrodes: weakly,
 its prior decides.
+
+A multiplexer that is read before it has settled leaves a part s_n of the row before in a reading:
+
+    rho_ln = 1 - x_ln,    x_ln = w_ln - s_n (w_pn - w_ln),    w_ln = (v_ln - o_n) / a_n
+
+to first order in s, with p the row before l. That contradicts reciprocity, too, and nothing else
+does in that way.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 _STEPS = 30
 _HALVINGS = 12  # of a step that does not lower the cost
@@ -37,13 +44,15 @@ _LEAST = 1e-3  # of a share: below, logarithms of it say nothing
 @dataclass(frozen=True)
 class Gains:
     """What reciprocity says: gain (n,), offset (n,) V, their covariance (2 n, 2 n), and of each
-    frame chi-squared per equation (F,), and what is left, e of all pairs (F, n, n)."""
+    frame chi-squared per equation (F,), and what is left, e of all pairs (F, n, n). With settling:
+    settling (n,), whose covariance follows those of gains and offsets, (3 n, 3 n)."""
 
     gain: np.ndarray
     offset: np.ndarray
     covariance: np.ndarray
     misfit: np.ndarray
     left: np.ndarray
+    settling: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 def fit_gains(
@@ -53,6 +62,7 @@ def fit_gains(
     gain: tuple[np.ndarray, np.ndarray],
     offset: tuple[np.ndarray, np.ndarray],
     steps: int = _STEPS,
+    settling: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Gains:
     """Gains and offsets of n channels; LinAlgError where no gains explain the readings.
 
@@ -63,11 +73,19 @@ def fit_gains(
     drive, noise : V; of a reading, V rms
     gain, offset : means and standard deviations (n,) of the prior; relative, V
     steps : of each of the two forms, at most; one is near enough to look at a frame
+    settling : mean (n,) and inverse covariance (n, n) of the prior, and for each electrode the one
+        that was grounded before it, (n,), -1 where its row was not read; None: readings have
+        settled
     """
     readings = np.asarray(frames, float) / drive
     count = readings.shape[-1]
     mean = np.concatenate([gain[0], np.asarray(offset[0]) / drive])
-    deviation = np.concatenate([gain[1], np.asarray(offset[1]) / drive])
+    precision = np.diag(np.concatenate([gain[1], np.asarray(offset[1]) / drive]) ** -2.0)
+    before = None
+    if settling is not None:
+        expected, own_precision, before = settling
+        mean = np.concatenate([mean, expected])
+        precision = block_diag(precision, own_precision)
     own = np.arange(count)
     both = np.isfinite(readings) & np.isfinite(readings.transpose(0, 2, 1))
     both[:, own, own] = False
@@ -81,17 +99,16 @@ def fit_gains(
             """One term for each frame, and the cost of all; no number where steps are far too long."""
             with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
                 terms = [
-                    _Terms(m, *form(v, m, n, now, noise / drive))
+                    _Terms(m, *form(v, m, n, now, noise / drive, before))
                     for v, m, n in zip(readings, both, scale)
                 ]
-            return terms, sum(t.cost for t in terms) + (((now - mean) / deviation) ** 2).sum()
+            return terms, sum(t.cost for t in terms) + (now - mean) @ precision @ (now - mean)
 
         terms, cost = at(now, scale)
         for _ in range(steps):
             normal, right = (sum(each) for each in zip(*(t.equations for t in terms)))
-            total = np.diag(deviation**-2.0) + normal
-            factor = cho_factor(total)
-            change = cho_solve(factor, (mean - now) / deviation**2 + right)
+            factor = cho_factor(precision + normal)
+            change = cho_solve(factor, precision @ (mean - now) + right)
             follow = np.array([t.follow(change) for t in terms])
             for part in 0.5 ** np.arange(_HALVINGS):
                 tried, reached = at(now + part * change, scale + part * follow)
@@ -103,17 +120,19 @@ def fit_gains(
             now, scale, terms, cost = now + part * change, scale + part * follow, tried, reached
             if gained < _SETTLED:
                 break
-    covariance = cho_solve(factor, np.eye(2 * count))
-    units = np.concatenate([np.ones(count), np.full(count, drive)])
+    covariance = cho_solve(factor, np.eye(len(now)))
+    units = np.ones(len(now))
+    units[count : 2 * count] = drive
     covariance = covariance * units[:, None] * units
     misfit, left = (np.array(each) for each in zip(*((t.misfit, t.left) for t in terms)))
-    return Gains(now[:count], now[count:] * drive, covariance, misfit, left)
+    known = now[:count], now[count : 2 * count] * drive
+    return Gains(*known, covariance, misfit, left, now[2 * count :])
 
 
 def _first_scale(readings, both, now):
     """(n,) ln N from the ratios of the two readings of each pair."""
     count = len(readings)
-    share = 1 - (readings - now[count:]) / now[:count]
+    share = 1 - (readings - now[count : 2 * count]) / now[:count]
     seen = both & (share > _LEAST) & (share.T > _LEAST)
     ratio = np.where(seen, np.log(np.where(seen, share.T / np.where(seen, share, 1), 1)), 0.0)
     weight = np.where(seen, np.minimum(share, share.T) ** 2, 0.0)
@@ -123,11 +142,26 @@ def _first_scale(readings, both, now):
     return np.linalg.lstsq(laplacian + weight.sum() / count**3, right, rcond=None)[0]
 
 
-def _differences(v, both, log_scale, now, noise):
-    """(n, n) e, and its derivatives by ln N, gain and offset of the electrode of the row."""
-    gain, offset = now[: len(v)], now[len(v) :]
+def _settled(v, both, now, before):
+    """(n, n) x, and how it falls with s; the grounded electrode itself reads 0."""
+    count = len(v)
+    gain, offset = now[:count], now[count : 2 * count]
+    read = (v - offset) / gain
+    if before is None:
+        return read, None
+    np.fill_diagonal(read, 0.0)
+    known = both | np.eye(count, dtype=bool)
+    told = known & known[before] & (before >= 0)[:, None]
+    fallen = np.where(told, read[before] - read, 0.0)
+    return read - now[2 * count :] * fallen, fallen
+
+
+def _differences(v, both, log_scale, now, noise, before):
+    """(n, n) e, and its derivatives by ln N, gain, offset and settling of the electrode of the row."""
+    gain = now[: len(v)]
+    read, fallen = _settled(v, both, now, before)
     size = np.exp(log_scale)[:, None]
-    own = (1 - (v - offset) / gain) * size  # rho_ln N_l
+    own = (1 - read) * size  # rho_ln N_l
     r = own - own.T
     spread = (noise * size / gain) ** 2
     variance = spread + spread.T
@@ -135,24 +169,28 @@ def _differences(v, both, log_scale, now, noise):
     half = np.where(both, r / (2 * variance**1.5), 0.0)
     other = (size / gain).T  # (l, n): N_n / a_l
     by_scale = own * inverse - half * 2 * spread
-    by_gain = -other * ((v - offset) / gain).T * inverse + half * 2 * spread.T / gain[:, None]
-    return r * inverse, (by_scale, by_gain, -other * inverse)
+    by_gain = -other * read.T * inverse + half * 2 * spread.T / gain[:, None]
+    kinds = by_scale, by_gain, -other * inverse
+    if fallen is not None:
+        kinds = *kinds, -(fallen * size).T * inverse
+    return r * inverse, kinds
 
 
-def _logarithms(v, both, log_scale, now, noise):
+def _logarithms(v, both, log_scale, now, noise, before):
     """The same of ln (rho_ln N_l / rho_nl N_n), nearly linear; biased where shares are not far
     above noise."""
-    gain, offset = now[: len(v)], now[len(v) :]
-    share = 1 - (v - offset) / gain
+    gain = now[: len(v)]
+    read, fallen = _settled(v, both, now, before)
+    share = 1 - read
     seen = both & (np.minimum(share, share.T) > _CLEAR * noise)
     share = np.where(seen, share, 1.0)
     own = np.log(share) + log_scale[:, None]
     inverse = np.where(seen, 1 / (noise * np.sqrt(share**-2.0 + share.T**-2.0)), 0.0)
     by_offset = -inverse / (gain * share).T
-    return (
-        (own - own.T) * inverse,
-        (inverse, by_offset * ((v - offset) / gain).T, by_offset),
-    )
+    kinds = inverse, by_offset * read.T, by_offset
+    if fallen is not None:
+        kinds = *kinds, -inverse * (fallen / share).T
+    return (own - own.T) * inverse, kinds
 
 
 class _Terms:
@@ -170,7 +208,8 @@ class _Terms:
 
     @cached_property
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """(2 n, 2 n), (2 n,) the normal matrix of gains and offsets, and its right side."""
+        """(2 n, 2 n), (2 n,) the normal matrix of gains and offsets, and its right side; of 3 n with
+        settling."""
         mixed, pull, back, start = self._eliminated
         block = [[_block(a, b) for b in self._kinds[1:]] for a in self._kinds[1:]]
         normal = np.block(block) - mixed.T @ back

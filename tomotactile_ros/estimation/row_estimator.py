@@ -45,6 +45,7 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd, Turns
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
+from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
@@ -71,6 +72,8 @@ class RowsState:
     ground : whether the last rows show that an electrode is grounded
     turns : whether touches go and come as none does; end : of the converter's range
     noise : of readings, V rms, as frames have shown it; 0 before
+    settling : what readings keep of the row before, as frames have shown it
+    before : readings of the last row without that, and the electrode that was grounded
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -85,6 +88,8 @@ class RowsState:
     drive: float = 0.0
     last: int = 0  # highest number of a contact that is not to be given again
     noise: float = 0.0
+    settling: Settling | None = None
+    before: tuple[np.ndarray, int] | None = None
     sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
     looked: float = -np.inf
@@ -207,8 +212,8 @@ class RowEstimator:
         self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
     ) -> None:
         """Takes a row into `state`; arguments as for `estimate`."""
-        voltages = np.array(voltages, float)
-        voltages[grounded] = np.nan
+        read = np.array(voltages, float)
+        read[grounded] = np.nan
         if state.rows is None or drive_voltage != state.drive or self._is_broken(state, time):
             self._begin(state, drive_voltage)
         elif state.sensor is not self.estimator.sensor:
@@ -216,12 +221,16 @@ class RowEstimator:
         seen = state.told()
         if seen is not None:
             self._take(seen, state)
+        voltages = read
+        if state.settling is not None and state.before is not None:
+            voltages = state.settling.taken_off_row(read, grounded, *state.before)
+        state.before = voltages, grounded
         driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
         used = list(state.used)
         driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         places = self.estimator.layout.positions
-        ended = state.end.take(voltages, drive_voltage)
+        ended = state.end.take(read, drive_voltage)
         state.ground.take(driven, places[grounded], places, drive_voltage, noise)
         if state.ground.doubt:  # it tells nothing, and a search for what it says would be long
             state.read, state.grounded, state.times = [], [], []
@@ -247,7 +256,7 @@ class RowEstimator:
         state.past.append((time, state.rows.belief.places()))
         if not (state.waits and self._frames):
             return
-        state.read.append(voltages)
+        state.read.append(read)
         state.grounded.append(grounded)
         state.times.append(time)
         if len(state.read) >= self.estimator.layout.electrodes:
@@ -339,6 +348,7 @@ class RowEstimator:
         if seen.begun <= state.turns.latest:
             return
         estimate, fit = seen.estimate, seen.fit
+        state.settling = seen.settling or state.settling
         before = max(self.estimator.noise, state.noise)
         if estimate.noise and abs(np.log(estimate.noise / before)) > _OTHER_NOISE:
             state.noise = estimate.noise

@@ -648,6 +648,9 @@ class Pipeline:
         None for the last alone where one linear step is not enough: readings are missing, the touch
         began or ended between rows, or channels contradict reciprocity and none of them is broken.
         """
+        if self._state.settling is not None:
+            rows = rows_of(self.layout, voltages, grounded)
+            voltages = self._state.settling.taken_off(rows, np.asarray(grounded, int))
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline

@@ -1,7 +1,8 @@
 """The parts: what is wrong with the sensor, one thing at a time, and the frames that show it.
 
 time      touches that begin, end or move while rows are scanned (`changes`)
-channels  gains, offsets, resistances to ground, open wires, stuck channels, swapped wires
+channels  gains, offsets, resistances to ground, readings that have not settled, open wires, stuck
+          channels, swapped wires
 sheets    random fields, gradients, anisotropy; and several things at once
 layouts   without a full grid, and electrodes that are not where the layout says
 crowd     3 to 6 contacts, the strongest with ten times the force of the weakest
@@ -43,6 +44,7 @@ WIRINGS = {
     "gains 5 %": Wiring(Channels(gain=Rms(0.05, _SEED))),
     "offsets 5 mV": Wiring(Channels(offset=Rms(0.005, _SEED))),
     "150 to 450 ohm to ground": Wiring(Channels(ground_resistance=Uniform(300, 150, _SEED))),
+    "0.5 % of the row before": Wiring(Channels(settling=0.005)),
     "two open wires": Wiring(Channels(open=(_ONE, _OTHER), stuck={_ONE: 0.0, _OTHER: 0.0})),
     "two stuck channels": Wiring(Channels(stuck={_ONE: 1.1, _OTHER: 2.2})),
     "two swapped wires": Wiring(swapped=((_ONE, _ONE + 1),)),

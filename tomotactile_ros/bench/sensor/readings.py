@@ -39,6 +39,10 @@ def potentials(seen: Admittance, wiring: Wiring = IDEAL) -> np.ndarray:
         to_ground += numbers.ground_resistance
     to_ground[numbers.open] = np.inf
     out = reference_frame(seen, DRIVE, ground_resistance=to_ground)
+    if numbers.settling is not None:
+        np.fill_diagonal(out, 0.0)
+        out = numbers.settled(np.vstack([out[-1:], out]))
+        np.fill_diagonal(out, np.nan)
     for pair in map(list, wiring.swapped):
         out[pair] = out[pair[::-1]]
         out[:, pair] = out[:, pair[::-1]]

@@ -1,0 +1,179 @@
+"""Readings taken before the multiplexer has settled: found by reciprocity, taken off, and nothing else
+taken for it."""
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.one_state import reciprocity
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.settling import EXPECTED, Settling, unsettled
+from tomotactile_ros.evaluation.scoring import score
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.channels import Channels, Rms
+from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.simulation import Simulator
+
+DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)
+SLOW = Channels(settling=0.005)
+ONE = Contact("disc", center=(0.02, 0.013), radius=0.006, pressure=2e4)
+TWO = (ONE, Contact("disc", center=(-0.03, -0.04), radius=0.007, pressure=3e4))
+
+
+def simulator(name, channels=SLOW, contacts=TWO, order=None, period=0.0, drive=DRIVE):
+    scene = Scene(
+        "test",
+        drive,
+        contacts,
+        noise=Noise(rms=NOISE),
+        adc=Adc(12, drive),
+        contact_law=LAW,
+        defects=Defects(channels=channels),
+    )
+    return Simulator(load_layout(name), scene, row_period=period, order=order)
+
+
+def told_by(name, channels, *, contacts=TWO, order=None, period=0.0, known=None):
+    """What the first frame says of settling."""
+    sensor = simulator(name, channels, contacts, order, period)
+    volts, scan = sensor.frame(0.0), np.asarray(sensor.grounded)
+    if known is not None:
+        volts = known.taken_off(volts, scan)
+    operator = SheetOperator(load_layout(name))
+    prior = Prior.unknown(operator, ChannelPrior(), 0.005, DRIVE)
+    weights = np.where(np.isnan(volts), 0.0, (DRIVE / NOISE) ** 2)
+    rows = Rows(np.where(weights > 0, volts / DRIVE, 0.0), weights, scan)
+    every = np.arange(volts.shape[1])
+    return unsettled(reciprocity(rows, prior), scan, every, prior, known, len(every))
+
+
+@pytest.mark.parametrize("order", [None, (5, 3, 0, 15, 9, 1)])
+def test_what_is_kept_is_taken_off(order):
+    part = np.linspace(0.0, 0.04, 16)
+    settling = Settling(part, np.zeros((16, 16)))
+    sensor = simulator("equal-4x4", Channels(), order=order)
+    true, scan = sensor.ideal_frame(0.0), np.asarray(sensor.grounded)
+    own = np.arange(len(scan)), scan
+    potentials = true.copy()
+    potentials[own] = 0.0
+    read = (1 - part) * potentials + part * np.roll(potentials, 1, axis=0)
+    read[own] = np.nan
+    assert np.nanmax(np.abs(read - true)) > 0.03
+    np.testing.assert_allclose(settling.taken_off(read, scan), true, atol=3e-4)
+    before = true[-1]
+    for i in range(len(scan)):
+        before = settling.taken_off_row(read[i], scan[i], before, scan[i - 1])
+        np.testing.assert_allclose(before, true[i], atol=1e-9)
+
+
+def test_a_reading_that_is_missing_keeps_nothing():
+    read = np.array([[np.nan, 1.0, np.nan], [2.0, np.nan, 0.5], [1.5, 1.2, np.nan]])
+    found = Settling(np.full(3, 0.1), np.zeros((3, 3))).taken_off(read, np.array([0, 1, 2]))
+    assert np.isnan(found).tolist() == np.isnan(read).tolist()
+    assert found[1, 2] == pytest.approx(0.5)  # the row before has no reading of it
+    assert found[1, 0] == pytest.approx((2.0 - 0.1 * 0.0) / 0.9)  # it was grounded
+
+
+@pytest.mark.parametrize("name", ["equal-8x8", "equal-4x4", "ring-16"])
+@pytest.mark.parametrize("settling", [0.005, 0.02])
+def test_any_touch_tells_it_whatever_gains_are(name, settling):
+    channels = Channels(gain=Rms(0.02, 1), offset=Rms(0.002, 1), settling=settling)
+    found = told_by(name, channels)
+    spread = np.sqrt(found.covariance.diagonal())
+    off = found.part - settling
+    assert abs(off.mean()) < 4 * np.sqrt(found.covariance.mean())
+    assert np.sqrt(np.mean((off / spread) ** 2)) < 1.7
+    assert spread.max() < EXPECTED / 2  # more than was known before
+
+
+def test_channels_are_told_one_by_one():
+    part = 0.005 * (1 + 0.5 * np.random.default_rng(2).standard_normal(64)).clip(0.2, 1.8)
+    found = told_by("equal-8x8", Channels(settling=tuple(part)))
+    assert np.corrcoef(found.part, part)[0, 1] > 0.9
+
+
+def test_more_touches_tell_more():
+    known = told_by("equal-4x4", SLOW)
+    again = told_by("equal-4x4", SLOW, contacts=(ONE,), known=known)
+    assert again.covariance.trace() < 0.8 * known.covariance.trace()
+    assert abs(again.part.mean() - 0.005) < 4 * np.sqrt(again.covariance.mean())
+
+
+def test_it_is_found_in_any_order_of_the_scan():
+    order = tuple(np.random.default_rng(4).permutation(16).tolist())
+    assert told_by("equal-4x4", SLOW, order=order).part.mean() == pytest.approx(0.005, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["equal-8x8", "equal-4x4"])
+@pytest.mark.parametrize(
+    "channels", [Channels(), Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1))], ids=["good", "off"]
+)
+def test_readings_that_have_settled_tell_of_none(name, channels):
+    assert told_by(name, channels) is None
+    assert told_by(name, channels, contacts=()) is None
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.1, 0.4])
+def test_what_moves_is_not_taken_for_it(speed):
+    slides = Contact(
+        "disc", center=(-0.05, 0.02), radius=0.006, pressure=2e4, velocity=(speed, speed / 3)
+    )
+    for name in ("equal-8x8", "equal-4x4"):
+        assert told_by(name, Channels(), contacts=(slides,), period=1e-3) is None
+
+
+def test_what_was_taken_for_it_by_mistake_is_found_out():
+    wrong = Settling(np.full(64, 0.01), told_by("equal-8x8", SLOW).covariance)
+    found = told_by("equal-8x8", Channels(), known=wrong)
+    assert abs(found.part.mean()) < 5e-4
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_contacts_are_those_of_a_sensor_that_settles(profile):
+    places = [
+        ((0.02, 0.013), (-0.03, -0.04)),
+        ((0.05, 0.06), (0.01, -0.05)),
+        ((-0.07, 0.02), (0, 0)),
+    ]
+    scores = []
+    for channels in (Channels(), SLOW):
+        pipeline = Pipeline(
+            load_layout("equal-8x8"), Settings(profile, noise=NOISE, contact_law=LAW)
+        )
+        results, truths = [], []
+        for pair in places:
+            contacts = tuple(Contact("disc", center=c, radius=0.006, pressure=2e4) for c in pair)
+            volts = simulator("equal-8x8", channels, contacts).frame(0.0)
+            results.append(pipeline.process(volts, np.arange(64), DRIVE))
+            force = 2e4 * np.pi * 0.006**2
+            truths.append([{"x": x, "y": y, "force": force} for x, y in pair])
+        scores.append(score(results, truths))
+    good, slow = scores
+    for each in (good, slow):
+        assert (each["ghosts"], each["doubled"], each["missed"], each["withheld"]) == (0, 0, 0, 0)
+    assert slow["place"]["worst"] < good["place"]["worst"] + 1.5e-4
+    assert slow["force"]["worst"] < good["force"]["worst"] + 0.05
+
+
+@pytest.mark.parametrize("taken_off", [True, False])
+def test_rows_go_on_without_what_they_keep(taken_off, monkeypatch):
+    """Rows that are followed hear of it from the first frame; left in them, they are a millimetre off."""
+    if not taken_off:
+        monkeypatch.setattr(Settling, "taken_off_row", lambda self, voltages, *_: voltages)
+    sensor = simulator("equal-8x8", Channels(settling=0.02), (ONE,), period=1e-3)
+    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
+    pipeline, off = Pipeline(load_layout("equal-8x8"), settings), []
+    state = pipeline.rows()
+    for i in range(3):
+        for ground, row in enumerate(sensor.frame(0.064 * i, i)):
+            at = 0.064 * i + 1e-3 * ground
+            result = pipeline.process_row(row, ground, DRIVE, at, state)
+            off += [np.hypot(each.x - 0.02, each.y - 0.013) for each in result.contacts]
+    assert state.settling.part.mean() == pytest.approx(0.02, rel=0.05)
+    assert len(off) == 65
+    assert max(off) < 4e-4 if taken_off else max(off) > 1e-3
