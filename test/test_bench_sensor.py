@@ -1,21 +1,28 @@
 """The sensor as it is: frames of every part, and any reconstruction scored on them."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tomotactile_ros import cli
+from tomotactile_ros.bench.bound import Bounds
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance
 from tomotactile_ros.bench.reference_slides import SlideData
 from tomotactile_ros.bench.sensor import changes, parts, run, tables, trial
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.evaluation.scoring import PART
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.sheet import make_sheet, voltages
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.simulation import ROW_PERIOD
 from tomotactile_ros.support.errors import InputError
 
@@ -201,11 +208,53 @@ def test_tables_show_ghosts_and_misses_beside_places_and_coverage_where_it_is_st
     truth = [contact]
     plain_row = trial.judge(Recorder(lambda i: says(contact)), _one(truth))
     sure_row = trial.judge(Recorder(lambda i: says(sure)), _one(truth))
-    named = {"case": "a", "method": "m"}
+    named = {"case": "a", "method": "m", "bound": None}
     shown = "\n".join(tables.text({"channels": [named | plain_row]}))
-    assert "ghosts" in shown and "missed" in shown and "95 % regions" not in shown
+    assert "ghosts" in shown and "missed" in shown
+    assert "95 % regions" not in shown and "bound mm" not in shown
     shown = "\n".join(tables.markdown({"channels": [named | plain_row, named | sure_row]}))
     assert "95 % regions: place %" in shown and "| 100 | 100 |" in shown and "| - | - |" in shown
+    off = plain_row | {"place": plain_row["place"] | {"median": 5e-5}}
+    shown = "\n".join(tables.markdown({"channels": [named | off | {"bound": 2.5e-5}]}))
+    assert "place / bound" in shown and shown.rstrip().endswith("| 0.025 | 2.0 |")
+
+
+@pytest.mark.parametrize("name", ["equal-8x8", "ring-16"])
+def test_no_estimate_of_the_same_model_is_better_than_its_bound(name):
+    """Readings of the bound's own model with nothing but noise: its deviations are those of estimates."""
+    layout, noise = load_layout(name), np.random.default_rng(5)
+    pipeline, bounds = (
+        Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=LAW)),
+        Bounds(layout),
+    )
+    sheet, everything = make_sheet(layout), np.arange(layout.electrodes)
+    parts_of_bound = []
+    for x, y in 0.06 * (noise.random((16, 2)) - 0.5) * [[1.3, 1.3]]:
+        disc = Contact("disc", center=(x, y), radius=0.005, pressure=2e4)
+        touch = contact_points(sheet, [(disc.patches(10), LAW.conductance(2e4))])
+        volts = voltages.frame(*touch, DRIVE)
+        volts += NOISE * noise.standard_normal(volts.shape)
+        (found,) = pipeline.process(volts, everything, DRIVE).contacts
+        truth = {"x": x, "y": y, "radius": 0.005, "conductance": LAW.conductance(2e4)}
+        (bound,) = bounds.places([truth])
+        parts_of_bound.append(np.hypot(found.x - x, found.y - y) / bound)
+    assert 0.5 < np.median(parts_of_bound) < 1.3  # 0.83 of a normal distribution
+
+
+def test_bounds_are_those_of_discs_at_rest():
+    pressed = parts.states("crowd-8x8", "3 contacts", most=2)
+    one = trial.presses("crowd", pressed)
+    bounds = Bounds(one.layout)
+    together = trial.least_error(one, bounds)
+    assert together.shape == (6,) and (together > 0).all()
+    one_place = pressed.truths[0][0]
+    beside = one_place | {"x": one_place["x"] + 0.012}
+    (alone,) = bounds.places([one_place])
+    assert bounds.places([one_place, beside])[0] > 1.5 * alone  # hardly told apart
+    assert not len(trial.least_error(replace(one, row_period=1e-3), bounds))
+    assert not len(
+        trial.least_error(trial.presses("ring", parts.states("wide-8x8", "ring")), bounds)
+    )
 
 
 def _one(truth):

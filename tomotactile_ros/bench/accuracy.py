@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from types import SimpleNamespace
 
 import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
-from tomotactile_ros.evaluation.scoring import score
+from tomotactile_ros.evaluation.scoring import REACH, score
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.contacts_in_image import Blob, find_blobs
 from tomotactile_ros.view.contact_lines import pair
 
+SENSORS = "textbook", "worn"
 _MOST = 0.8  # of all pairs that must be told apart
 
 
@@ -21,11 +24,11 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
 
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
     blur                  of the same image, see evaluation/metrics.py
-    scores                ghosts, missed contacts and more of `one` contact, on the sensor with
-    `defects`
-                          and of `two`, see `evaluation.scoring`
+    scores                ghosts, missed contacts and more of `one` contact and of `two`, on each
+                          of `SENSORS`, see `evaluation.scoring`
+    ospa                  on each of `SENSORS`, see `ospa`
     contact_error         distance of the strongest reported contact from the true one
-    defective             position and contact error on the sensor with defects
+    worn                  position and contact error on the worn sensor
     two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
                           none
     force_error           |found - true| / true of one contact and of two, missed ones count as 1
@@ -33,28 +36,30 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     regularization        median of what was chosen
     """
     singles = process(pipeline, trials.singles, conditions)
-    defective = process(pipeline, trials.defective, conditions)
     pairs = process(pipeline, trials.pairs, conditions)
+    worn = process(pipeline, trials.worn, conditions)
+    worn_pairs = process(pipeline, trials.worn_pairs, conditions)
     repeats = process(pipeline, trials.repeats, conditions)
     resolved = told_apart(pairs, trials.pairs.positions)
     noise = np.std([result.potential for result in repeats], axis=0, ddof=1)
-    disturbed = merit(images(pipeline, defective), trials.defective, pipeline.grid)
+    disturbed = merit(images(pipeline, worn), trials.worn, pipeline.grid)
+    scores = {
+        "textbook": {"one": _score(singles, trials.singles), "two": _score(pairs, trials.pairs)},
+        "worn": {"one": _score(worn, trials.worn), "two": _score(worn_pairs, trials.worn_pairs)},
+    }
     return merit(images(pipeline, singles), trials.singles, pipeline.grid) | {
         "contact_error": spread(distances(singles, trials.singles.positions)),
-        "defective": {
+        "worn": {
             "position_error": disturbed["position_error"],
-            "contact_error": spread(distances(defective, trials.defective.positions)),
+            "contact_error": spread(distances(worn, trials.worn.positions)),
         },
         "two_contacts": _distance(resolved, trials.separations),
         "force_error": {
             "one": spread(_force_error(singles, trials.singles)),
             "two": spread(_force_error(pairs, trials.pairs)[np.repeat(resolved, 2)]),
         },
-        "scores": {
-            "one": _score(singles, trials.singles),
-            "defects": _score(defective, trials.defective),
-            "two": _score(pairs, trials.pairs),
-        },
+        "scores": scores,
+        "ospa": {sensor: ospa(each.values()) for sensor, each in scores.items()},
         "noise_gain": float(np.sqrt(np.nanmean(noise**2)) / NOISE),
         "regularization": float(np.median([result.regularization for result in singles])),
     }
@@ -71,7 +76,7 @@ def images(pipeline: Pipeline, results: list) -> np.ndarray:
 
 
 def merit(images: np.ndarray, recording: Recording, grid: Grid) -> dict:
-    """HWHM, position error and blur of `images` (N, K) of single contacts, m."""
+    """`hwhm`, `position_error` and `blur` of `images` (N, K) of single contacts, m."""
     found = quality(images, np.concatenate(recording.positions), grid)
     return {key: spread(getattr(found, key)) for key in ("hwhm", "position_error", "blur")}
 
@@ -86,6 +91,36 @@ def spread(values) -> dict:
         "median": float(np.median(values)),
         "p95": float(np.percentile(values, 95)),
     }
+
+
+def ospa(scores: Iterable[dict]) -> float:
+    """m, the mean of the frames of several summaries (`evaluation.scoring`): places, ghosts and
+    missed contacts in one figure.
+
+    A frame that is withheld says as little as one in which nothing is found, and counts as much.
+    """
+    total = number = 0.0
+    for each in scores:
+        total += (each["ospa"]["mean"] or 0.0) * each["frames"] + REACH * each["withheld"]
+        number += each["frames"] + each["withheld"]
+    return float(total / number)
+
+
+def image_scores(found: np.ndarray, recording: Recording, grid: Grid) -> dict:
+    """`evaluation.scoring.summary` of the peaks of images (N, K), for methods that end there; no
+    forces."""
+    results = [_Peaks(find_blobs(grid.fill(image, 0.0), grid)) for image in found]
+    truths = [[{"x": x, "y": y, "force": None} for x, y in each] for each in recording.positions]
+    return score(results, truths)
+
+
+class _Peaks:
+    """Blobs as contacts that all count."""
+
+    def __init__(self, blobs: list[Blob]):
+        self.contacts = [
+            SimpleNamespace(x=each.position[0], y=each.position[1], force=np.inf) for each in blobs
+        ]
 
 
 def _score(results, recording):

@@ -46,7 +46,9 @@ def ratios(result: dict) -> dict[str, float]:
     """All ratios of times in a result, by name."""
     out = {}
     for row in result["trade"]:
-        out[f"frame, {_name(row)}"] = row["frame"]["relative"]["ratio"]
+        for sensor, frame in row["frame"].items():
+            words = "frame" if sensor == "textbook" else f"{sensor} frame"
+            out[f"{words}, {_name(row)}"] = frame["relative"]["ratio"]
         out[f"set-up, {row['layout']}, {row['resolution']}²"] = row["setup"]["relative"]["ratio"]
     return out | {name: found["ratio"] for name, found in result["peers"]["ratios"].items()}
 

@@ -84,9 +84,10 @@ class PyeitOneStep:
 
     def images(self, frames, level: float) -> np.ndarray:
         """(N, K) images of `frames` (N, E, E), V, by its inverse of the paper's sensitivity,
-        lambda^2 = `level`."""
-        inverse = self._solver._compute_h(self._sensitivity, 0.0, level, "dgn")
-        return frames[:, self._read] @ inverse.T
+        lambda^2 = `level`; readings that any of them lacks are left out."""
+        read = self._read & ~np.isnan(frames).any(axis=0)
+        inverse = self._solver._compute_h(self._sensitivity[read[self._read]], 0.0, level, "dgn")
+        return frames[:, read] @ inverse.T
 
 
 def scikit_fem_solver(layout, cells: int):

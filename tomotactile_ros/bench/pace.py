@@ -8,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros.bench import timing
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, Case, find_layout
-from tomotactile_ros.bench.trials import DRIVE, make_scene, record
+from tomotactile_ros.bench.trials import DRIVE, make_scene, record, worn_scene
 from tomotactile_ros.reconstruction import Pipeline
 
 # of one contact, of two, in parts of the sides
@@ -17,7 +17,8 @@ _PLACES = [(0.13, 0.07)], [(0.23, -0.09), (-0.31, 0.11)]
 
 @cache
 def frame_seconds(profile: str) -> float:
-    """s of processor time that a frame with new contacts takes, mean of two, measured once."""
+    """s of processor time that a frame with new contacts takes, mean of two on the sensor of the
+    textbook and two on a worn one, measured once."""
     pipeline = Pipeline(find_layout(DEFAULT_LAYOUT), Case(DEFAULT_LAYOUT, profile).settings)
     everything = np.arange(pipeline.layout.electrodes)
     times = [
@@ -29,7 +30,8 @@ def frame_seconds(profile: str) -> float:
 
 @cache
 def _frames():
-    """(2, E, E) V."""
+    """(4, E, E) V."""
     layout = find_layout(DEFAULT_LAYOUT)
     places = [np.array(each) * layout.outline.size for each in _PLACES]
-    return record(layout, make_scene(layout), places).frames
+    scenes = make_scene(layout), worn_scene(layout)
+    return np.concatenate([record(layout, scene, places).frames for scene in scenes])

@@ -1,7 +1,10 @@
-"""The same problem by other libraries in the same run; what is missing is skipped with a line.
+"""The same problem by other methods in the same run: GREIT (`greit`), and by libraries, of which
+those that are missing are skipped with a line (`libraries`).
 
-The floor is the product of a dense float32 matrix of the size of the operator with the frame; see
-`libraries` for how pyEIT and scikit-fem are used.
+The floor is the product of a dense float32 matrix of the size of the operator with the frame.
+Methods that end with an image are given the peaks of the image as contacts, found as profile
+`paper` finds them, and are scored as the profiles are: on the sensor of the textbook and on a worn
+one, without the readings of its broken electrode.
 
 Times are those of eight sensors, each method at a stretch with the caches to itself. One dense
 matrix alone fits into the last cache or not, which changes from minute to minute where others share
@@ -17,6 +20,7 @@ import numpy as np
 
 from tomotactile_ros.bench import accuracy, libraries, timing
 from tomotactile_ros.bench.cases import Case
+from tomotactile_ros.bench.greit import WEIGHTS, Greit
 from tomotactile_ros.bench.trials import DRIVE, NOISE, Trials
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.model import Model
@@ -24,6 +28,7 @@ from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
 
 _CELLS = 40
+_MERIT = "hwhm", "position_error", "blur"
 _SECONDS = 3.0  # for times that are taken in turn
 _SENSORS = 8  # with a pipeline or a dense matrix each
 
@@ -47,17 +52,20 @@ def compare(trials: Trials) -> dict:
         found["pyeit"] = _skip("pyeit")
     else:
         calls["pyeit"] = [peer.solver(frame)]
-        found["pyeit"] = {"setup": peer.setup} | _best(peer, trials, grid)
+        found["pyeit"] = {"setup": peer.setup} | _best(peer, libraries.LAMBDAS, trials, grid)
+    trained = Greit(layout, grid)
+    calls["greit"] = [trained.solver(frame)]
+    found["greit"] = {"setup": trained.setup} | _best(trained, WEIGHTS, trials, grid)
     setups += _pipelines(layout)[1]
-    results = accuracy.process(pipelines[0], trials.singles, np.arange(layout.electrodes))
-    images = accuracy.images(pipelines[0], results)
-    found["fast"] = {"setup": min(setups)} | accuracy.merit(images, trials.singles, grid)
+    own = accuracy.measure(pipelines[0], trials, np.arange(layout.electrodes))
+    kept = {key: own[key] for key in (*_MERIT, "ospa")}
+    found["fast"] = {"setup": min(setups)} | kept
     times = timing.in_turn(calls, least=20, seconds=_SECONDS, turn=0.01)
     for name, each in times.items():
         found[name]["frame"] = timing.summary(each)
     ratios = {
         f"{one} / {other}": timing.ratio(times[one], times[other])
-        for one in ("dense", "pyeit")
+        for one in ("dense", "greit", "pyeit")
         for other in ("fast", "fast, image alone")
         if one in times
     }
@@ -109,13 +117,23 @@ def _skip(name):
     return {"skipped": f"{name} is not installed: python3 -m pip install {name}"}
 
 
-def _best(peer, trials, grid):
-    """Merit of the peer with the lambda^2 that suits these very contacts best."""
-    merits = []
-    for level in libraries.LAMBDAS:
+def _best(peer, levels, trials, grid):
+    """Merit and OSPA of the peer with that of `levels`, lambda^2 or the like, which suits these
+    very contacts best."""
+    found = []
+    for level in levels:
         images = peer.images(trials.singles.frames, level)
-        merits.append(accuracy.merit(images, trials.singles, grid) | {"regularization": level})
-    return min(merits, key=lambda merit: merit["position_error"]["mean"])
+        merit = accuracy.merit(images, trials.singles, grid)
+        found.append(merit | {"regularization": level})
+    best = min(found, key=lambda merit: merit["position_error"]["mean"])
+    scores = {
+        sensor: [
+            accuracy.image_scores(peer.images(each.frames, best["regularization"]), each, grid)
+            for each in trials.of(sensor)
+        ]
+        for sensor in accuracy.SENSORS
+    }
+    return best | {"ospa": {sensor: accuracy.ospa(each) for sensor, each in scores.items()}}
 
 
 def _forward(layout):

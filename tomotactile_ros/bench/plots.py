@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.bench import trade
-from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.accuracy import SENSORS
+from tomotactile_ros.bench.cases import find_layout, is_default
 from tomotactile_ros.support.files import save_figure
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
 _MARKERS = {20: "v", 40: "o", 80: "^"}
+_TITLES = {"textbook": "sensor of the textbook", "worn": "worn sensor"}
 _LABEL = 7  # points
 _QUANTITIES = (
     ("setup", "set-up / s", 1.0),
@@ -21,48 +23,54 @@ _QUANTITIES = (
 
 
 def save_front(path: str | Path, result: dict) -> None:
-    """Blur of the image against the time of one frame, a panel for each number of electrodes.
+    """OSPA distance of contacts against the time of one frame: a row of panels for each sensor, a
+    panel for each number of electrodes.
 
-    The choices on the front are named, the others are pale.
+    The choices on the front are named, the others are pale; peers stand beside their layout.
     """
     panels = {}
     for row in result["trade"]:
         panels.setdefault(find_layout(row["layout"]).electrodes, []).append(row)
-    figure = _figure(max(6.5, 4.4 * len(panels)), 5.2)
-    all_axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
-    fronts = []
-    for axes, (electrodes, rows) in zip(all_axes, sorted(panels.items())):
-        fronts.append(list(trade.front(rows)))
-        _draw_front(axes, rows, fronts[-1])
-        axes.set_title(f"{electrodes} electrodes")
-        axes.set_xlabel("time of one frame, median / ms")
-    all_axes[0].set_xlim(left=all_axes[0].get_xlim()[0] / 4)
-    for axes, best in zip(all_axes, fronts):
-        _name_front(axes, best)
-    all_axes[0].set_ylabel("blur of a contact's image, mean / mm")
-    all_axes[0].annotate(
+    figure = _figure(max(6.5, 4.4 * len(panels)), 8.4)
+    axes = figure.subplots(len(SENSORS), len(panels), sharex=True, sharey=True, squeeze=False)
+    fronts = {}
+    for i, sensor in enumerate(SENSORS):
+        for j, (electrodes, rows) in enumerate(sorted(panels.items())):
+            fronts[i, j] = list(trade.front(rows, sensor))
+            _draw_front(axes[i, j], rows, fronts[i, j], sensor)
+            axes[i, j].set_title(f"{_TITLES[sensor]}, {electrodes} electrodes", fontsize=10)
+            if any(map(is_default, rows)):
+                _draw_peers(axes[i, j], result["peers"]["problem"], sensor)
+        axes[i, 0].set_ylabel("OSPA distance of contacts, mean / mm")
+    for each in axes[-1]:
+        each.set_xlabel("time of one frame, median / ms")
+    axes[0, 0].set_xlim(left=axes[0, 0].get_xlim()[0] / 4)
+    for (i, j), best in fronts.items():
+        _name_front(axes[i, j], best, SENSORS[i])
+    axes[0, 0].annotate(
         "better", (0.03, 0.03), (0.16, 0.12), "axes fraction", color="0.4", fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "0.4"},
     )  # fmt: skip
     for label, style in _legend():
-        all_axes[-1].plot([], [], label=label, **style)
+        axes[0, -1].plot([], [], label=label, **style)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     figure.suptitle(f"Speed and accuracy, one thread of {result['machine']['processor']}")
     save_figure(figure, path)
 
 
-def _draw_front(axes, rows, best):
+def _draw_front(axes, rows, best, sensor):
     for row in rows:
         colour = _COLOURS[row["profile"]]
         axes.plot(
-            *_place(row),
+            *_place(row, sensor),
             _MARKERS[row["resolution"]],
             color=colour,
             markerfacecolor=colour if row["conditions"] is None else "none",
             markersize=7,
             alpha=1.0 if row in best else 0.3,
         )
-    axes.step(*np.transpose([_place(row) for row in best]), where="post", color="0.3", zorder=1)
+    steps = np.transpose([_place(row, sensor) for row in best])
+    axes.step(*steps, where="post", color="0.3", zorder=1)
     axes.set(xscale="log", yscale="log", axisbelow=True)
     axes.margins(0.12, 0.15)
     for axis in (axes.xaxis, axes.yaxis):
@@ -70,12 +78,24 @@ def _draw_front(axes, rows, best):
     axes.grid(which="both", color="0.93")
 
 
-def _name_front(axes, best):
+def _draw_peers(axes, peers, sensor):
+    for name, found in peers.items():
+        if name == "fast" or "ospa" not in found:
+            continue
+        place = 1e3 * found["frame"]["median"], 1e3 * found["ospa"][sensor]
+        axes.plot(*place, "x", color="0.3", markersize=7)
+        axes.annotate(
+            name, place, (6, 0), textcoords="offset points", fontsize=_LABEL,
+            verticalalignment="center", color="0.3",
+        )  # fmt: skip
+
+
+def _name_front(axes, best, sensor):
     """Names left of their points, below the front, where no other point is; each lower than the
     one before."""
     above = np.inf
     for row in best:
-        place = _place(row)
+        place = _place(row, sensor)
         height = axes.transData.transform(place)[1] * 72 / axes.figure.dpi
         above = min(height, above - _LABEL - 1)
         axes.annotate(
@@ -116,8 +136,8 @@ def _plain_numbers(axis):
     axis.set_tick_params(which="both", labelsize=8)
 
 
-def _place(row):
-    return 1e3 * row["frame"]["median"], 1e3 * trade.blur(row)
+def _place(row, sensor):
+    return 1e3 * row["frame"][sensor]["median"], 1e3 * row["ospa"][sensor]
 
 
 def _name(row):
@@ -133,6 +153,7 @@ def _legend():
     for cells, marker in _MARKERS.items():
         yield f"{cells} x {cells} pixels", {"marker": marker, "color": "0.5", "linestyle": ""}
     yield "front: none is faster and better", {"color": "0.3"}
+    yield "peer, 40 x 40 pixels", {"marker": "x", "color": "0.3", "linestyle": ""}
 
 
 def _figure(width, height):

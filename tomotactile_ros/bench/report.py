@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from math import inf
 
 from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.extremes import BEYOND, PROFILES
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
@@ -37,9 +39,10 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield tables.LEGEND
     yield from result["left_out"]
     yield ""
-    yield "What `profile: auto` takes, and the profile with the least blur as measured, in time"
-    yield from tables.text(("deadline ms", "auto", "measured"), map(_choice, result["auto"]))
-    yield _agreement(result["auto"])
+    yield "What `profile: auto` takes, and of the profiles in time those nearest to the truth (OSPA)"
+    header = ("deadline ms", "auto", *(f"nearest, {sensor}" for sensor in SENSORS))
+    yield from tables.text(header, map(_choice, result["auto"]))
+    yield from map(partial(_agreement, result["auto"]), SENSORS)
     yield ""
     yield "The sensor as it is, 40 x 40 pixels"
     measured = {part: rows for part, rows in result["sensor"].items() if "skipped" not in rows}
@@ -79,17 +82,29 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
 
 
 def _choice(row):
-    return tables.milliseconds(row["deadline"]), row["auto"], row["measured"]
+    nearest = (", ".join(row["nearest"][sensor]) for sensor in SENSORS)
+    return tables.milliseconds(row["deadline"]), row["auto"], *nearest
 
 
-def _agreement(rows):
-    agree = sum(row["auto"] == row["measured"] for row in rows)
-    return f"auto agrees with the measured front at {agree} of {len(rows)} deadlines"
+def _agreement(rows, sensor):
+    agree = sum(row["auto"] in row["nearest"][sensor] for row in rows)
+    return f"{sensor}: auto is among the nearest in time at {agree} of {len(rows)} deadlines"
 
 
 def _peers(peers):
     problem = peers["problem"]
-    header = ("what", "set-up s", "frame ms", "spread ms", "HWHM mm", "PE mm", "p95", "blur mm")
+    header = (
+        "what",
+        "set-up s",
+        "frame ms",
+        "spread ms",
+        "OSPA mm",
+        "worn",
+        "HWHM mm",
+        "PE mm",
+        "p95",
+        "blur mm",
+    )
     measured = ((name, found) for name, found in problem.items() if "skipped" not in found)
     yield from tables.text(header, (_peer(*each) for each in measured))
     yield from (found["skipped"] for found in problem.values() if "skipped" in found)
@@ -113,6 +128,7 @@ def _peer(name, found):
         f"{found['setup']:.2f}" if "setup" in found else "-",
         tables.milliseconds(found["frame"]["median"]),
         tables.milliseconds(found["frame"]["spread"]),
+        *(tables.hundredths(found.get("ospa", {}).get(sensor)) for sensor in SENSORS),
         tables.millimetres(hwhm.get("mean")),
         tables.millimetres(error.get("mean")),
         tables.millimetres(error.get("p95")),

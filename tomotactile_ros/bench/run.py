@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.bench import growth, machine, pace, peers, stability
+from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.cases import (
     DEFAULT_LAYOUT,
     PROFILES,
@@ -26,12 +27,12 @@ from tomotactile_ros.bench.cases import (
 from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.run import run as run_sensor
 from tomotactile_ros.bench.store import Store
-from tomotactile_ros.bench.trade import FULL, QUICK, Trade, blur
+from tomotactile_ros.bench.trade import FULL, QUICK, Trade, nearest
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.progress import Progress
 
-FORMAT = "tomotactile-bench/5"
+FORMAT = "tomotactile-bench/6"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
@@ -162,19 +163,27 @@ def _peak():
 
 
 def auto_choices(rows: list[dict]) -> list[dict]:
-    """What `profile: auto` takes, and the profile with the least blur of those in time.
+    """What `profile: auto` takes, and for each sensor the profiles in time that are nearest to the
+    truth.
 
     Deadlines (s) lie between nearly all frames of a profile and a typical one of the next slower:
-    the one is in time then, the other not, and a busy machine does not decide.
+    the one is in time then, the other not, and a busy machine does not decide. Profiles that no
+    deadline can tell apart have none between them.
     """
-    order = sorted(filter(is_default, rows), key=lambda row: row["frame"]["median"])
-    times = [row["frame"] for row in order]
-    between = [np.sqrt(a["p99"] * b["median"]) for a, b in pairwise(times)]
+    order = sorted(filter(is_default, rows), key=lambda row: row["frame"]["textbook"]["median"])
+    times = [row["frame"]["textbook"] for row in order]
+    between = [
+        np.sqrt(a["p99"] * b["median"]) for a, b in pairwise(times) if a["p99"] < b["median"]
+    ]
     layout = find_layout(DEFAULT_LAYOUT)
     out = []
-    for slower, deadline in enumerate([times[0]["median"] / 3, *between, 3 * times[-1]["median"]]):
-        best = min(order[: max(slower, 1)], key=blur)["profile"]
+    for deadline in [times[0]["median"] / 3, *between, 3 * times[-1]["median"]]:
+        in_time = [row for row, time in zip(order, times) if time["median"] <= deadline]
         settings = replace(Case(DEFAULT_LAYOUT, "auto").settings, deadline=float(deadline))
         chosen = Pipeline(layout, settings).profile
-        out.append({"deadline": float(deadline), "auto": chosen, "measured": best})
+        best = {
+            sensor: [row["profile"] for row in nearest(in_time or order[:1], sensor)]
+            for sensor in SENSORS
+        }
+        out.append({"deadline": float(deadline), "auto": chosen, "nearest": best})
     return out

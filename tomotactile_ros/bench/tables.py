@@ -46,6 +46,11 @@ def millimetres(metres: float | None) -> str:
     return "-" if metres is None else f"{1e3 * metres:.1f}"
 
 
+def hundredths(metres: float | None) -> str:
+    """mm with two digits."""
+    return "-" if metres is None else f"{1e3 * metres:.2f}"
+
+
 def megabytes(count: float) -> str:
     return f"{count / 1e6:.3g}"
 
@@ -55,15 +60,21 @@ def percent(part: float | None) -> str:
 
 
 TRADE = (
-    "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "frame ms", "p99 ms", "MB",
-    "HWHM mm", "PE mm", "p95", "blur mm", "contact mm", "p95", "ghosts", "missed",
-    "defects mm", "ghosts", "missed", "two mm", "ghosts", "missed", "force %", "two %", "noise", "lambda",
+    "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "MB",
+    "textbook: frame ms", "p99 ms", "OSPA mm", "worn: frame ms", "p99 ms", "OSPA mm",
+    "contact mm", "p95", "ghosts", "missed", "two: from mm", "ghosts", "missed",
+    "worn: contact mm", "ghosts", "missed", "two: ghosts", "missed", "force %", "two %",
+    "HWHM mm", "PE mm", "p95", "blur mm", "noise", "lambda",
 )  # fmt: skip
 
 
 def trade_row(row: dict) -> Row:
     """Cells of one row of `trade.measure`, in the order of TRADE."""
-    frame, force = row["frame"], row["force_error"]
+    force, scores = row["force_error"], row["scores"]
+    trade = []
+    for sensor, frame in row["frame"].items():
+        trade += [milliseconds(frame["median"]), milliseconds(frame["p99"])]
+        trade.append(hundredths(row["ospa"][sensor]))
     return (
         row["layout"],
         row["profile"],
@@ -71,22 +82,22 @@ def trade_row(row: dict) -> Row:
         str(row["conditions"] or "all"),
         "{} + {}".format(*row["contacts"]),
         f"{row['setup']['median']:.2f}",
-        milliseconds(frame["median"]),
-        milliseconds(frame["p99"]),
         megabytes(row["memory"]["held"]),
+        *trade,
+        millimetres(row["contact_error"]["mean"]),
+        millimetres(row["contact_error"]["p95"]),
+        *false_ones(scores["textbook"]["one"]),
+        millimetres(row["two_contacts"]),
+        *false_ones(scores["textbook"]["two"]),
+        millimetres(row["worn"]["contact_error"]["mean"]),
+        *false_ones(scores["worn"]["one"]),
+        *false_ones(scores["worn"]["two"]),
+        percent(force["one"]["mean"]),
+        percent(force["two"]["mean"]),
         millimetres(row["hwhm"]["mean"]),
         millimetres(row["position_error"]["mean"]),
         millimetres(row["position_error"]["p95"]),
         millimetres(row["blur"]["mean"]),
-        millimetres(row["contact_error"]["mean"]),
-        millimetres(row["contact_error"]["p95"]),
-        *false_ones(row["scores"]["one"]),
-        millimetres(row["defective"]["contact_error"]["mean"]),
-        *false_ones(row["scores"]["defects"]),
-        millimetres(row["two_contacts"]),
-        *false_ones(row["scores"]["two"]),
-        percent(force["one"]["mean"]),
-        percent(force["two"]["mean"]),
         f"{row['noise_gain']:.2g}",
         f"{row['regularization'] ** 0.5:.2g}",
     )
@@ -98,11 +109,13 @@ def false_ones(score: dict) -> Row:
 
 
 LEGEND = """\
-contacts: measured single ones and pairs; frame: median, p99: 99th percentile, of one frame from
-voltages to contacts; MB: held by the pipeline; HWHM, PE: of the image of one contact, mean (p95:
-95th percentile); blur: way from the true place to the image squared, root mean square; contact:
+contacts: measured single ones and pairs. textbook: a sensor as the layout says; worn: the sensor of the
+scene worn-sensor, with the same contacts. frame: median, p99: 99th percentile, of one frame from
+voltages to contacts. OSPA: places, ghosts and missed contacts in one figure, mean of all frames,
+cut-off 10 mm; a frame that is withheld counts as one without contacts. MB: held by the pipeline. contact:
 reported place of one contact against the true one; ghosts: contacts that are not there or reported
-twice, missed: true ones without a reported one within 10 mm, in all frames, for each kind of frames; defects: the same with dead channels, drift,
-hum, switch resistance and a sheet that varies by 20 %; two: smallest distance from which on 80 % of
-the pairs are told apart; force: mean error of one contact and of pairs told apart; noise: of a
-pixel per noise of a reading, V/V."""
+twice, missed: true ones without a reported one within 10 mm, in all frames, for each kind of frames;
+two: smallest distance from which on 80 % of the pairs are told apart; force: mean error of one contact
+and of pairs told apart; HWHM, PE: of the image of one contact, mean (p95: 95th percentile); blur: way
+from the true place to the image squared, root mean square; noise: of a pixel per noise of a reading,
+V/V."""

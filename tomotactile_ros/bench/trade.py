@@ -1,5 +1,10 @@
 """Speed against accuracy: one row for each profile, resolution, number of ground conditions and
-layout."""
+layout, each on the sensor of the textbook and on a worn one.
+
+The accuracy by which choices are compared is one that ghosts and missed contacts enter, as well as
+places: the OSPA distance between reported and true contacts (`accuracy.ospa`). The width of an
+image would not do: what is sharp may be wrong.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +16,7 @@ from functools import partial
 import numpy as np
 
 from tomotactile_ros.bench import accuracy, pace, timing
+from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, Case, find_layout, grounded
 from tomotactile_ros.bench.trials import DRIVE, SEPARATIONS, Size, Trials, make_trials
 from tomotactile_ros.reconstruction import Pipeline
@@ -47,10 +53,10 @@ class Subject:
     grounded: np.ndarray
     trials: Trials
 
-    def frames(self, number: int) -> list[Callable[[], object]]:
+    def frames(self, sensor: str, number: int) -> list[Callable[[], object]]:
         """Functions that reconstruct a recorded frame each, `number` of single contacts and of
-        pairs in turn."""
-        recorded = self.trials.singles, self.trials.pairs
+        pairs in turn, of one of `SENSORS`."""
+        recorded = self.trials.of(sensor)
         places = [np.linspace(0, len(each) - 1, number + 1).astype(int)[1:] for each in recorded]
         chosen = np.concatenate([each.frames[at] for each, at in zip(recorded, places)])
         return [
@@ -81,7 +87,8 @@ class Trade:
         setup     median, and how many times that of the reference (`fast`, 40 x 40 pixels, all
                   ground conditions, `equal-8x8`), measured in turn; the same for all profiles and
                   ground conditions
-        frame     median and more, and how many times that of the reference
+        frame     on each of `SENSORS`: median and more, and how many times that of the reference
+                  on the textbook sensor
         memory    of the pipeline after a frame with all ground conditions
         contacts  how many single ones and pairs were measured
         """
@@ -120,10 +127,11 @@ class Trade:
 
     def _work(self, case):
         size = self.effort.few if case.is_slow else self.effort.size
-        accuracy = 2 * size.side**2 + len(SEPARATIONS) * size.pairs
+        accuracy = len(SENSORS) * (size.side**2 + len(SEPARATIONS) * size.pairs)
         timed = 2 * self.effort.frames * self.effort.rounds
         seconds = pace.frame_seconds(case.profile)
-        return _OTHER + accuracy * seconds + min(timed * seconds, self.effort.most)
+        timed = len(SENSORS) * min(timed * seconds, self.effort.most)
+        return _OTHER + accuracy * seconds + timed
 
     def _subjects(self, cases, tick):
         """One for each of `cases`, with what takes long made once: frames, choices of ground
@@ -166,13 +174,14 @@ class Trade:
             times[key] += rounds
 
     def _frames(self, subjects):
-        """For each of `subjects`."""
+        """For each of `subjects`, by sensor."""
         effort = self.effort
-        calls = {None: self._reference.frames(effort.frames)}
-        calls |= {i: subject.frames(effort.frames) for i, subject in enumerate(subjects)}
+        calls: dict = {None: self._reference.frames("textbook", effort.frames)}
+        for i, subject in enumerate(subjects):
+            calls |= {(i, sensor): subject.frames(sensor, effort.frames) for sensor in SENSORS}
         times = timing.in_turn(calls, least=effort.rounds, seconds=effort.seconds, most=effort.most)
         found = _compared(times)
-        return [found[i] for i in range(len(subjects))]
+        return [{sensor: found[i, sensor] for sensor in SENSORS} for i in range(len(subjects))]
 
     def _memory(self, case):
         everything, frame = grounded(case), self.trials(case.layout).singles.frames[0]
@@ -210,19 +219,17 @@ def _same_memory(case):
     return case.layout, case.profile, case.resolution
 
 
-def blur(row: dict) -> float:
-    """Of one contact's image, m: the figure by which choices are compared.
-
-    It grows with the width of the image and with the error of its position. Places of small
-    contacts would not do: all profiles fit discs to the same data for them.
-    """
-    return row["blur"]["mean"]
+def nearest(rows: list[dict], sensor: str) -> list[dict]:
+    """Those that are nearest to the truth on one of `SENSORS`, within what is worth a choice."""
+    best = min(row["ospa"][sensor] for row in rows)
+    return [row for row in rows if (1 - _WORTH) * row["ospa"][sensor] <= best]
 
 
-def front(rows: list[dict]) -> Iterator[dict]:
-    """Rows with less blur than all faster ones, by what is worth it."""
+def front(rows: list[dict], sensor: str) -> Iterator[dict]:
+    """Rows that are nearer to the truth on one of `SENSORS` than all faster ones, by what is worth
+    it."""
     best = np.inf
-    for row in sorted(rows, key=lambda row: row["frame"]["median"]):
-        if blur(row) < (1 - _WORTH) * best:
-            best = blur(row)
+    for row in sorted(rows, key=lambda row: row["frame"][sensor]["median"]):
+        if row["ospa"][sensor] < (1 - _WORTH) * best:
+            best = row["ospa"][sensor]
             yield row

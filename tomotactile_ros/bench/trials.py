@@ -12,8 +12,8 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
-from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 
 LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
@@ -60,19 +60,24 @@ class Recording:
 class Trials:
     """Recordings of one layout.
 
-    singles    one contact, 1 mV of noise and a 12-bit converter
-    defective  the same contacts on a sensor with every defect that a scene can name but exchanged
-               wires
-    pairs      two contacts for each of `separations` (S,), m: (S * n) frames in this order
-    repeats    one contact many times: only the noise differs
+    singles     one contact, 1 mV of noise and a 12-bit converter
+    pairs       two contacts for each of `separations` (S,), m: (S * n) frames in this order
+    worn, worn_pairs  the same contacts on the sensor of the scene `worn-sensor`
+    repeats     one contact many times: only the noise differs
     """
 
     layout: Layout
     singles: Recording
-    defective: Recording
     pairs: Recording
+    worn: Recording
+    worn_pairs: Recording
     repeats: Recording
     separations: np.ndarray
+
+    def of(self, sensor: str) -> tuple[Recording, Recording]:
+        """Single contacts and pairs on one of `accuracy.SENSORS`."""
+        worn = sensor == "worn"
+        return (self.worn, self.worn_pairs) if worn else (self.singles, self.pairs)
 
     def few(self, size: Size) -> Trials:
         """A part of these: at most so many places, evenly chosen, and pairs for each separation."""
@@ -82,8 +87,9 @@ class Trials:
         return replace(
             self,
             singles=self.singles.part(places),
-            defective=self.defective.part(places),
             pairs=self.pairs.part(numbers.ravel()),
+            worn=self.worn.part(places),
+            worn_pairs=self.worn_pairs.part(numbers.ravel()),
         )
 
 
@@ -96,12 +102,14 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     repeats = [places[len(places) // 3][None]] * _REPEATS
     singles = [place[None] for place in places]
     clean = record(layout, make_scene(layout), [*singles, *pairs, *repeats])
+    worn = record(layout, worn_scene(layout), [*singles, *pairs])
     first, second = len(singles), len(singles) + len(pairs)
     return Trials(
         layout,
         singles=clean.part(slice(first)),
-        defective=record(layout, _defective(layout), singles),
         pairs=clean.part(slice(first, second)),
+        worn=worn.part(slice(first)),
+        worn_pairs=worn.part(slice(first, second)),
         repeats=clean.part(slice(second, None)),
         separations=separations,
     )
@@ -131,16 +139,9 @@ def make_scene(layout: Layout) -> Scene:
     return Scene("trials", DRIVE, (), LAW, Noise(NOISE, 1), Adc(BITS, DRIVE))
 
 
-def _defective(layout):
-    count = layout.electrodes
-    defects = Defects(
-        dead=tuple(sorted({count // 5, count // 2 + 1})),
-        drift=Drift(0.003, 30.0, 2),
-        hum=Hum(0.002, 50.0),
-        switch_resistance=60.0,
-        sheet_variation=SheetVariation(0.2, max(layout.outline.size) / 4, 3),
-    )
-    return replace(make_scene(layout), defects=defects)
+def worn_scene(layout: Layout) -> Scene:
+    """The same on the sensor of the scene `worn-sensor`."""
+    return replace(make_scene(layout), defects=load_scene("worn-sensor").defects)
 
 
 def _places(layout, side, random):

@@ -20,7 +20,9 @@ TITLES = {
 LEGEND = """\
 ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired
 already; weak: below 0.02 N, not judged; missed: true contacts without a pair; place, force: of pairs;
-OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm."""
+OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm; bound: Cramer-Rao
+bound of the same places, median; place: median of the errors in parts of it, 0.83 at best."""
+_BOUND = "bound mm", "place / bound"
 _COVERED = "95 % regions: place %", "force %"
 
 
@@ -44,11 +46,24 @@ def markdown(found: dict[str, list[dict]]) -> Iterator[str]:
 
 
 def _table(rows: Sequence[dict]):
-    """Header and cells; stated uncertainties have columns where there are any."""
+    """Header and cells; stated uncertainties and bounds have columns where there are any."""
     covered = any(part is not None for row in rows for part in row["coverage"].values())
-    header = ("case", "method", *scoring.HEADER, *(_COVERED if covered else ()))
+    bounded = any(row["bound"] is not None for row in rows)
+    more = (_COVERED if covered else ()) + (_BOUND if bounded else ())
+    header = ("case", "method", *scoring.HEADER, *more)
     cells = []
     for row in rows:
-        more = [tables.percent(row["coverage"][key]) for key in ("place", "force")]
-        cells.append((row["case"], row["method"], *scoring.cells(row), *(more if covered else ())))
+        line = [row["case"], row["method"], *scoring.cells(row)]
+        if covered:
+            line += [tables.percent(row["coverage"][key]) for key in ("place", "force")]
+        if bounded:
+            line += _bound(row)
+        cells.append(line)
     return header, cells
+
+
+def _bound(row):
+    bound, median = row["bound"], row["place"]["median"]
+    if bound is None:
+        return "-", "-"
+    return f"{1e3 * bound:.3f}", "-" if median is None else f"{median / bound:.1f}"

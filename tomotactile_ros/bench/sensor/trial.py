@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.bench.bound import Bounds
 from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
@@ -83,15 +84,29 @@ def find_methods(name: str) -> Methods:
 
 
 def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[dict]:
-    """A row of plain data for each trial and method: case, method and what `scoring.summary`
-    says."""
+    """A row of plain data for each trial and method: case, method, what `scoring.summary` says, and
+    `bound`, the median of `least_error`, m."""
     made: dict[str, dict] = {}
+    bounds: dict[str, Bounds] = {}
     for trial in trials:
         name = trial.layout.name
         if name not in made:
-            made[name] = methods(trial.layout)
+            made[name], bounds[name] = methods(trial.layout), Bounds(trial.layout)
+        least = least_error(trial, bounds[name])
+        bound = float(np.median(least)) if len(least) else None
         for method, pipeline in made[name].items():
-            yield {"case": trial.case, "method": method, **judge(pipeline, trial)}
+            yield {"case": trial.case, "method": method, **judge(pipeline, trial), "bound": bound}
+
+
+def least_error(trial: Trial, bounds: Bounds) -> np.ndarray:
+    """(n,) m, the Cramer-Rao bound of the places of all true contacts; of discs in frames that show
+    one state of the sheet, others have none."""
+    if trial.row_period:
+        return np.empty(0)
+    judged = [truth for truth in trial.truths if truth]
+    if any(each.get("shape") != "disc" for truth in judged for each in truth):
+        return np.empty(0)
+    return np.concatenate([np.empty(0), *map(bounds.places, judged)])
 
 
 def judge(pipeline: Any, trial: Trial) -> dict:
