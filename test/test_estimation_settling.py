@@ -67,7 +67,7 @@ def test_what_is_kept_is_taken_off(order):
     np.testing.assert_allclose(settling.taken_off(read, scan), true, atol=3e-4)
     before = true[-1]
     for i in range(len(scan)):
-        before = settling.taken_off_row(read[i], scan[i], before, scan[i - 1])
+        before = settling.taken_off_row(read[i], before, scan[i - 1])
         np.testing.assert_allclose(before, true[i], atol=1e-9)
 
 

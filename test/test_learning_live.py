@@ -11,6 +11,7 @@ from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
+from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.defects import Defects
@@ -296,3 +297,61 @@ def test_no_alarm_while_the_sensor_is_healthy():
     for scene in (whole.scene, replace(whole.scene, contacts=hard)):
         learner = judged(Simulator(layout(), scene, row_period=0.0))
         assert learner.health.findings == [] and learner.state.frames > states()[-1].frames + 5
+
+
+# -- readings that keep a part of the row before ------------------------------------------------------
+
+
+@cache
+def slow():
+    """Simulated touches of a sensor whose multiplexer is read too early."""
+    return simulator.__wrapped__(16, replace(WRONG, settling=0.02))
+
+
+def test_a_sensor_that_does_not_settle_is_learned_all_the_same():
+    frames = np.array([slow().frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
+    learned = learn(layout(), frames, GROUNDED, DRIVE, noise=NOISE)
+    assert learned.settling.part.mean() == pytest.approx(0.02, rel=0.03)
+    assert learned.moved == learned.unexplained == 0 and learned.asymmetry < 1.5
+    ratio = learned.state["gain"] / truth().gain
+    assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(learned.state)
+    said = re.search(r"readings keep (.*) % of the row before", "\n".join(findings.lines(learned)))
+    assert float(said[1]) == pytest.approx(2.0, abs=0.15)
+    settled = learn(layout(), settled_frames(), GROUNDED, DRIVE, noise=NOISE)
+    assert settled.settling is None
+    assert not any("readings keep" in line for line in findings.lines(settled))
+
+
+def settled_frames():
+    return np.array([simulator(16).frame(t, i) for i, t in enumerate(np.arange(0.25, 4.0, 0.5))])
+
+
+def test_it_is_learned_while_it_is_used():
+    learner, found = live(), []
+    for number, time in enumerate(np.arange(0.02, 16, 0.1)):
+        if learner.offer(slow().frame(time, number), GROUNDED, DRIVE, 1000.0 + time):
+            found.append(learner.work())
+    assert learner.moved == 0 and learner.settling.part.mean() == pytest.approx(0.02, rel=0.03)
+    last = [state for state in found if state is not None][-1]
+    assert last.touches > 8
+    ratio = last["gain"] / truth().gain
+    assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(last)
+
+
+# -- offsets that wander -------------------------------------------------------------------------------
+
+
+def test_offsets_that_have_wandered_are_no_contacts():
+    """Amplifiers warm up and mains hum: what was learned to a tenth of a millivolt is not so for long."""
+    state = states()[-1]
+    pipeline = Pipeline(
+        layout(), Settings("accurate", contact_law=LAW, resolution=16), sensor=state
+    )
+    assert state.std("offset").max() < 3e-4
+    wander = 2e-3 * np.random.default_rng(8).standard_normal(16)
+    for touch in (1, 13, 14):
+        frame = simulator(16).frame(touch + 0.75, 900 + touch) + wander
+        result = pipeline.process(frame, GROUNDED, DRIVE)
+        assert result.state == "valid" and len(result.contacts) == 1
+        assert _error(result, simulator(16).scene.contacts[touch]) < 4e-4
+        assert result.misfit < 1.5

@@ -223,7 +223,7 @@ class RowEstimator:
             self._take(seen, state)
         voltages = read
         if state.settling is not None and state.before is not None:
-            voltages = state.settling.taken_off_row(read, grounded, *state.before)
+            voltages = state.settling.taken_off_row(read, *state.before)
         state.before = voltages, grounded
         driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
         used = list(state.used)

@@ -52,21 +52,17 @@ class Settling:
         was the last one."""
         if len(grounded) < 2:
             return voltages
-        read = out = _with_ground(voltages, grounded)
+        read = out = np.asarray(voltages, float)
         for _ in range(_PASSES):
             before = np.roll(_with_ground(out, grounded), 1, axis=0)
             out = self._less(read, before)
-        out[np.arange(len(grounded)), grounded] = np.nan
         return out
 
     def taken_off_row(
-        self, voltages: np.ndarray, grounded: int, before: np.ndarray, grounded_before: int
+        self, voltages: np.ndarray, before: np.ndarray, grounded_before: int
     ) -> np.ndarray:
         """(E,) V of the readings of a row; `before` : what this made of the row before."""
-        read = _with_ground(voltages[None], np.array([grounded]))[0]
-        out = self._less(read, _with_ground(before[None], np.array([grounded_before]))[0])
-        out[grounded] = np.nan
-        return out
+        return self._less(voltages, _with_ground(before[None], np.array([grounded_before]))[0])
 
     def _less(self, read, before):
         kept = np.where(np.isnan(before), read, before)
@@ -74,9 +70,9 @@ class Settling:
 
 
 def _with_ground(voltages, grounded):
-    """Readings with the grounded electrode at 0 V."""
-    out = np.array(voltages, float)
-    out[np.arange(len(grounded)), grounded] = 0.0
+    """Readings with the grounded electrode at 0 V where it was not read."""
+    out, own = np.array(voltages, float), (np.arange(len(grounded)), grounded)
+    out[own] = np.where(np.isnan(out[own]), 0.0, out[own])
     return out
 
 

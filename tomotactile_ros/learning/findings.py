@@ -113,6 +113,12 @@ def lines(learned: Learned) -> Iterator[str]:
         )
     for electrode, fault in sorted(learned.faults.items()):
         yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
+    if learned.settling is not None:
+        part = learned.settling.part.mean()
+        yield (
+            f"settling: readings keep {100 * part:.1f} % of the row before, which is taken off; a longer pause between "
+            "switching and reading would be better"
+        )
     if learned.asymmetry == np.inf:
         yield "reciprocity: no gains explain these readings"
     elif learned.asymmetry is not None:

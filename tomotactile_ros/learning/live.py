@@ -20,6 +20,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
 from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.learner import Learner, surprise
@@ -30,7 +31,7 @@ from tomotactile_ros.learning.readings import (
     rows_of,
     square,
 )
-from tomotactile_ros.learning.recorded import WIDE, learn, moves
+from tomotactile_ros.learning.recorded import WIDE, kept_of_rows_before, learn, moves
 from tomotactile_ros.learning.state import SensorState
 
 OFF, CHANNELS, ALL = KINDS = "off", "channels", "all"
@@ -113,6 +114,7 @@ class LiveLearner:
     Attributes
     ----------
     operator : `SheetOperator` of all electrodes in use; state : what is known
+    settling : what readings keep of the row before, None where they keep nothing
     """
 
     def __init__(
@@ -141,6 +143,7 @@ class LiveLearner:
         self._first_idle: list[_Frame] = []
         self._together = 0 if self.state.touches < TOGETHER[0] else len(TOGETHER)
         self._learners: dict[tuple[int, ...], Learner] = {}
+        self.settling: Settling | None = None
         self._odd: list[tuple[_Frame, Fit]] = []  # do not fit
         self.health = Health(self.operator)
         if self.state.touches:
@@ -245,6 +248,7 @@ class LiveLearner:
             self._together, self._first = 0, []  # begin anew, with other touches
             return
         self.unexplained = learned.unexplained
+        self.settling = learned.settling
         if learned.exchanged is None:
             self.health.exchanged(None)
         else:
@@ -277,7 +281,10 @@ class LiveLearner:
         learner = self._learner(frame)
         if learner is None:
             return
-        if moves(learner, frame.voltages[frame.rows], frame.rows, self._noise):
+        read = frame.voltages[frame.rows]
+        given = learner, read[None], clipped(read)[None], frame.rows, self._noise
+        self.settling = kept_of_rows_before(*given, self.settling)
+        if moves(learner, self._settled(frame), frame.rows, self._noise):
             self.moved += 1
             return
         fit = learner.look(self._rows(learner, frame))
@@ -321,10 +328,14 @@ class LiveLearner:
         self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
 
     def _rows(self, learner, frame):
-        voltages, rows = frame.voltages[frame.rows], frame.rows
-        return rows_of(
-            learner.operator, voltages, rows, frame.drive, self._noise, clipped(voltages)
-        )
+        ends = clipped(frame.voltages[frame.rows])
+        given = self._settled(frame), frame.rows, frame.drive, self._noise
+        return rows_of(learner.operator, *given, ends)
+
+    def _settled(self, frame) -> np.ndarray:
+        """(L, E) readings, V, without what they keep of the row before."""
+        read = frame.voltages[frame.rows]
+        return read if self.settling is None else self.settling.taken_off(read, frame.rows)
 
     def _learner(self, frame) -> Learner | None:
         """That of the electrodes that `frame` has readings of, with what is known by then."""

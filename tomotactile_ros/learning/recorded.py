@@ -15,11 +15,13 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
+from tomotactile_ros.estimation.settling import Settling, unsettled
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
@@ -72,6 +74,7 @@ class Learned:
     asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None
         without touches
     clipped : share of the readings of touches that are at an end of the converter's range
+    settling : what readings keep of the row before, None where they keep nothing
     courses : state after each touch, where asked for
     """
 
@@ -88,6 +91,7 @@ class Learned:
     faults: dict[int, str] = field(default_factory=dict)
     asymmetry: float | None = None
     clipped: float = 0.0
+    settling: Settling | None = None
     courses: list[SensorState] = field(default_factory=list)
 
 
@@ -156,6 +160,10 @@ def learn(
     if not len(chosen):
         return done
     start = learner.state
+    settling = kept_of_rows_before(learner, frames[chosen], ends[chosen], grounded, noise)
+    if settling is not None:
+        frames[chosen] = [settling.taken_off(frame, grounded) for frame in frames[chosen]]
+        done = replace(done, settling=settling)
     steady, asymmetry = _steady(learner, frames, ends, grounded, chosen, drive, noise)
     chosen, moved = chosen[steady], int((~steady).sum())
     if not len(chosen):
@@ -293,6 +301,24 @@ def _alone(learner, frames, ends, grounded, one, drive, noise):
     except np.linalg.LinAlgError:
         return np.inf
     return 0.0 if gains is None else float(gains.misfit[0])
+
+
+def kept_of_rows_before(
+    learner: Learner, frames, ends, grounded, noise: float, known: Settling | None = None
+) -> Settling | None:
+    """What the readings of touches, frames (F, L, E), V, keep of the row before; `ends` (F, L, E)
+    those that are left out."""
+    operator, prior = learner.operator, learner.prior()
+    for frame, unused in zip(frames[:_GAINS], ends):
+        read = frame if known is None else known.taken_off(frame, grounded)
+        rows = rows_of(operator, read, grounded, learner.drive, noise, unused)
+        try:
+            found = reciprocity(rows, prior)
+            more = unsettled(found, grounded, operator.used, prior, known, frame.shape[1])
+        except np.linalg.LinAlgError:  # no readings of a sheet
+            continue
+        known = more or known
+    return known
 
 
 def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: float) -> bool:

@@ -25,6 +25,9 @@ GAIN_WALK = 2e-4  # relative, per root hour: resistors of 100 ppm / K in a room
 OFFSET_WALK = 2e-4  # V per root hour
 RESISTANCE_WALK = 2.0  # ohm per root hour
 ASIDE_WALK = 2e-5  # m per root hour: fabric that is worn
+# V, of offsets from one touch to the next, beyond what was learned: amplifiers warm up, mains hum. A touch
+# tells its own offsets to a tenth of that
+OFFSET_WANDER = 1e-3
 _HOUR = 3600.0
 
 
@@ -122,7 +125,7 @@ class SensorState:
             aside=np.array([self["aside_x"][used], self["aside_y"][used]]),
             deviations=(
                 self.std("gain")[used],
-                self.std("offset")[used] / drive,
+                np.hypot(self.std("offset")[used], OFFSET_WANDER) / drive,
                 np.hypot(self.std("resistance")[used], operator.inexact),
                 self.std("aside_x")[used],
                 self.std("aside_y")[used],
@@ -132,14 +135,18 @@ class SensorState:
 
     def _precision(self, operator, drive):
         """Inverse covariance of the sheet and of the channels in use, offsets in parts of
-        `drive`; what electrodes as modelled err in one frame is in that of resistances."""
+        `drive`; what electrodes as modelled err in one frame is in that of resistances, and how
+        offsets wander in that of offsets."""
         used = operator.used
         key = (used.tobytes(), drive)
         if key not in self._precisions:
             where = self.indices(used)
             covariance = self.covariance[np.ix_(where, where)]
-            own = self.modes + np.arange(2 * len(used), 3 * len(used))
-            covariance[own, own] += operator.inexact**2
+            offsets, resistances = (
+                self.modes + np.arange(len(used)) + i * len(used) for i in (1, 2)
+            )
+            covariance[offsets, offsets] += OFFSET_WANDER**2
+            covariance[resistances, resistances] += operator.inexact**2
             scale = np.sqrt(covariance.diagonal())
             correlation = covariance / scale[:, None] / scale
             inverse = cho_solve(cho_factor(correlation), np.eye(len(where)))

@@ -85,16 +85,16 @@ def find_methods(name: str) -> Methods:
 
 def measure(trials: Iterable[Trial], methods: Methods = profiles) -> Iterator[dict]:
     """A row of plain data for each trial and method: case, method, what `scoring.summary` says, and
-    `bound`, the median of `least_error`, m."""
-    made: dict[str, dict] = {}
+    `bound`, the median of `least_error`, m. Each trial is another sensor: what was found out about
+    the one before does not help."""
     bounds: dict[str, Bounds] = {}
     for trial in trials:
         name = trial.layout.name
-        if name not in made:
-            made[name], bounds[name] = methods(trial.layout), Bounds(trial.layout)
+        if name not in bounds:
+            bounds[name] = Bounds(trial.layout)
         least = least_error(trial, bounds[name])
         bound = float(np.median(least)) if len(least) else None
-        for method, pipeline in made[name].items():
+        for method, pipeline in methods(trial.layout).items():
             yield {"case": trial.case, "method": method, **judge(pipeline, trial), "bound": bound}
 
 
