@@ -275,6 +275,27 @@ def test_a_step_is_that_of_all_unknowns_together(correlated):
     np.testing.assert_allclose(np.sqrt(own.diagonal()), deviation[:6], rtol=2e-3)
 
 
+@pytest.mark.parametrize("rows", [ALL, np.array([3, 9, 9, 0, 14])], ids=["in turn", "in any order"])
+def test_the_dot_test_of_channels(rows):
+    """What channels do to readings and its transpose are never formed: y . (S c) = (S^T y) . c."""
+    random, weights = np.random.default_rng(3), np.random.default_rng(4).random((len(rows), E))
+    truth = imperfect(PLACES["between"])
+    seen = Prediction(OPERATOR, truth, rows).readings
+    slopes = Fit(OPERATOR, truth, Rows(seen, weights, rows), prior()).slopes
+    channels, others = random.standard_normal((2, slopes.kinds, E))
+    gain, offset, resistance, *aside = channels
+    forward = slopes.in_columns[0] * gain + slopes.in_columns[1] * offset
+    forward += slopes.in_columns[2] * aside[0] + slopes.in_columns[3] * aside[1]
+    for by_row, each in zip(slopes.in_rows, (resistance, *aside), strict=True):
+        forward += by_row * each[rows][:, None]
+    data = random.standard_normal((1, len(rows), E))
+    transposed = slopes.couplings(data)[0]
+    assert (data[0] * forward).sum() == pytest.approx(transposed @ channels.ravel(), rel=1e-10)
+    both = slopes.couplings(weights[None] * forward)[0]
+    normal = slopes.normal(weights) @ channels.ravel()
+    assert both @ others.ravel() == pytest.approx(normal @ others.ravel(), rel=1e-10)
+
+
 @pytest.mark.parametrize("kind", ["grid", "circle", "ring"])
 def test_electrodes_that_lie_aside(kind):
     """To first order, against the same electrodes where they are: what contacts do not explain of
