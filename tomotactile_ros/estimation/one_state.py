@@ -54,9 +54,14 @@ class Reciprocity:
         return float((self.gains.left[0] ** 2).sum() / 2)
 
     @property
+    def equations(self) -> float:
+        """Number of them, less the unknowns of the frame."""
+        return self.chi_squared / max(self.misfit, 1e-9)
+
+    @property
     def excess(self) -> float:
         """Chi-squared beyond what noise leaves."""
-        return self.chi_squared * (1 - 1 / max(self.misfit, 1e-9))
+        return self.chi_squared - self.equations
 
     @property
     def electrodes(self) -> int:

@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.prior import Prior
 
 EXPECTED = 0.005  # standard deviation of s: five time constants leave 0.7 %, seven 0.1 %
 COMMON = 0.9  # of the variance of s
-# of the mean of s, in standard deviations: once in a million touches by chance
+# standard deviations, of the mean of s and of chi-squared without it: once in a million touches by chance
 _CLEAR = 5.0
 # chi-squared beyond one an equation that is left at most, in parts of what was there without s
 _LEFT = 0.5
@@ -95,7 +95,7 @@ def unsettled(
         if (known.covariance.diagonal()[among] < _ENOUGH**2).all():
             return None
         return _told(without, before, among, prior, known)[0]
-    if without.excess < _CLEAR**2:
+    if without.excess < _CLEAR * np.sqrt(2 * without.equations):
         return None
     expected = Settling.expected(electrodes)
     start = expected if known is None else replace(known, covariance=expected.covariance)
