@@ -20,8 +20,9 @@ from tomotactile_ros.estimation.scatter import variance_of
 # 2.4 of one, also with gains off by 5 %; 150 and more where a touch begins or slides at 0.2 m/s
 # within a frame
 TORN = 12.0
-_ROUNDS = 3  # of a fit that judges it
+ROUNDS = 3  # of a fit that judges it
 _PAIRS = 4  # rows: fewer have no more equations than unknowns
+_CHANCE = 2.0  # standard deviations of chi-squared an equation, which may be noise
 # of chi-squared an equation: what is left at most without channels that contradict all others
 _HELPS = 0.25
 
@@ -57,6 +58,13 @@ class Reciprocity:
     def equations(self) -> float:
         """Number of them, less the unknowns of the frame."""
         return self.chi_squared / max(self.misfit, 1e-9)
+
+    def least(self, count: int) -> float:
+        """Chi-squared a reading, of `count` of them, that contacts leave over whatever they are: what
+        these equations leave, and of the other readings as much as is sure of the equations."""
+        chance = _CHANCE * np.sqrt(2 / max(self.equations, 1.0))
+        others = max(count - self.equations, 0.0) * max(self.misfit - chance, 1.0)
+        return max((self.chi_squared + others) / count, 1.0)
 
     @property
     def excess(self) -> float:
@@ -95,8 +103,8 @@ def reciprocity(rows: Rows, prior: Prior, steps: int = 1, settling=None) -> Reci
     expected = (gain, gain_deviation), (offset, offset_deviation)
     gains = fit_gains(frame[None], 1.0, noise, *expected, steps, settling)
     found = Reciprocity(rows, among, gains)
-    if steps < _ROUNDS and found.misfit > TORN:
-        return reciprocity(rows, prior, _ROUNDS, settling)
+    if steps < ROUNDS and found.misfit > TORN:
+        return reciprocity(rows, prior, ROUNDS, settling)
     return found
 
 
@@ -122,7 +130,7 @@ def without_contradicting(
         rows, worst = fewer.rows, fewer.worst
         weights = rows.weights.copy()
         weights[:, worst] = weights[rows.grounded == worst] = 0.0
-        fewer = reciprocity(replace(rows, weights=weights), prior, _ROUNDS)
+        fewer = reciprocity(replace(rows, weights=weights), prior, ROUNDS)
         left_out.append(worst)
     return (fewer, left_out) if fewer.misfit < _HELPS * found.misfit else (found, [])
 
@@ -134,7 +142,7 @@ def of_one_state(rows: Rows, prior: Prior) -> int:
 
     def holds(count: int) -> bool:
         part = rows.part(slice(whole - count, None))
-        return reciprocity(part, prior, _ROUNDS).misfit < TORN
+        return reciprocity(part, prior, ROUNDS).misfit < TORN
 
     if whole <= _PAIRS:
         return whole

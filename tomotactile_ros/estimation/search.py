@@ -36,6 +36,7 @@ from tomotactile_ros.estimation.fits import DYNAMIC, MISFIT, SIZES, Fits
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import (
+    ROUNDS,
     TORN,
     Channels,
     Reciprocity,
@@ -78,8 +79,9 @@ _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is no
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 # of what one whole step from discs in the place of a shape's parts leaves over, the best fit leaves
 _AT_LEAST = 0.25
-# the same from which on other numbers and forms of new contacts are tried: right ones leave 1.05
-_LEFT_OVER = 1.1
+# the same from which on other numbers and forms of new contacts are tried, and what right ones leave, in
+# parts of the least
+_LEFT_OVER, _RIGHT = 1.1, 1.05
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
 MOST = 12  # discs
@@ -119,6 +121,7 @@ class Search(Fits):
         self._refused = 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._reciprocity: Reciprocity | None = None  # that of `reciprocity`
+        self._obeyed: tuple[Rows, float] | None = None  # that of `_least`
         self._quiet: tuple[Rows, Prior, Fit | None] | None = None  # that of `untouched`
         self._rest: Equations | None = None  # of the untouched sheet, as expected
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
@@ -576,7 +579,7 @@ class Search(Fits):
         """Whether contacts in other numbers or forms are to be tried: too much is left over, several
         contacts need an unlikely sensor, or another contact, or one of another form, would explain
         more than noise does, to first order."""
-        if fit.chi_squared > _LEFT_OVER * fit.rows.count:
+        if self._leaves_over(fit):
             return True
         several = len(fit.unknowns.contacts) > 1
         if several and not _is_likely(fit.prior.apart(fit.unknowns), fit.prior):
@@ -585,6 +588,20 @@ class Search(Fits):
         if self._counts(fit, fit.promised) or self._form_matters(fit):
             return True
         return self._may_be_two(fit)
+
+    def _leaves_over(self, fit: Fit) -> bool:
+        """Whether other contacts may leave less over: more is than of right ones, also in parts of what
+        reciprocity says that any leave (hum, say)."""
+        left = fit.chi_squared / fit.rows.count
+        if not _LEFT_OVER < left < _POOR or fit.unknowns.moving.any():
+            return left > _LEFT_OVER
+        return left > _RIGHT * self._least(fit.rows, fit.prior)
+
+    def _least(self, rows: Rows, prior: Prior) -> float:
+        if self._obeyed is None or self._obeyed[0] is not rows:
+            found = reciprocity(rows, prior, ROUNDS)
+            self._obeyed = rows, found.least(rows.count)
+        return self._obeyed[1]
 
     def _may_be_two(self, fit: Fit) -> bool:
         """Whether a long contact leaves more over than noise does: it may be two, of which no first

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomotactile_ros.estimation.one_state import Reciprocity, reciprocity
+from tomotactile_ros.estimation.one_state import ROUNDS, Reciprocity, reciprocity
 from tomotactile_ros.estimation.prior import Prior
 
 EXPECTED = 0.005  # standard deviation of s: five time constants leave 0.7 %, seven 0.1 %
@@ -30,7 +30,6 @@ _ENOUGH = (
 )
 # chi-squared an equation with s, at most: what moves while rows are read takes some for s, and leaves more
 _OF_ONE_STATE = 1.3
-_ROUNDS = 3  # of a fit that decides
 _PASSES = 3  # of taking off: each leaves a part s of what the last one left
 
 
@@ -103,7 +102,7 @@ def unsettled(
     more, spread = told.gains.settling.mean(), _own(told.gains.covariance).mean()
     if abs(more) < _CLEAR * np.sqrt(spread) or told.misfit > _OF_ONE_STATE:
         return None
-    explained = told.excess < _LEFT * reciprocity(without.rows, prior, _ROUNDS).excess
+    explained = told.excess < _LEFT * reciprocity(without.rows, prior, ROUNDS).excess
     return found if explained and found.part.mean() > -_CLEAR * np.sqrt(spread) else None
 
 
@@ -112,7 +111,7 @@ def _told(without, before, among, prior, known) -> tuple[Settling, Reciprocity]:
     covariance = known.covariance[np.ix_(among, among)]
     precision = np.linalg.inv(covariance)
     beside = np.zeros(len(among)), precision, before
-    told = reciprocity(without.rows, prior, _ROUNDS, beside)
+    told = reciprocity(without.rows, prior, ROUNDS, beside)
     follow = known.covariance[:, among] @ precision
     left = known.covariance - follow @ (covariance - _own(told.gains.covariance)) @ follow.T
     return Settling(known.part + follow @ told.gains.settling, left), told
