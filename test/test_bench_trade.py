@@ -132,6 +132,17 @@ def test_a_part_of_the_trials_is_spread_over_all(made):
         assert np.array_equal(getattr(part, kind).frames, frames, equal_nan=True)
 
 
+def test_a_scan_of_fewer_conditions_is_one_of_its_own(made):
+    """What a reading keeps is of the row before in this scan."""
+    chosen = np.array([1, 4, 9, 15])
+    fewer = made.scanned(chosen)
+    assert fewer.singles is made.singles
+    rows = np.isfinite(fewer.worn.frames).any(axis=2)
+    assert (rows == np.isin(np.arange(16), chosen)).all()
+    change = np.abs(fewer.worn.frames - made.worn.frames)[:, chosen]
+    assert 0.001 < np.nanmax(change) < 0.03
+
+
 @pytest.mark.parametrize("count", [8, 4])
 def test_ground_conditions_are_those_of_the_optimizer(count):
     chosen = cases.grounded(cases.Case("equal-4x4", conditions=count))

@@ -1,6 +1,8 @@
 """Readings taken before the multiplexer has settled: found by reciprocity, taken off, and nothing else
 taken for it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,14 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.settling import EXPECTED, Settling, unsettled
+from tomotactile_ros.estimation.row_estimator import RowsState
+from tomotactile_ros.estimation.settling import (
+    EXPECTED,
+    Settling,
+    rows_before,
+    unsettled,
+    with_ground,
+)
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -48,8 +57,9 @@ def told_by(name, channels, *, contacts=TWO, order=None, period=0.0, known=None)
     prior = Prior.unknown(operator, ChannelPrior(), 0.005, DRIVE)
     weights = np.where(np.isnan(volts), 0.0, (DRIVE / NOISE) ** 2)
     rows = Rows(np.where(weights > 0, volts / DRIVE, 0.0), weights, scan)
-    every = np.arange(volts.shape[1])
-    return unsettled(reciprocity(rows, prior), scan, every, prior, known, len(every))
+    before = np.full((volts.shape[1],) * 2, np.nan)
+    before[scan] = rows_before(volts, scan) / DRIVE
+    return unsettled(reciprocity(rows, prior), before, np.arange(len(before)), prior, known)
 
 
 @pytest.mark.parametrize("order", [None, (5, 3, 0, 15, 9, 1)])
@@ -65,18 +75,24 @@ def test_what_is_kept_is_taken_off(order):
     read[own] = np.nan
     assert np.nanmax(np.abs(read - true)) > 0.03
     np.testing.assert_allclose(settling.taken_off(read, scan), true, atol=3e-4)
-    before = true[-1]
-    for i in range(len(scan)):
-        before = settling.taken_off_row(read[i], before, scan[i - 1])
-        np.testing.assert_allclose(before, true[i], atol=1e-9)
+    np.testing.assert_allclose(settling.less(read, rows_before(true, scan)), true, atol=1e-9)
+    first = np.full(16, np.nan)  # of the first row nothing is known then, of all others as much
+    found = settling.taken_off(read, scan, first)
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1:], true[1:], atol=6e-3)
 
 
-def test_a_reading_that_is_missing_keeps_nothing():
+def test_a_reading_after_one_that_is_missing_is_not_used():
     read = np.array([[np.nan, 1.0, np.nan], [2.0, np.nan, 0.5], [1.5, 1.2, np.nan]])
-    found = Settling(np.full(3, 0.1), np.zeros((3, 3))).taken_off(read, np.array([0, 1, 2]))
-    assert np.isnan(found).tolist() == np.isnan(read).tolist()
-    assert found[1, 2] == pytest.approx(0.5)  # the row before has no reading of it
-    assert found[1, 0] == pytest.approx((2.0 - 0.1 * 0.0) / 0.9)  # it was grounded
+    settling = Settling(np.full(3, 0.1), np.zeros((3, 3)))
+    found = settling.taken_off(read, np.array([0, 1, 2]))
+    assert np.isnan(found[1, 2]) and np.isfinite(found[[0, 1, 2, 2], [1, 0, 0, 1]]).all()
+    assert found[1, 0] == pytest.approx(2.0 / 0.9)  # it was grounded in the row before
+
+
+def test_where_a_wire_to_ground_is_open_everything_was_at_the_drive():
+    rows = np.array([[np.nan, 3.3, 3.3], [1.0, np.nan, 0.4]])
+    assert with_ground(rows, np.array([0, 1]))[[0, 1], [0, 1]].tolist() == [3.3, 0.0]
 
 
 @pytest.mark.parametrize("name", ["equal-8x8", "equal-4x4", "ring-16"])
@@ -164,7 +180,8 @@ def test_contacts_are_those_of_a_sensor_that_settles(profile):
 def test_rows_go_on_without_what_they_keep(taken_off, monkeypatch):
     """Rows that are followed hear of it from the first frame; left in them, they are a millimetre off."""
     if not taken_off:
-        monkeypatch.setattr(Settling, "taken_off_row", lambda self, voltages, *_: voltages)
+        nothing = property(lambda self: None, lambda self, value: None)
+        monkeypatch.setattr(RowsState, "settling", nothing)
     sensor = simulator("equal-8x8", Channels(settling=0.02), (ONE,), period=1e-3)
     settings = Settings("accurate", noise=NOISE, contact_law=LAW)
     pipeline, off = Pipeline(load_layout("equal-8x8"), settings), []
@@ -174,6 +191,85 @@ def test_rows_go_on_without_what_they_keep(taken_off, monkeypatch):
             at = 0.064 * i + 1e-3 * ground
             result = pipeline.process_row(row, ground, DRIVE, at, state)
             off += [np.hypot(each.x - 0.02, each.y - 0.013) for each in result.contacts]
-    assert state.settling.part.mean() == pytest.approx(0.02, rel=0.05)
-    assert len(off) == 65
+    assert state.frames.settling.part.mean() == pytest.approx(0.02, rel=0.05)
+    assert len(off) == 129
     assert max(off) < 4e-4 if taken_off else max(off) > 1e-3
+
+
+# -- what it must not spoil, and where it is harder to see -----------------------------------------
+
+
+def pressed(where, radius=0.006, **more):
+    return Contact("disc", center=where, radius=radius, pressure=3e4, **more)
+
+
+def pipeline_of(name="equal-8x8", **more):
+    return Pipeline(load_layout(name), Settings("accurate", noise=NOISE, contact_law=LAW, **more))
+
+
+def off(result, where):
+    (contact,) = result.contacts
+    return float(np.hypot(contact.x - where[0], contact.y - where[1]))
+
+
+def test_readings_at_the_end_of_the_range_are_still_known_as_such():
+    scene = Scene(
+        "test", DRIVE, (pressed((0.02, 0.013)),), noise=Noise(rms=NOISE), adc=Adc(12, 2.3),
+        contact_law=LAW, defects=Defects(channels=SLOW),
+    )  # fmt: skip
+    frame = Simulator(load_layout("equal-8x8"), scene, row_period=0.0).frame(0.0)
+    assert np.nanmax(frame) < 2.3 and (frame == np.nanmax(frame)).sum() > 20
+    result = pipeline_of().process(frame, np.arange(64), DRIVE)
+    assert result.state == "valid" and off(result, (0.02, 0.013)) < 5e-4 and result.misfit < 1.3
+
+
+@pytest.mark.parametrize("settling", [0.005, 0.03])
+def test_a_touch_that_begins_within_a_frame_and_rests_tells_it(settling):
+    where = (0.02, 0.013)
+    touch = pressed(where, start=1.0205)
+    sensor = simulator("equal-8x8", Channels(settling=settling), (touch,), period=1e-3)
+    pipeline = pipeline_of()
+    for i in range(3):
+        start = 1 + 0.064 * i
+        frame = sensor.frame(start, i)
+        result = pipeline.process(frame, np.arange(64), DRIVE, row_period=1e-3, stamp=start)
+    assert pipeline._state.settling.part.mean() == pytest.approx(settling, rel=0.08)
+    assert off(result, where) < 3e-4
+
+
+def test_the_row_before_the_first_one_need_not_be_like_the_last():
+    """A touch that begins after a pause, just before the first row."""
+    pipeline = pipeline_of()
+    for i, where in enumerate([(0.02, 0.013), (-0.05, 0.04), (0.06, -0.03)]):
+        touch = pressed(where, start=i - 1e-4, end=i + 0.5)
+        sensor = simulator("equal-8x8", Channels(settling=0.02), (touch,), period=1e-3)
+        frame = sensor.frame(float(i), i)
+        longer = replace(touch, start=i - 0.5)
+        there = simulator("equal-8x8", Channels(settling=0.02), (longer,), period=1e-3)
+        assert np.nanmax(there.frame(float(i), i)[0] - frame[0]) > 0.02
+        result = pipeline.process(frame, np.arange(64), DRIVE, row_period=1e-3, stamp=float(i))
+        assert result.state == "valid" and off(result, where) < 5e-4
+    assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"dead": (27, 36)}, {"swapped": ((20, 45),)}], ids=["dead", "swapped"]
+)
+def test_rows_of_electrodes_that_are_not_used_are_rows_before(wrong):
+    defects = Defects(channels=Channels(settling=0.02), **wrong)
+    scene = Scene(
+        "test", DRIVE, TWO, noise=Noise(rms=NOISE), adc=Adc(12, DRIVE), contact_law=LAW,
+        defects=defects,
+    )  # fmt: skip
+    frame = Simulator(load_layout("equal-8x8"), scene, row_period=0.0).frame(0.0)
+    pipeline = pipeline_of()
+    result = pipeline.process(frame, np.arange(64), DRIVE)
+    assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
+    assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.1)
+
+
+def test_rows_of_excluded_electrodes_are_rows_before():
+    sensor = simulator("equal-8x8", Channels(settling=0.03))
+    pipeline = pipeline_of(excluded=(3, 10, 20, 27, 35, 44, 50, 61))
+    result = pipeline.process(sensor.frame(0.0), np.arange(64), DRIVE)
+    assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3

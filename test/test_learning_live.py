@@ -311,7 +311,7 @@ def slow():
 def test_a_sensor_that_does_not_settle_is_learned_all_the_same():
     frames = np.array([slow().frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
     learned = learn(layout(), frames, GROUNDED, DRIVE, noise=NOISE)
-    assert learned.settling.part.mean() == pytest.approx(0.02, rel=0.03)
+    assert learned.settling.part.mean() == pytest.approx(0.02, rel=0.05)
     assert learned.moved == learned.unexplained == 0 and learned.asymmetry < 1.5
     ratio = learned.state["gain"] / truth().gain
     assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(learned.state)
@@ -326,16 +326,22 @@ def settled_frames():
     return np.array([simulator(16).frame(t, i) for i, t in enumerate(np.arange(0.25, 4.0, 0.5))])
 
 
-def test_it_is_learned_while_it_is_used():
-    learner, found = live(), []
+@pytest.mark.parametrize("excluded", [(), (5, 10)])
+@pytest.mark.parametrize("seed", [None, 4])
+def test_it_is_learned_while_it_is_used(seed, excluded):
+    """In any order of the scan, and with rows of electrodes that are not used."""
+    order = GROUNDED if seed is None else np.random.default_rng(seed).permutation(16)
+    learner, found = live(excluded=excluded), []
+    sensor = Simulator(layout(), slow().scene, row_period=0.0, order=order.tolist())
     for number, time in enumerate(np.arange(0.02, 16, 0.1)):
-        if learner.offer(slow().frame(time, number), GROUNDED, DRIVE, 1000.0 + time):
+        if learner.offer(sensor.frame(time, number), order, DRIVE, 1000.0 + time):
             found.append(learner.work())
-    assert learner.moved == 0 and learner.settling.part.mean() == pytest.approx(0.02, rel=0.03)
+    assert learner.moved == 0 and learner.settling.part.mean() == pytest.approx(0.02, rel=0.05)
     last = [state for state in found if state is not None][-1]
     assert last.touches > 8
-    ratio = last["gain"] / truth().gain
-    assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(last)
+    used = np.setdiff1d(GROUNDED, excluded)
+    ratio = (last["gain"] / truth().gain)[used]
+    assert (ratio / ratio.mean()).std() < 2.5 * findings.relative_gain_deviation(last)
 
 
 # -- offsets that wander -------------------------------------------------------------------------------

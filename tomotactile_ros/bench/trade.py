@@ -72,6 +72,7 @@ class Trade:
     def __init__(self, effort: Effort):
         self.effort = effort
         self._trials: dict[str, Trials] = {}
+        self._scanned: dict[tuple[str, int], Trials] = {}
         self._reference: Subject | None = None
 
     def trials(self, name: str) -> Trials:
@@ -152,6 +153,11 @@ class Trade:
         if key not in pipelines:
             pipelines[key] = Pipeline(find_layout(case.layout), case.settings)
         trials = self.trials(case.layout)
+        if case.conditions is not None:
+            if (case.layout, case.conditions) not in self._scanned:
+                scanned = trials.scanned(grounded(case))
+                self._scanned[case.layout, case.conditions] = scanned
+            trials = self._scanned[case.layout, case.conditions]
         return Subject(
             case,
             pipelines[key].with_settings(case.settings),

@@ -49,7 +49,7 @@ from tomotactile_ros.estimation.search import (
     Search,
     tells_speeds,
 )
-from tomotactile_ros.estimation.settling import Settling, unsettled
+from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -80,6 +80,8 @@ _FEWEST_READINGS = 8  # a contact has four unknowns
 # each other, else of twice as many, again and again
 _WINDOW = 4
 _SAME_TIME = 1e-6  # s
+# chi-squared per reading that contacts which go on leave over, from which on readings may not have settled
+_UNEXPLAINED = 1.3
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings at an end of the converter's range, and chi-squared per reading that the others leave then
@@ -186,27 +188,31 @@ class Estimator:
         state: State,
         row_period: float = 0.0,
         follow: ByRows | None = None,
+        *,
+        first: np.ndarray | None = None,
+        without: np.ndarray | None = None,
     ) -> Estimate:
         """Contacts of rows `voltages` (L, E), V (NaN: not read), with electrodes `grounded` (L,) in
-        turn.
+        turn, but the channels `without` (E,) bool.
 
         Rows are `row_period` s apart, 0 if all were read at once; contacts are those at the time of
         the last row. Of rows within which something changes, `follow` is asked first. Readings that
         scatter more than they were said to are looked at again as what they are, and the next ones
-        from the beginning.
+        from the beginning. `first` (E,) are the potentials in the row before the first one, V, NaN where
+        they are not known; None: if rows have times, none is known, else those of the last row.
         """
-        read, scan = np.asarray(voltages, float), np.asarray(grounded, int)
-        frame = read, scan, drive_voltage
-        if state.settling is not None:
-            frame = state.settling.taken_off(read, scan), scan, drive_voltage
+        if first is None and row_period > 0:
+            first = np.full(self.layout.electrodes, np.nan)
+        scan = _Scan(np.asarray(voltages, float), np.asarray(grounded, int), first, without)
+        frame = scan.taken_off(state.settling), scan.grounded, drive_voltage
         noise = max(self.noise, state.noise)
         try:
-            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan)
+            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan, True)
         except _Unsettled as what:
             state.forget()
             state.settling = what.settling
-            frame = state.settling.taken_off(read, scan), scan, drive_voltage
-            estimate, seen = self._look(*frame, state, row_period, noise, follow)
+            frame = scan.taken_off(state.settling), scan.grounded, drive_voltage
+            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan)
         if seen is None:
             return estimate
         variance, readings = seen
@@ -221,7 +227,7 @@ class Estimator:
         if noisier:
             state.forget()
             state.noise = as_seen
-            estimate, _ = self._look(*frame, state, row_period, as_seen, follow)
+            estimate, _ = self._look(*frame, state, row_period, as_seen, follow, scan)
         elif variance < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
             state.noise = as_seen
         return replace(estimate, noise=max(self.noise, state.noise))
@@ -235,11 +241,12 @@ class Estimator:
         row_period,
         noise: float,
         follow: ByRows | None,
-        scan: np.ndarray | None = None,
+        scan: _Scan,
+        asked: bool = False,
     ) -> tuple[Estimate, tuple[float, int] | None]:
         """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
-        that, and the number of readings; None where they do not. `_Unsettled` where readings keep a
-        part of the row before in the `scan`, if that is given."""
+        that, and the number of readings; None where they do not. `scan` : as they were read; `_Unsettled`
+        where these keep a part of the row before, if that is `asked`."""
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -275,7 +282,7 @@ class Estimator:
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
         prior = self._prior(search.operator, drive_voltage, noise)
-        ended = valid & self._ended(voltages, used, prior)
+        ended = valid & self._ended(scan.voltages, used, prior)
         at_end = np.count_nonzero(ended) > _MOSTLY_AT_END * np.count_nonzero(valid)
         valid &= ~ended
         rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times, noise)
@@ -304,7 +311,10 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
-            begins = partial(self._begins, search, prior=prior, noise=noise, scan=scan, state=state)
+            told = scan.before(voltages) / drive_voltage if asked else None
+            begins = partial(
+                self._begins, search, prior=prior, noise=noise, before=told, state=state
+            )
             judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
             fit, first, torn = self._fit(
                 search, rows, prior, start, state, begun > 0, begins, judge, followed
@@ -430,6 +440,8 @@ class Estimator:
         )
         if touched and not goes_on:
             begins(rows)
+        elif touched and state.misfit > _UNEXPLAINED:
+            begins(rows, goes_on=True)
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
         late = None
         if timed and (begun or alike < whole):
@@ -571,17 +583,26 @@ class Estimator:
         return None if best is None else search.at_rest(best)
 
     def _begins(
-        self, search: Search, rows: Rows, *, prior: Prior, noise: float, scan, state: State
+        self,
+        search: Search,
+        rows: Rows,
+        *,
+        prior: Prior,
+        noise: float,
+        before: np.ndarray | None,
+        state: State,
+        goes_on: bool = False,
     ) -> None:
         """What rows say of how they were read, before contacts are looked for: `_Unsettled` where
-        readings keep a part of the row before in the `scan`, if that is given; `_Contradiction` where
-        they contradict each other as more noise than was said lets them."""
+        readings keep a part of the row `before`, if that is given; `_Contradiction` where they
+        contradict each other as more noise than was said lets them, if their contacts do not go on."""
         operator, found = search.operator, search.reciprocity(rows, prior)
-        if scan is not None:
-            known = state.settling, self.layout.electrodes
-            settling = unsettled(found, scan, operator.used, prior, *known)
+        if before is not None:
+            settling = unsettled(found, before, operator.used, prior, state.settling)
             if settling is not None:
                 raise _Unsettled(settling)
+        if goes_on:
+            return
         if found.misfit < TORN:
             return
         variance = found.scatter(operator.layout.positions[operator.used])
@@ -667,6 +688,37 @@ def _ask(followed: Callable[[], FollowedRows | None] | None) -> None:
     by_rows = None if followed is None else followed()
     if by_rows is not None:
         raise _Followed(by_rows)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """Rows as they were read: `voltages` (L, E), V, electrodes `grounded` (L,), potentials (E,) in the row
+    before the `first`, as for `rows_before`; `without` (E,) bool, channels that are not to be used."""
+
+    voltages: np.ndarray
+    grounded: np.ndarray
+    first: np.ndarray | None
+    without: np.ndarray | None
+
+    def taken_off(self, settling: Settling | None) -> np.ndarray:
+        """(L, E) V, what is used, without what readings keep of the row before."""
+        out = self.voltages
+        if settling is not None:
+            out = settling.taken_off(out, self.grounded, self.first)
+        if self.without is not None:
+            out = np.array(out)
+            out[:, self.without] = np.nan
+            out[self.without[self.grounded]] = np.nan
+        return out
+
+    def before(self, voltages: np.ndarray) -> np.ndarray:
+        """(E, E) V, potentials in the row before the one in which each electrode is grounded, by what
+        rows read `voltages` (L, E) without that; NaN: not known."""
+        electrodes = self.voltages.shape[1]
+        out = np.full((electrodes, electrodes), np.nan)
+        whole = np.where(np.isnan(voltages), self.voltages, voltages)
+        out[self.grounded] = rows_before(whole, self.grounded, self.first)
+        return out
 
 
 class _Unsettled(Exception):

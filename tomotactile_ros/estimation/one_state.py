@@ -91,7 +91,8 @@ class Reciprocity:
 def reciprocity(rows: Rows, prior: Prior, steps: int = 1, settling=None) -> Reciprocity:
     """Of rows, by so many `steps`; by more where these do not obey it at once.
 
-    settling : as for `fit_gains`, of the electrodes that are grounded; None: readings have settled
+    settling : as for `fit_gains`, of the electrodes that are grounded, in parts of the drive; None:
+        readings have settled
     """
     among, at = np.unique(rows.grounded, return_inverse=True)
     frame = np.full((len(among),) * 2, np.nan)

@@ -62,7 +62,7 @@ def fit_gains(
     gain: tuple[np.ndarray, np.ndarray],
     offset: tuple[np.ndarray, np.ndarray],
     steps: int = _STEPS,
-    settling: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    settling: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Gains:
     """Gains and offsets of n channels; LinAlgError where no gains explain the readings.
 
@@ -73,9 +73,8 @@ def fit_gains(
     drive, noise : V; of a reading, V rms
     gain, offset : means and standard deviations (n,) of the prior; relative, V
     steps : of each of the two forms, at most; one is near enough to look at a frame
-    settling : mean (n,) and inverse covariance (n, n) of the prior, and for each electrode the one
-        that was grounded before it, (n,), -1 where its row was not read; None: readings have
-        settled
+    settling : inverse covariance (n, n) of its prior about 0, and the potentials (n, n) in the row
+        before each, V, NaN: not known; None: readings have settled
     """
     readings = np.asarray(frames, float) / drive
     count = readings.shape[-1]
@@ -83,9 +82,11 @@ def fit_gains(
     precision = np.diag(np.concatenate([gain[1], np.asarray(offset[1]) / drive]) ** -2.0)
     before = None
     if settling is not None:
-        expected, own_precision, before = settling
-        mean = np.concatenate([mean, expected])
-        precision = block_diag(precision, own_precision)
+        mean = np.concatenate([mean, np.zeros(count)])
+        precision = block_diag(precision, settling[0])
+        before = np.asarray(settling[1], float) / drive
+        readings = np.where(np.isfinite(before), readings, np.nan)
+        before = np.where(np.isfinite(before), before, 0.0)
     own = np.arange(count)
     both = np.isfinite(readings) & np.isfinite(readings.transpose(0, 2, 1))
     both[:, own, own] = False
@@ -143,16 +144,13 @@ def _first_scale(readings, both, now):
 
 
 def _settled(v, both, now, before):
-    """(n, n) x, and how it falls with s; the grounded electrode itself reads 0."""
+    """(n, n) x, and how it falls with s."""
     count = len(v)
     gain, offset = now[:count], now[count : 2 * count]
     read = (v - offset) / gain
     if before is None:
         return read, None
-    np.fill_diagonal(read, 0.0)
-    known = both | np.eye(count, dtype=bool)
-    told = known & known[before] & (before >= 0)[:, None]
-    fallen = np.where(told, read[before] - read, 0.0)
+    fallen = np.where(both, (before - v) / gain, 0.0)
     return read - now[2 * count :] * fallen, fallen
 
 

@@ -45,7 +45,7 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd, Turns
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
-from tomotactile_ros.estimation.settling import Settling
+from tomotactile_ros.estimation.settling import Settling, with_ground
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
@@ -73,7 +73,7 @@ class RowsState:
     turns : whether touches go and come as none does; end : of the converter's range
     noise : of readings, V rms, as frames have shown it; 0 before
     settling : what readings keep of the row before, as frames have shown it
-    before : readings of the last row without that, and the electrode that was grounded
+    before : potentials in the last row
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     """
@@ -89,7 +89,7 @@ class RowsState:
     last: int = 0  # highest number of a contact that is not to be given again
     noise: float = 0.0
     settling: Settling | None = None
-    before: tuple[np.ndarray, int] | None = None
+    before: np.ndarray | None = None
     sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
     looked: float = -np.inf
@@ -223,8 +223,9 @@ class RowEstimator:
             self._take(seen, state)
         voltages = read
         if state.settling is not None and state.before is not None:
-            voltages = state.settling.taken_off_row(read, *state.before)
-        state.before = voltages, grounded
+            voltages = state.settling.less(read, state.before)
+        known = np.where(np.isnan(voltages), read, voltages)
+        (state.before,) = with_ground(known[None], np.array([grounded]))
         driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
         used = list(state.used)
         driven[used] = voltages[used] - self.estimator.offsets(state.used)

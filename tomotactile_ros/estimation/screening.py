@@ -63,7 +63,8 @@ def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarra
     largest = np.where(valid, left, 0.0).max(axis=1)
     typical = np.median(largest)
     touched = np.median(np.where(valid, left, 0.0).sum(axis=1) / counts) < 1 - _ALIVE * noise
-    return (largest < _OPEN * typical) & touched & (largest < _ALIVE * noise)
+    read = valid.any(axis=1)  # of a row without a reading nothing is known
+    return read & (largest < _OPEN * typical) & touched & (largest < _ALIVE * noise)
 
 
 def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:

@@ -30,6 +30,8 @@ _ENOUGH = (
 )
 # chi-squared an equation with s, at most: what moves while rows are read takes some for s, and leaves more
 _OF_ONE_STATE = 1.3
+# of a row whose wire to ground is open, all readings are at least so much of the largest
+_FLAT = 0.95
 _PASSES = 3  # of taking off: each leaves a part s of what the last one left
 
 
@@ -46,50 +48,66 @@ class Settling:
         own = (1 - COMMON) * np.eye(electrodes)
         return cls(np.zeros(electrodes), EXPECTED**2 * (COMMON + own))
 
-    def taken_off(self, voltages: np.ndarray, grounded: np.ndarray) -> np.ndarray:
-        """(L, E) V of readings (L, E), V, of a scan that goes on and on: the row before the first one
-        was the last one."""
-        if len(grounded) < 2:
-            return voltages
+    def taken_off(
+        self, voltages: np.ndarray, grounded: np.ndarray, first: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(L, E) V of readings (L, E), V; NaN where the row before has no reading. `first` : as for
+        `rows_before`."""
         read = out = np.asarray(voltages, float)
-        for _ in range(_PASSES):
-            before = np.roll(_with_ground(out, grounded), 1, axis=0)
-            out = self._less(read, before)
+        if len(read):
+            for _ in range(_PASSES):
+                known = np.where(np.isnan(out), read, out)
+                out = self.less(read, rows_before(known, grounded, first))
         return out
 
-    def taken_off_row(
-        self, voltages: np.ndarray, before: np.ndarray, grounded_before: int
-    ) -> np.ndarray:
-        """(E,) V of the readings of a row; `before` : what this made of the row before."""
-        return self._less(voltages, _with_ground(before[None], np.array([grounded_before]))[0])
-
-    def _less(self, read, before):
-        kept = np.where(np.isnan(before), read, before)
-        return (read - self.part * kept) / (1 - self.part)
+    def less(self, read: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """(..., E) V of readings, with the potentials in the rows `before`, V."""
+        return (read - self.part * before) / (1 - self.part)
 
 
-def _with_ground(voltages, grounded):
-    """Readings with the grounded electrode at 0 V where it was not read."""
+def rows_before(
+    voltages: np.ndarray, grounded: np.ndarray, first: np.ndarray | None = None
+) -> np.ndarray:
+    """(L, E) V, potentials in the row before each of the rows (L, E), V.
+
+    first : (E,) those before the first row, NaN where they are not known; None: those of the last
+        row, as where rows of one state are read again and again
+    """
+    out = np.roll(with_ground(voltages, grounded), 1, axis=0)
+    if first is not None:
+        out[0] = first
+    return out
+
+
+def with_ground(voltages: np.ndarray, grounded: np.ndarray) -> np.ndarray:
+    """(L, E) V, readings with that of the grounded electrode where it was not read: 0 V, or that of all
+    others where these read the same, as its wire is open."""
     out, own = np.array(voltages, float), (np.arange(len(grounded)), grounded)
-    out[own] = np.where(np.isnan(out[own]), 0.0, out[own])
+    others = np.isfinite(out)
+    others[own] = False
+    high = np.where(others, out, -np.inf).max(axis=1)
+    low = np.where(others, out, np.inf).min(axis=1)
+    flat = (low > _FLAT * high) & (low > 0) & (np.count_nonzero(others, axis=1) > 1)
+    out[own] = np.where(np.isnan(out[own]), np.where(flat, high, 0.0), out[own])
     return out
 
 
 def unsettled(
     without: Reciprocity,
-    scan: np.ndarray,
+    before: np.ndarray,
     used: np.ndarray,
     prior: Prior,
     known: Settling | None,
-    electrodes: int,
 ) -> Settling | None:
     """What rows tell of it, beyond what is `known` and was taken off them; None where they do not show
     that there is any, or no more of it.
 
-    without : reciprocity of rows as they are; scan : electrodes that were grounded in turn, also those
-        that are not in use; used (n,) those of the rows; electrodes : how many there are
+    without : reciprocity of rows as they are; before (E, E), potentials in the row before the one in
+        which each electrode is grounded, in parts of the drive, NaN: not known; used (n,) electrodes
+        of the rows
     """
-    before = _before(scan, among := used[without.among])
+    electrodes, among = len(before), used[without.among]
+    before = before[np.ix_(among, among)]
     if known is not None and without.misfit < _OF_ONE_STATE:
         if (known.covariance.diagonal()[among] < _ENOUGH**2).all():
             return None
@@ -110,8 +128,7 @@ def _told(without, before, among, prior, known) -> tuple[Settling, Reciprocity]:
     """What is known with the rows of `without`, and their reciprocity with it."""
     covariance = known.covariance[np.ix_(among, among)]
     precision = np.linalg.inv(covariance)
-    beside = np.zeros(len(among)), precision, before
-    told = reciprocity(without.rows, prior, ROUNDS, beside)
+    told = reciprocity(without.rows, prior, ROUNDS, (precision, before))
     follow = known.covariance[:, among] @ precision
     left = known.covariance - follow @ (covariance - _own(told.gains.covariance)) @ follow.T
     return Settling(known.part + follow @ told.gains.settling, left), told
@@ -121,11 +138,3 @@ def _own(covariance):
     """The block of settling in that of gains, offsets and settling."""
     count = len(covariance) // 3
     return covariance[2 * count :, 2 * count :]
-
-
-def _before(scan, among):
-    """(n,) for each of the electrodes `among` the number of that which was grounded before it; -1
-    where that is none of them."""
-    place = {int(electrode): i for i, electrode in enumerate(among)}
-    last = {int(electrode): int(other) for other, electrode in zip(np.roll(scan, 1), scan)}
-    return np.array([place.get(last.get(int(electrode), -1), -1) for electrode in among])

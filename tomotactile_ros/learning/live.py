@@ -20,7 +20,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.settling import Settling
+from tomotactile_ros.estimation.settling import Settling, rows_before
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.learner import Learner, surprise
@@ -50,10 +50,11 @@ _UNEXPLAINED = 0.5  # of the touches: with more the sensor is not what the model
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """One frame (E, E), V, row l with electrode l grounded, NaN where not read; drive, V; time,
-    s."""
+    """One frame (E, E), V, row l with electrode l grounded, NaN where not read; `before` : potentials in
+    the row before each, V; drive, V; time, s."""
 
     voltages: np.ndarray
+    before: np.ndarray
     drive: float
     time: float
 
@@ -162,7 +163,9 @@ class LiveLearner:
         frame = square(voltages, grounded, np.zeros(np.shape(voltages), bool))
         frame[:, self._excluded] = np.nan
         frame[self._excluded] = np.nan
-        found = _Frame(frame, float(drive), float(time))
+        before = np.full(frame.shape, np.nan)
+        before[grounded] = rows_before(np.asarray(voltages, float), np.asarray(grounded))
+        found = _Frame(frame, before, float(drive), float(time))
         with self._lock:
             if is_untouched(frame, np.arange(len(frame)), self._noise):
                 self._last = None
@@ -242,6 +245,7 @@ class LiveLearner:
                 radius=self._radius,
                 model=self._model,
                 state=self._start,
+                before=np.array([f.before[rows] for f in frames]),
             )
         except np.linalg.LinAlgError:
             self.unexplained = len(self._first)
@@ -282,7 +286,8 @@ class LiveLearner:
         if learner is None:
             return
         read = frame.voltages[frame.rows]
-        given = learner, read[None], clipped(read)[None], frame.rows, self._noise
+        frames = read[None], frame.before[frame.rows][None], clipped(read)[None]
+        given = learner, *frames, frame.rows, self._noise
         self.settling = kept_of_rows_before(*given, self.settling)
         if moves(learner, self._settled(frame), frame.rows, self._noise):
             self.moved += 1
@@ -335,7 +340,7 @@ class LiveLearner:
     def _settled(self, frame) -> np.ndarray:
         """(L, E) readings, V, without what they keep of the row before."""
         read = frame.voltages[frame.rows]
-        return read if self.settling is None else self.settling.taken_off(read, frame.rows)
+        return read if self.settling is None else self.settling.less(read, frame.before[frame.rows])
 
     def _learner(self, frame) -> Learner | None:
         """That of the electrodes that `frame` has readings of, with what is known by then."""

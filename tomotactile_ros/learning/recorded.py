@@ -21,7 +21,7 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
-from tomotactile_ros.estimation.settling import Settling, unsettled
+from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
@@ -107,6 +107,7 @@ def learn(
     most: int = MOST,
     state: SensorState | None = None,
     course: bool = False,
+    before: np.ndarray | None = None,
     watch: Watch = lambda items, doing: items,
 ) -> Learned:
     """What `frames` (N, L, E), V, tell of the sensor.
@@ -117,15 +118,18 @@ def learn(
     radius : typical of a contact, m; model : of the sheet; most : touches that are learned from
     state : what is known already
     course : keep the state after each touch
+    before : (N, L, E) V, potentials in the row before each; None: rows are in the order of time, and
+        the last one was before the first
     """
     frames, grounded = np.asarray(frames, float), np.asarray(grounded, int)
     given = len(frames)
-    frames = frames[_read(frames, grounded)]
+    kept = np.flatnonzero(_read(frames, grounded))
+    frames = frames[kept]
     if not len(frames):
         raise InputError("no frame has readings")
     idle = np.array([is_untouched(frame, grounded, noise) for frame in frames])
     constant = idle & ~_are_offsets(frames, grounded, state)
-    frames, idle = frames[~constant], idle[~constant]
+    frames, idle, kept = frames[~constant], idle[~constant], kept[~constant]
     if not len(frames):
         raise InputError(
             f"all {given} frames read the same whichever electrode is grounded, and far more than "
@@ -160,9 +164,13 @@ def learn(
     if not len(chosen):
         return done
     start = learner.state
-    settling = kept_of_rows_before(learner, frames[chosen], ends[chosen], grounded, noise)
+    if before is None:
+        earlier = np.array([rows_before(frame, grounded) for frame in frames[chosen]])
+    else:
+        earlier = before[kept][chosen]
+    settling = kept_of_rows_before(learner, frames[chosen], earlier, ends[chosen], grounded, noise)
     if settling is not None:
-        frames[chosen] = [settling.taken_off(frame, grounded) for frame in frames[chosen]]
+        frames[chosen] = settling.less(frames[chosen], earlier)
         done = replace(done, settling=settling)
     steady, asymmetry = _steady(learner, frames, ends, grounded, chosen, drive, noise)
     chosen, moved = chosen[steady], int((~steady).sum())
@@ -304,17 +312,20 @@ def _alone(learner, frames, ends, grounded, one, drive, noise):
 
 
 def kept_of_rows_before(
-    learner: Learner, frames, ends, grounded, noise: float, known: Settling | None = None
+    learner: Learner, frames, before, ends, grounded, noise: float, known: Settling | None = None
 ) -> Settling | None:
-    """What the readings of touches, frames (F, L, E), V, keep of the row before; `ends` (F, L, E)
-    those that are left out."""
+    """What the readings of touches, frames (F, L, E), V, keep of the row before, with the potentials
+    `before` (F, L, E), V; `ends` (F, L, E) readings that are left out."""
     operator, prior = learner.operator, learner.prior()
-    for frame, unused in zip(frames[:_GAINS], ends):
-        read = frame if known is None else known.taken_off(frame, grounded)
+    electrodes = frames.shape[2]
+    for frame, earlier, unused in zip(frames[:_GAINS], before, ends):
+        read = frame if known is None else known.less(frame, earlier)
         rows = rows_of(operator, read, grounded, learner.drive, noise, unused)
+        earlier_of = np.full((electrodes, electrodes), np.nan)
+        earlier_of[grounded] = earlier / learner.drive
         try:
             found = reciprocity(rows, prior)
-            more = unsettled(found, grounded, operator.used, prior, known, frame.shape[1])
+            more = unsettled(found, earlier_of, operator.used, prior, known)
         except np.linalg.LinAlgError:  # no readings of a sheet
             continue
         known = more or known

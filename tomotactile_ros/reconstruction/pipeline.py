@@ -25,6 +25,7 @@ from tomotactile_ros.estimation.screening import (
     too_many_are_bad,
 )
 from tomotactile_ros.estimation.search import BOUNDED, SUSPECT
+from tomotactile_ros.estimation.settling import with_ground
 from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.layouts.grid import Grid
@@ -131,6 +132,9 @@ class Pipeline:
         self._rows: RowEstimator | None = None
         self._changing = Changing(self._row_estimator)
         self._began = self._ended = 0.0  # s, of the rows of the last frame
+        # (E,) V, potentials in the row before this frame and in its last one, if rows have times
+        self._row_before: np.ndarray | None = None
+        self._last_row: np.ndarray | None = None
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile in ESTIMATED or left < FEWEST or layout.scan:
             self._estimator = self._make_estimator()
@@ -237,8 +241,15 @@ class Pipeline:
         """
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
         self._estimate_of_frame = None
-        self._began = self._ended + row_period if stamp is None else stamp
+        before = self._ended
+        self._began = before + row_period if stamp is None else stamp
         self._ended = self._began + row_period * max(len(grounded) - 1, 0)
+        at_once = abs(self._began - before - row_period) < row_period / 2
+        self._row_before, self._last_row = self._last_row if at_once else None, None
+        if row_period > 0 and len(grounded):
+            self._last_row = self._row_at_end(voltages, grounded)
+            if self._row_before is None:  # it is not known
+                self._row_before = np.full(self.layout.electrodes, np.nan)
         once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
         mistake = self._no_ground(voltages, grounded, drive_voltage)
         mistake = mistake or self._mistake(*once, drive_voltage)
@@ -260,6 +271,12 @@ class Pipeline:
                 for contact, each in zip(result.contacts, followed)
             ]
         return self._as_known(result)
+
+    def _row_at_end(self, voltages, grounded) -> np.ndarray:
+        """(E,) potentials in the last row of a frame, V, with the tare taken off."""
+        last = rows_of(self.layout, voltages, grounded)[-1:]
+        chosen = np.asarray(grounded, int)[-1:]
+        return with_ground(self._expected_zero(last, chosen), chosen)[0]
 
     def _as_known(self, result: Result) -> Result:
         """Without forces and pressures where no contact law gives them."""
@@ -518,20 +535,21 @@ class Pipeline:
 
     def _without(self, bad, voltages, grounded, drive_voltage, row_period) -> Estimate:
         """The estimate without the channels `bad` (E,)."""
-        kept = np.array(voltages, float)
-        kept[:, bad] = np.nan
-        kept[bad[np.asarray(grounded)]] = np.nan
-        found = self._estimate(kept, grounded, drive_voltage, row_period)
+        found = self._estimate(voltages, grounded, drive_voltage, row_period, without=bad)
         found.left_out.update(dict.fromkeys(_numbers(bad), CONTRADICTS))
         return found
 
-    def _estimate(self, voltages, grounded, drive_voltage, row_period=0.0, began=None):
+    def _estimate(
+        self, voltages, grounded, drive_voltage, row_period=0.0, began=None, without=None
+    ):
         chosen = np.asarray(grounded, int)
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        began = self._began if began is None else began
+        began, first = (self._began, self._row_before) if began is None else (began, None)
         given = rows, chosen, drive_voltage
-        follow = partial(self._changing.estimate, *given, began, row_period)
-        estimate = self._estimates().estimate(*given, self._state, row_period, follow)
+        kept = rows if without is None else _without_channels(rows, chosen, without)
+        follow = partial(self._changing.estimate, kept, *given[1:], began, row_period)
+        how = {"first": first, "without": without}
+        estimate = self._estimates().estimate(*given, self._state, row_period, follow, **how)
         if row_period > 0 and self._state.fit is not None:
             seen = FrameSeen.of(estimate, self._state)
             self._changing.saw(seen.at(began, row_period, len(chosen)))
@@ -649,8 +667,8 @@ class Pipeline:
         began or ended between rows, or channels contradict reciprocity and none of them is broken.
         """
         if self._state.settling is not None:
-            rows = rows_of(self.layout, voltages, grounded)
-            voltages = self._state.settling.taken_off(rows, np.asarray(grounded, int))
+            rows, chosen = rows_of(self.layout, voltages, grounded), np.asarray(grounded, int)
+            voltages = self._state.settling.taken_off(rows, chosen, self._row_before)
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
@@ -799,3 +817,11 @@ def _is_sure(estimate: Estimate) -> bool:
 
 def _numbers(bad) -> tuple[int, ...]:
     return tuple(np.flatnonzero(bad).tolist())
+
+
+def _without_channels(rows, grounded, bad) -> np.ndarray:
+    """Rows (L, E), V, without the channels `bad` (E,)."""
+    out = np.array(rows, float)
+    out[:, bad] = np.nan
+    out[bad[grounded]] = np.nan
+    return out
