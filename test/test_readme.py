@@ -29,18 +29,20 @@ def cells(line):
 def test_headline_figures_are_those_of_the_table():
     profile = re.search(r"## How good is it\?\s+Profile `(\w+)`", TEXT).group(1)
     headline = [
-        cells(line) for line in re.findall(r"^\| (?:place|contacts|two).*\|$", TEXT, re.MULTILINE)
+        cells(line) for line in re.findall(r"^\| (?:place|contacts|two|distance).*\|$", TEXT, re.MULTILINE)
     ]
     header, row = (
         cells(re.search(rf"^\| {word} .*\|$", TEXT, re.MULTILINE).group(0))
         for word in ("profile", f"`{profile}`")
     )
+    both = [value for name, value in zip(header, row, strict=True) if name == "OSPA"]
     measured = dict(zip(header, row, strict=True))
     place, ghosts = measured["one contact: error, p95; ghosts, missed"].split("; ")
-    spoilt, more = measured["with defects: error; ghosts, missed"].split("; ")
+    spoilt, more = measured["worn sensor: error; ghosts, missed"].split("; ")
     assert headline[0][1:] == [place.split(", ")[0], spoilt]
     assert headline[1][1:] == [ghosts, more]
     assert headline[2][1].split(" (")[0] == measured["two contacts from"]
+    assert headline[3][1:] == both
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
