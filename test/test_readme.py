@@ -29,7 +29,8 @@ def cells(line):
 def test_headline_figures_are_those_of_the_table():
     profile = re.search(r"## How good is it\?\s+Profile `(\w+)`", TEXT).group(1)
     headline = [
-        cells(line) for line in re.findall(r"^\| (?:place|contacts|two|distance).*\|$", TEXT, re.MULTILINE)
+        cells(line)
+        for line in re.findall(r"^\| (?:place|contacts|two|distance).*\|$", TEXT, re.MULTILINE)
     ]
     header, row = (
         cells(re.search(rf"^\| {word} .*\|$", TEXT, re.MULTILINE).group(0))
