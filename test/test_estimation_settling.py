@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
@@ -273,3 +274,17 @@ def test_rows_of_excluded_electrodes_are_rows_before():
     pipeline = pipeline_of(excluded=(3, 10, 20, 27, 35, 44, 50, 61))
     result = pipeline.process(sensor.frame(0.0), np.arange(64), DRIVE)
     assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
+
+
+@pytest.mark.parametrize("settling", [None, 0.01])
+def test_a_recording_of_it_is_told_so(settling, tmp_path, capsys):
+    sensor = simulator("equal-4x4", Channels(settling=settling))
+    frames, out = tmp_path / "frames.npz", tmp_path / "result.npz"
+    voltages = np.array([sensor.frame(0.0, i) for i in range(2)])
+    np.savez(frames, voltages=voltages, grounded=sensor.grounded, drive_voltage=DRIVE)
+    words = ["--layout", "equal-4x4", "--profile", "accurate", "--out", str(out)]
+    assert main(["reconstruct", str(frames), *words]) == 0
+    said = capsys.readouterr().out
+    assert (
+        "of the row before: the multiplexer is read too early; it is taken off" in said
+    ) == bool(settling)

@@ -376,3 +376,14 @@ def test_readings_that_scatter_more_than_was_said_are_a_warning(probe, start, tm
     text = " mV rms, not 1 mV (noise)"
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, text)
     ros_checks.has_logged(probe, reconstruction, "WARN", text)
+
+
+def test_readings_that_have_not_settled_are_a_warning(probe, start, tmp_path):
+    """They keep a part of the row before, which is found and taken off."""
+    scene = tmp_path / "slow.yaml"
+    scene.write_text(ros_checks.SCENE + "defects: {settling: 0.01}\n")
+    start("driver", {"scene": str(scene), "rate": 10})
+    reconstruction = start("reconstruction", {"profile": "accurate"})
+    text = " % of the row before: the multiplexer is read too early"
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, text)
+    ros_checks.has_logged(probe, reconstruction, "WARN", text)

@@ -27,6 +27,7 @@ from tomotactile_ros.reconstruction.settings import (
     ContactEstimate,
     Result,
     doubt_of_noise,
+    doubt_of_settling,
 )
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.sheet import MODELS
@@ -90,7 +91,7 @@ def run(args: Namespace) -> None:
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
-    noise: list[float] = []
+    noise, settling = [], 0.0
     process = _every_row if args.every_row else _every_frame
     with results_writer(args.out, images=not args.every_row, law=law) as take:
         frames = zip(recorded.voltages, stamps)
@@ -100,6 +101,7 @@ def run(args: Namespace) -> None:
             left_out.update(result.faults)
             withheld.update([result.reason] * bool(result.reason))
             noise += [result.noise] * bool(np.isfinite(result.noise))
+            settling = result.settling or settling
             take(result, lasted, holds)
     each = "row" if args.every_row else "frame"
     print(
@@ -114,6 +116,8 @@ def run(args: Namespace) -> None:
         print(f"electrode {electrode} left out: {why}")
     if noise and (doubt := doubt_of_noise(float(np.median(noise)), args.noise)):
         print(f"{doubt}: --noise")
+    if doubt := doubt_of_settling(settling):
+        print(f"{doubt}; it is taken off")
     if of_law:
         print(of_law)
 

@@ -37,7 +37,7 @@ from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
-from tomotactile_ros.reconstruction.settings import doubt_of_noise
+from tomotactile_ros.reconstruction.settings import doubt_of_noise, doubt_of_settling
 from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
@@ -71,6 +71,7 @@ class Reconstruction:
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
         self._noise = np.nan  # V rms of a reading, as the last frame showed it
+        self._settling = 0.0  # part of the row before that readings keep
         self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
         self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
@@ -200,6 +201,8 @@ class Reconstruction:
             troubles.append(Trouble("withheld", False, text, which=self._withheld))
         if text := doubt_of_noise(self._noise, pipeline.settings.noise):
             troubles.append(Trouble("noise", False, text))
+        if text := doubt_of_settling(self._settling):
+            troubles.append(Trouble("settling", False, text))
         if self._bare:
             text = f"frames name their layout without its hash, it should be {self._layout.id}"
             troubles.append(Trouble("bare layout", False, text))
@@ -254,6 +257,7 @@ class Reconstruction:
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise
+        self._settling = result.settling or self._settling
         self._bare = is_bare(layout_id, self._layout.id)
         now = self._node.get_clock().now().nanoseconds * 1e-9
         took = time.monotonic() - start

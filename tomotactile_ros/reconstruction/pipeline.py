@@ -263,6 +263,8 @@ class Pipeline:
             result = self._imaged(voltages, grounded, drive_voltage, row_period)
         if result.contacts or result.reason:
             self._explained_one = not result.reason
+        if self._state.settling is not None:
+            result.settling = float(self._state.settling.part.mean())
         if stamp is not None and not result.reason:
             timed = self._ended - self._began if self.fits else 0.0
             followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)

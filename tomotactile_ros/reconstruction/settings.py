@@ -17,6 +17,7 @@ PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 # of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 NOISY = 2.0  # times what was said: so much more scatter is worth telling
+UNSETTLED = 1e-3  # part of the row before that a reading keeps, which is worth telling
 LARGEST_REGULARIZATION = 1e30
 
 
@@ -141,6 +142,7 @@ class Result:
         state of the sheet.
     noise : of a reading, V rms, as the readings show it, what the settings say at the least; NaN
         where nothing was fitted.
+    settling : part of the row before that readings keep, mean of the channels; 0 where none was found.
     conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
         pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
@@ -157,6 +159,7 @@ class Result:
     faults: dict[int, str] = field(default_factory=dict)
     holds: float = 0.0
     noise: float = math.nan
+    settling: float = 0.0
     conductance: np.ndarray | None = None
 
     @property
@@ -187,3 +190,10 @@ def doubt_of_noise(noise: float, expected: float) -> str:
     if not noise > NOISY * expected:
         return ""
     return f"readings scatter by {1e3 * noise:.2g} mV rms, not {1e3 * expected:.2g} mV (noise)"
+
+
+def doubt_of_settling(part: float) -> str:
+    """A line where readings keep a `part` of the row before; else nothing."""
+    if not part > UNSETTLED:
+        return ""
+    return f"readings keep {100 * part:.2g} % of the row before: the multiplexer is read too early"
