@@ -40,6 +40,7 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
     too_many_are_bad,
+    without_channels,
 )
 from tomotactile_ros.estimation.search import (
     BUDGET,
@@ -311,9 +312,9 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
-            told = scan.before(voltages) / drive_voltage if asked else None
+            before = partial(scan.before, voltages, drive_voltage) if asked else None
             begins = partial(
-                self._begins, search, prior=prior, noise=noise, before=told, state=state
+                self._begins, search, prior=prior, noise=noise, before=before, state=state
             )
             judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
             fit, first, torn = self._fit(
@@ -589,21 +590,19 @@ class Estimator:
         *,
         prior: Prior,
         noise: float,
-        before: np.ndarray | None,
+        before: Callable[[], np.ndarray] | None,
         state: State,
         goes_on: bool = False,
     ) -> None:
         """What rows say of how they were read, before contacts are looked for: `_Unsettled` where
-        readings keep a part of the row `before`, if that is given; `_Contradiction` where they
+        readings keep a part of the row before, if `before` says what that was; `_Contradiction` where they
         contradict each other as more noise than was said lets them, if their contacts do not go on."""
         operator, found = search.operator, search.reciprocity(rows, prior)
         if before is not None:
-            settling = unsettled(found, before, operator.used, prior, state.settling)
+            settling = unsettled(found, before(), operator.used, prior, state.settling)
             if settling is not None:
                 raise _Unsettled(settling)
-        if goes_on:
-            return
-        if found.misfit < TORN:
+        if goes_on or found.misfit < TORN:
             return
         variance = found.scatter(operator.layout.positions[operator.used])
         if variance is not None and variance > _MOST_OF_IT * found.misfit:
@@ -706,18 +705,16 @@ class _Scan:
         if settling is not None:
             out = settling.taken_off(out, self.grounded, self.first)
         if self.without is not None:
-            out = np.array(out)
-            out[:, self.without] = np.nan
-            out[self.without[self.grounded]] = np.nan
+            out = without_channels(out, self.grounded, self.without)
         return out
 
-    def before(self, voltages: np.ndarray) -> np.ndarray:
-        """(E, E) V, potentials in the row before the one in which each electrode is grounded, by what
-        rows read `voltages` (L, E) without that; NaN: not known."""
+    def before(self, voltages: np.ndarray, drive_voltage: float) -> np.ndarray:
+        """(E, E) potentials in the row before the one in which each electrode is grounded, in parts of
+        the drive, by what rows read `voltages` (L, E), V, without that; NaN: not known."""
         electrodes = self.voltages.shape[1]
         out = np.full((electrodes, electrodes), np.nan)
         whole = np.where(np.isnan(voltages), self.voltages, voltages)
-        out[self.grounded] = rows_before(whole, self.grounded, self.first)
+        out[self.grounded] = rows_before(whole, self.grounded, self.first) / drive_voltage
         return out
 
 

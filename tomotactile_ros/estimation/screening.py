@@ -54,6 +54,15 @@ def too_many_are_bad(bad: int, of: int) -> str:
     )
 
 
+def without_channels(rows: np.ndarray, grounded: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Rows (L, E), V, with electrodes `grounded` (L,) as if the channels `bad` (E,) bool were not there:
+    NaN, not read."""
+    out = np.array(rows, float)
+    out[:, bad] = np.nan
+    out[bad[grounded]] = np.nan
+    return out
+
+
 def open_grounds(left: np.ndarray, valid: np.ndarray, noise: float) -> np.ndarray:
     """(L,) rows in which nothing seems to be grounded: all electrodes are at the drive voltage.
 

@@ -3,8 +3,8 @@
     v_i = (1 - s_n) V_i + s_n V_(i-1)
 
 with the potentials V of channel n in rows i and i - 1 (`scenes.channels`). Reciprocity tells s
-(`reciprocity`), from any touch and before any contact is looked for; then it is taken off all
-readings, once. Left in them, half a percent looks like contacts: it is 16 mV where a row is at the
+(`reciprocity`), from any touch that rests and before any contact is looked for; then it is taken off
+all readings, once. Left in them, half a percent looks like contacts: it is 16 mV where a row is at the
 drive voltage and the next at ground.
 
 Most of it is common to all channels, as the multiplexer is.

@@ -23,6 +23,7 @@ from tomotactile_ros.estimation.screening import (
     open_grounds,
     stuck_channels,
     too_many_are_bad,
+    without_channels,
 )
 from tomotactile_ros.estimation.search import BOUNDED, SUSPECT
 from tomotactile_ros.estimation.settling import with_ground
@@ -548,7 +549,7 @@ class Pipeline:
         rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
         began, first = (self._began, self._row_before) if began is None else (began, None)
         given = rows, chosen, drive_voltage
-        kept = rows if without is None else _without_channels(rows, chosen, without)
+        kept = rows if without is None else without_channels(rows, chosen, without)
         follow = partial(self._changing.estimate, kept, *given[1:], began, row_period)
         how = {"first": first, "without": without}
         estimate = self._estimates().estimate(*given, self._state, row_period, follow, **how)
@@ -819,11 +820,3 @@ def _is_sure(estimate: Estimate) -> bool:
 
 def _numbers(bad) -> tuple[int, ...]:
     return tuple(np.flatnonzero(bad).tolist())
-
-
-def _without_channels(rows, grounded, bad) -> np.ndarray:
-    """Rows (L, E), V, without the channels `bad` (E,)."""
-    out = np.array(rows, float)
-    out[:, bad] = np.nan
-    out[bad[grounded]] = np.nan
-    return out
