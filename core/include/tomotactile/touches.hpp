@@ -1,0 +1,81 @@
+// Contacts on the sheet: H, D and what part of each patch lies where, with their derivatives.
+//
+// A patch on an electrode feeds the electrode and nothing else. One that a rim crosses does so in part, so that all
+// derivatives exist. G between patches is taken apart into the logarithm of their distance, that to mirror images
+// beyond a rim included, softened as two round clouds of charge see each other,
+//
+//     x^2 exp(E1(x^2 / (e^gamma r^2))) in the place of x^2,     r^2 the mean of the squared radii,
+//
+// the charges that it induces on electrodes close by (induced.hpp), a part that is smooth over the sheet, and what is
+// only known of a patch with itself. Contacts two spacings and more apart do not feel each other: electrodes screen.
+#pragma once
+
+#include "tomotactile/contact.hpp"
+
+namespace tomotactile {
+
+class Touches {
+ public:
+  Touches(std::shared_ptr<const Sheet> sheet, Parameters contacts, std::vector<int> across, const Vector& coefficients);
+
+  // The same places on the sheet with other coefficients, and contacts that differ in their conductance only.
+  std::shared_ptr<const Touches> on(const Vector& coefficients, const Parameters& contacts) const;
+
+  Index count() const { return contacts.cols(); }
+  Index patches() const { return place_.cols(); }
+  Index begin(Index i) const { return begin_[i]; }
+  Index size(Index i) const { return begin_[i + 1] - begin_[i]; }
+  const std::vector<int>& near(Index i) const { return members_[group_[i]]; }  // patches that feel those of contact i
+  const std::vector<std::vector<int>>& groups() const { return members_; }
+  const Points& places() const { return place_; }
+  const Vector& radii() const { return radii_; }
+  const Around& around() const { return around_; }
+
+  std::array<Points, 5> moves(Index i) const;  // 2 x p of patches of contact i by `kMoving`
+  // Change of the weights of contact i by `kMoving`, p x 5, and of what it has on electrodes, n x 5.
+  void covered_change(Index i, Matrix& weight, Matrix& direct) const;
+  // The same by relative changes of the pressure on its patches, p x Q.
+  void pressure_change(Index i, const Matrix& pressures, Matrix& weight, Matrix& direct) const;
+  // E with dD = E + E^T by `kMoving` of contact i, p x m each, ohm: its patches, and those `near`.
+  std::array<Matrix, 5> impedance_change(Index i) const;
+  // Derivatives of `mean` of contact i by `kMoving`, ohm.
+  Eigen::Matrix<double, 5, 1> mean_change(Index i, const std::array<Matrix, 5>& impedance_change) const;
+  std::array<Matrix, 2> share_slopes(Index i) const;  // n x p, 1/m
+  Eigen::Vector2d centre(Index i) const;  // of mass of what lies on the sheet, m
+  Conductance conductance(Index i) const { return {contacts(kStrength, i), mean[i]}; }
+
+  std::shared_ptr<const Sheet> sheet;
+  Parameters contacts;
+  std::vector<int> across;
+  Vector coefficients;
+  Matrix share;      // H, n x P
+  Matrix impedance;  // D, P x P, ohm
+  Vector weight;     // P: parts of a contact's area on the sheet
+  Matrix direct;     // n x k: parts of each contact on electrodes
+  Vector covered;    // k: the part of each that lies on the sheet and its electrodes
+  Vector mean;       // k: mean D, ohm; 0 on electrodes
+
+ private:
+  std::vector<Form> forms_;
+  std::vector<Index> begin_;
+  Points place_;
+  Vector radii_;
+  Eigen::Array2Xd moving_, way_;     // 1 where a place is not held at the rim; from the nearest electrode's centre
+  Eigen::ArrayXd longer_;            // how much more a patch on a rim moves; where `inside_`
+  Eigen::Array<bool, Eigen::Dynamic, 1> inside_, bare_;
+  std::vector<int> electrode_;       // nearest one, n: not in use
+  Eigen::ArrayXd on_, off_, steep_radius_, rising_radius_;
+  Eigen::Array2Xd steep_, rising_;
+  std::vector<int> group_;
+  std::vector<std::vector<int>> members_;
+  Around around_;
+  Charges charges_;
+  Matrix solved_, even_, field_;     // H and D of the even sheet; k x J
+  Eigen::ArrayXd factor_;            // of D for the local conductance: root of it for each patch
+
+  void place(const Vector& area);
+  void connect();
+  void take();
+};
+
+}  // namespace tomotactile

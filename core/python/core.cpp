@@ -1,0 +1,380 @@
+// Arrays in, arrays out: what Python needs of the core. Nothing is computed here.
+//
+// Arrays are those of Python, (k, 6), (L, n), (P, L, n): in C order they are the columns of the core. Whatever does not
+// fit is refused with one line (BadInput becomes ValueError, no factorisation numpy.linalg.LinAlgError); the GIL is
+// released while something is worked out.
+#include <pybind11/complex.h>
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "tomotactile/equations.hpp"
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace tomotactile;
+
+namespace {
+
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Integers = py::array_t<int, py::array::c_style | py::array::forcecast>;
+using Booleans = py::array_t<bool, py::array::c_style | py::array::forcecast>;
+using Free = py::gil_scoped_release;
+
+[[noreturn]] void refuse(const char* name, const char* wanted) {
+  throw BadInput(std::string(name) + ": an array " + wanted + " is needed");
+}
+
+// (columns, rows) of Python as rows x columns.
+template <class Out = Matrix>
+Out matrix(const Array& a, const char* name, Index rows = -1) {
+  if (a.ndim() != 2 || (rows >= 0 && a.shape(1) != rows)) refuse(name, "of two dimensions that fits the others");
+  Out out(a.shape(1), a.shape(0));
+  std::copy(a.data(), a.data() + a.size(), out.data());
+  return out;
+}
+
+Vector vector(const Array& a, const char* name) {
+  if (a.ndim() != 1) refuse(name, "of one dimension");
+  return Eigen::Map<const Vector>(a.data(), a.size());
+}
+
+std::vector<int> integers(const Integers& a, const char* name) {
+  if (a.ndim() != 1) refuse(name, "of whole numbers of one dimension");
+  return std::vector<int>(a.data(), a.data() + a.size());
+}
+
+// (m, a, b) of Python as m matrices b x a.
+std::vector<Matrix> matrices(const Array& a, const char* name) {
+  if (a.ndim() != 3) refuse(name, "of three dimensions");
+  std::vector<Matrix> out;
+  for (Index m = 0; m < a.shape(0); ++m) {
+    const double* first = a.data() + m * a.shape(1) * a.shape(2);
+    out.push_back(Eigen::Map<const Matrix>(first, a.shape(2), a.shape(1)));
+  }
+  return out;
+}
+
+std::array<Matrix, 2> two(const Array& a, const char* name) {
+  std::vector<Matrix> found = matrices(a, name);
+  if (found.size() != 2) refuse(name, "of two matrices");
+  return {found[0].transpose(), found[1].transpose()};
+}
+
+Array array(std::vector<py::ssize_t> shape, const double* data) {
+  Array out(shape);
+  std::copy(data, data + out.size(), out.mutable_data());
+  return out;
+}
+
+Array array(const Matrix& m) { return array({m.cols(), m.rows()}, m.data()); }
+Array array(const Points& m) { return array({m.cols(), 2}, m.data()); }
+Array array(const Vector& v) { return array({v.size()}, v.data()); }
+
+// nL x P as (P, L, n), or as (P, L n).
+Array columns(const Matrix& m, Index n) { return array({m.cols(), n ? m.rows() / n : 0, n}, m.data()); }
+
+Unknowns unknowns(const py::object& of) {
+  Unknowns u;
+  u.contacts = matrix<Parameters>(of.attr("contacts").cast<Array>(), "contacts", 6);
+  const auto free = of.attr("free").cast<Booleans>();
+  if (free.ndim() != 2 || free.shape(1) != 6) refuse("free", "(k, 6)");
+  u.free.resize(6, free.shape(0));
+  std::copy(free.data(), free.data() + free.size(), u.free.data());
+  u.across = of.attr("across").cast<std::vector<int>>();
+  u.rates = matrix<Rates>(of.attr("rates").cast<Array>(), "rates", 3);
+  const auto moving = of.attr("moving").cast<Booleans>();
+  u.moving.assign(moving.data(), moving.data() + moving.size());
+  const py::object bond = of.attr("bond");
+  if (!bond.is_none()) u.bond = matrix(bond.cast<Array>(), "bond");
+  u.sheet = vector(of.attr("sheet").cast<Array>(), "sheet");
+  u.gain = vector(of.attr("gain").cast<Array>(), "gain");
+  u.offset = vector(of.attr("offset").cast<Array>(), "offset");
+  u.resistance = vector(of.attr("resistance").cast<Array>(), "resistance");
+  u.aside = matrix<Eigen::MatrixX2d>(of.attr("aside").cast<Array>(), "aside");
+  return u;
+}
+
+py::dict dictionary(const Unknowns& u) {
+  const Index k = u.contacts.cols();
+  Booleans free({k, Index(6)}), moving(k);
+  std::copy(u.free.data(), u.free.data() + u.free.size(), free.mutable_data());
+  std::copy(u.moving.begin(), u.moving.end(), moving.mutable_data());
+  const py::object bond = u.bond.size() ? py::object(array(u.bond)) : py::none();
+  return py::dict("contacts"_a = array({k, 6}, u.contacts.data()), "across"_a = py::tuple(py::cast(u.across)),
+                  "free"_a = free, "rates"_a = array({k, 3}, u.rates.data()), "moving"_a = moving, "bond"_a = bond,
+                  "sheet"_a = array(u.sheet), "gain"_a = array(u.gain), "offset"_a = array(u.offset),
+                  "resistance"_a = array(u.resistance), "aside"_a = array({2, u.aside.rows()}, u.aside.data()));
+}
+
+Lattice lattice(const Array& start, const Array& step, const Integers& counts) {
+  const Vector first = vector(start, "start"), apart = vector(step, "step");
+  const std::vector<int> points = integers(counts, "counts");
+  if (first.size() != 2 || apart.size() != 2 || points.size() != 2) refuse("lattice", "(2,) for start, step and counts");
+  if (points[0] < 4 || points[1] < 4 || points[0] > 10000 || points[1] > 10000) refuse("counts", "from 4 to 10000");
+  return {first, apart, Eigen::Vector2i(points[0], points[1])};
+}
+
+std::shared_ptr<Tables> tables(const py::dict& of) {
+  const auto array_of = [&](const char* name) { return of[name].cast<Array>(); };
+  auto t = std::make_shared<Tables>();
+  t->outline.size = vector(array_of("size"), "size");
+  t->outline.rectangle = of["rectangle"].cast<bool>();
+  t->outline.circle = of["circle"].cast<double>();
+  for (const py::handle& ring : of["rings"]) t->outline.rings.push_back(matrix<Points>(ring.cast<Array>(), "rings", 2));
+  t->centres = matrix<Points>(array_of("centres"), "centres", 2);
+  t->used = matrix<Points>(array_of("used"), "used", 2);
+  t->position = integers(of["position"].cast<Integers>(), "position");
+  t->radius = of["radius"].cast<double>();
+  t->resistance = of["resistance"].cast<double>();
+  t->pitch = of["pitch"].cast<double>();
+  t->inverse = matrix(array_of("inverse"), "inverse").transpose();
+  t->admittance = matrix(array_of("admittance"), "admittance").transpose();
+  for (const py::handle& cut : of["discs"]) {
+    const auto [points, area, radii] = cut.cast<std::tuple<Array, Array, Array>>();
+    t->discs.push_back({matrix<Points>(points, "discs", 2), vector(area, "discs"), vector(radii, "discs")});
+  }
+  t->fine = of["fine"].cast<Lattice>();
+  t->coarse = of["coarse"].cast<Lattice>();
+  t->potentials = matrix(array_of("potentials"), "potentials");
+  t->own = vector(array_of("own"), "own");
+  t->smooth = matrix(array_of("smooth"), "smooth").transpose();
+  t->induced = {t->centres, t->radius, t->pitch, t->resistance / (4 * 3.14159265358979323846)};
+  t->fields = two(array_of("fields"), "fields");
+  for (const py::handle& each : of["mirrors"]) {
+    const auto [electrode, straight, turned, shift] =
+        each.cast<std::tuple<int, std::complex<double>, std::complex<double>, std::complex<double>>>();
+    t->mirrors.push_back({electrode, straight, turned, shift});
+  }
+  t->change = matrices(array_of("change"), "change");
+  for (Matrix& each : t->change) each.transposeInPlace();
+  const auto seen = of["seen"].cast<Booleans>();
+  if (seen.ndim() != 2 || seen.shape(0) != seen.shape(1)) refuse("seen", "(n, n)");
+  t->seen.resize(seen.shape(0), seen.shape(1));
+  std::copy(seen.data(), seen.data() + seen.size(), t->seen.data());
+  t->share_change = matrices(array_of("share_change"), "share_change");
+  t->cells = matrix<Points>(array_of("cells"), "cells", 2);
+  t->reach = of["reach"].cast<double>();
+  t->nodes = matrix(array_of("nodes"), "nodes").transpose();
+  t->complete();
+  return t;
+}
+
+py::object solution(const Solution& found) {
+  return py::make_tuple(found.fit, found.equations, found.equations ? py::object(array(found.covariance)) : py::none(), found.steps,
+                        found.work);
+}
+
+py::dict conductances(const Prediction& p) {
+  const Snapshot& at = p.middle();
+  const Index k = Index(at.conductance.size());
+  Vector g(k), by_strength(k), by_mean(k);
+  for (Index i = 0; i < k; ++i)
+    g[i] = at.conductance[i].value, by_strength[i] = at.conductance[i].by_strength, by_mean[i] = at.conductance[i].by_mean;
+  return py::dict("g"_a = array(g), "by_strength"_a = array(by_strength), "by_mean"_a = array(by_mean));
+}
+
+}  // namespace
+
+PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
+  m.doc() = "Forward model, fits and covariance of contacts on a resistive sheet, compiled.";
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const BadInput& error) {
+      PyErr_SetString(PyExc_ValueError, error.what());
+    } catch (const std::domain_error& error) {
+      PyErr_SetString(py::module_::import("numpy.linalg").attr("LinAlgError").ptr(), error.what());
+    }
+  });
+
+  py::class_<Lattice>(m, "Lattice").def(py::init(&lattice), "start"_a, "step"_a, "counts"_a);
+
+  py::class_<Tables, std::shared_ptr<Tables>>(m, "Tables").def(py::init(&tables), "content"_a);
+
+  py::class_<Sheet, std::shared_ptr<Sheet>>(m, "Sheet")
+      .def(py::init([](std::shared_ptr<Tables> t, const Array& untouched) {
+             return std::make_shared<Sheet>(t, matrix(untouched, "untouched").transpose());
+           }), "tables"_a, "untouched"_a)
+      .def(py::init([](std::shared_ptr<Tables> t, const Array& untouched, const Array& mean, const Array& factor, const Array& term,
+                       const Array& share, const Array& own) {
+             return std::make_shared<Sheet>(t, matrix(untouched, "untouched").transpose(), vector(mean, "mean"),
+                                            Rest{matrix(factor, "factor").transpose(), matrix(term, "term").transpose(),
+                                                 matrix(share, "share"), vector(own, "own")});
+           }), "tables"_a, "untouched"_a, "mean"_a, "factor"_a, "term"_a, "share"_a, "own"_a);
+
+  py::class_<Touches, std::shared_ptr<Touches>>(m, "Touches")
+      .def(py::init([](std::shared_ptr<Sheet> sheet, const Array& contacts, std::vector<int> across, const Array& coefficients) {
+             return std::make_shared<Touches>(sheet, matrix<Parameters>(contacts, "contacts", 6), std::move(across),
+                                              vector(coefficients, "sheet"));
+           }), "sheet"_a, "contacts"_a, "across"_a, "coefficients"_a)
+      .def_property_readonly("share", [](const Touches& t) { return Matrix(t.share); })
+      .def_property_readonly("impedance", [](const Touches& t) { return Matrix(t.impedance); })
+      .def_property_readonly("weight", [](const Touches& t) { return array(t.weight); })
+      .def_property_readonly("direct", [](const Touches& t) { return array(t.direct); })
+      .def_property_readonly("covered", [](const Touches& t) { return array(t.covered); })
+      .def_property_readonly("mean", [](const Touches& t) { return array(t.mean); })
+      .def_property_readonly("places", [](const Touches& t) { return array(t.places()); })
+      .def_property_readonly("radii", [](const Touches& t) { return array(t.radii()); })
+      .def_property_readonly("parts", [](const Touches& t) {
+        py::list out;
+        for (Index i = 0; i < t.count(); ++i) out.append(py::slice(t.begin(i), t.begin(i) + t.size(i), 1));
+        return out;
+      })
+      .def("centre", [](const Touches& t, Index i) {
+        if (i < 0 || i >= t.count()) throw py::index_error("no such contact");
+        return array(Vector(t.centre(i)));
+      });
+
+  py::class_<Prediction, std::shared_ptr<Prediction>>(m, "Prediction")
+      .def(py::init([](std::shared_ptr<Sheet> sheet, const py::object& u, const Integers& rows, const py::object& times,
+                       std::shared_ptr<Touches> touches) {
+             const Unknowns at = unknowns(u);
+             const Vector when = times.is_none() ? Vector() : vector(times.cast<Array>(), "times");
+             const std::vector<int> grounded = integers(rows, "rows");
+             Free free;
+             return std::make_shared<Prediction>(sheet, at, grounded, when, touches);
+           }), "sheet"_a, "unknowns"_a, "rows"_a, "times"_a = py::none(), "touches"_a = py::none())
+      .def_property_readonly("readings", [](const Prediction& p) { return array(p.readings); })
+      .def_property_readonly("ratio", [](const Prediction& p) { return array(p.ratio); })
+      .def_property_readonly("own", [](const Prediction& p) { return array(p.own); })
+      .def_property_readonly("impedance", [](const Prediction& p) { return array(p.middle().impedance); })
+      .def_property_readonly("added", [](const Prediction& p) { return array(p.middle().added()); })
+      .def_property_readonly("touches", [](const Prediction& p) { return std::const_pointer_cast<Touches>(p.middle().touches); })
+      .def_property_readonly("size", &Prediction::work)
+      .def_property_readonly("conductance", &conductances)
+      .def_property_readonly("answering", [](const Prediction& p) { return array(answering(p)); })
+      .def("mean_changes", [](const Prediction& p, Index i) {
+        const auto& t = p.middle().touches;
+        if (!t || i < 0 || i >= t->count()) throw py::index_error("no such contact");
+        return array(Vector(t->mean_change(i, t->impedance_change(i))));
+      })
+      .def("contact_columns", [](const Prediction& p, const py::object& u) {
+        const Unknowns at = unknowns(u);
+        Matrix out;
+        { Free free; out = p.contact_columns(at); }
+        return columns(out, p.count());
+      })
+      .def("sheet_columns", [](const Prediction& p) {
+        Matrix out;
+        { Free free; out = p.sheet_columns(); }
+        return columns(out, p.count());
+      })
+      .def("way_columns", [](const Prediction& p) { return columns(p.way_columns(), p.count()); })
+      .def("pressure_columns", [](const Prediction& p, const std::vector<Array>& modes) {
+        std::vector<Matrix> each;
+        for (const Array& mode : modes) each.push_back(matrix(mode, "modes"));
+        return columns(p.pressure_columns(each), p.count());
+      })
+      .def_property_readonly("aside", [](const Prediction& p) {
+        Matrix read, ground;
+        p.aside(read, ground);
+        return py::make_tuple(columns(read, p.count()), columns(ground, p.count()));
+      });
+
+  py::class_<Rows, std::shared_ptr<Rows>>(m, "Rows")
+      .def(py::init([](const Array& readings, const Array& weights, const Integers& grounded, const py::object& times) {
+             return std::make_shared<Rows>(matrix(readings, "readings"), matrix(weights, "weights"), integers(grounded, "grounded"),
+                                           times.is_none() ? Vector() : vector(times.cast<Array>(), "times"));
+           }), "readings"_a, "weights"_a, "grounded"_a, "times"_a = py::none());
+
+  py::class_<Prior, std::shared_ptr<Prior>>(m, "Prior")
+      .def(py::init([](double radius, double spread, double stretch, const Array& rates, const Array& mean, const Array& deviation,
+                       const py::object& precision, Index modes) {
+             if (rates.ndim() != 1 || rates.size() != 3) refuse("rates", "(3,)");
+             return std::make_shared<Prior>(radius, spread, stretch, Eigen::Vector3d(vector(rates, "rates")), vector(mean, "mean"),
+                                            vector(deviation, "deviation"),
+                                            precision.is_none() ? Matrix() : matrix(precision.cast<Array>(), "precision"), modes);
+           }), "radius"_a, "spread"_a, "stretch"_a, "rates"_a, "mean"_a, "deviation"_a, "precision"_a, "modes"_a);
+
+  py::class_<Slopes>(m, "Slopes")
+      .def("beside", [](const Slopes& s, const Array& more) { return s.beside(Eigen::Map<const Vector>(more.data(), more.size())); })
+      .def("couplings", [](const Slopes& s, const Array& weighted) {
+        if (weighted.ndim() != 3) refuse("weighted", "(P, L, n)");
+        const Matrix flat = Eigen::Map<const Matrix>(weighted.data(), weighted.shape(1) * weighted.shape(2), weighted.shape(0));
+        return Matrix(s.couplings(flat));
+      })
+      .def("normal", [](const Slopes& s, const Array& weights) { return s.normal(matrix(weights, "weights")); });
+
+  py::class_<Equations, std::shared_ptr<Equations>>(m, "Equations")
+      .def_property_readonly("normal", [](const Equations& e) { return e.normal; })
+      .def_property_readonly("inverse", [](const Equations& e) { return e.inverse(); })
+      .def_property_readonly("prediction", [](const Equations& e) { return std::const_pointer_cast<Prediction>(e.fit->prediction); })
+      .def_property_readonly("by_ways", [](const Equations& e) { Free free; return e.by_ways(); })
+      .def("response", [](const Equations& e, const Array& misfits) {
+        if (misfits.ndim() != 3 || misfits.shape(1) * misfits.shape(2) != e.fit->misfit.size()) refuse("misfits", "(m, L, n)");
+        const Matrix flat = Eigen::Map<const Matrix>(misfits.data(), e.fit->misfit.size(), misfits.shape(0));
+        return e.response(flat);
+      })
+      .def("score", [](const Equations& e, const Fit& fit, const Booleans& free) {
+        if (free.ndim() != 2 || free.shape(1) != 6 || free.shape(0) != fit.unknowns.contacts.cols()) refuse("free", "(k, 6)");
+        Mask mask(6, free.shape(0));
+        std::copy(free.data(), free.data() + free.size(), mask.data());
+        return e.score(fit, mask);
+      })
+      .def("unevenness", &Equations::unevenness);
+
+  py::class_<Fit, std::shared_ptr<Fit>>(m, "Fit")
+      .def(py::init([](std::shared_ptr<Sheet> sheet, const py::object& u, std::shared_ptr<Rows> rows, std::shared_ptr<Prior> prior,
+                       std::shared_ptr<Prediction> prediction) {
+             Unknowns at = unknowns(u);
+             Free free;
+             return std::make_shared<Fit>(sheet, std::move(at), rows, prior, prediction);
+           }), "sheet"_a, "unknowns"_a, "rows"_a, "prior"_a, "prediction"_a = py::none())
+      .def_property_readonly("unknowns", [](const Fit& f) { return dictionary(f.unknowns); })
+      .def_property_readonly("prediction", [](const Fit& f) { return std::const_pointer_cast<Prediction>(f.prediction); })
+      .def_property_readonly("misfit", [](const Fit& f) { return array(f.misfit); })
+      .def_readonly("chi_squared", &Fit::chi_squared)
+      .def_readonly("cost", &Fit::cost)
+      .def_property_readonly("doubt", &Fit::doubt)
+      .def_property_readonly("of_sensor", &Fit::of_sensor)
+      .def_property_readonly("slopes", &Fit::slopes)
+      .def("weighed", [](const Fit& f, std::shared_ptr<Rows> rows) { return std::make_shared<Fit>(f.weighed(rows)); })
+      .def("in_place", [](const Fit& f, const py::object& u) {
+        if (!f.prediction->middle().touches) throw BadInput("nothing touches: there is no place to keep");
+        Unknowns at = unknowns(u);
+        Free free;
+        return std::make_shared<Fit>(f.in_place(std::move(at)));
+      })
+      .def_property_readonly("contact_priors", [](const Fit& f) {
+        Matrix curvature;
+        Vector pull;
+        contact_priors(f, curvature, pull);
+        return py::make_tuple(curvature, array(pull));
+      });
+
+  py::class_<Linear>(m, "Linear")
+      .def_static("of_contacts", [](std::shared_ptr<Fit> fit) { Free free; return Linear::of_contacts(fit); }, "fit"_a)
+      .def_static("of_all", [](std::shared_ptr<Fit> fit, std::shared_ptr<Equations> known) { Free free; return Linear::of_all(fit, known); },
+                  "fit"_a, "known"_a = py::none())
+      .def_readonly("free", &Linear::free)
+      .def_property_readonly("normal", [](const Linear& l) { return l.normal; })
+      .def_property_readonly("right", [](const Linear& l) { return array(l.right); })
+      .def_property_readonly("alone", [](const Linear& l) { return array(l.alone); })
+      .def_property_readonly("equations", [](const Linear& l) { return std::const_pointer_cast<Equations>(l.equations); })
+      .def_property_readonly("promise", &Linear::promise)
+      .def("covariance", &Linear::covariance)
+      .def("step", [](const Linear& l, double damping) {
+        const Step step = l.step(damping);
+        return py::make_tuple(dictionary(step.unknowns), step.promised, step.whole);
+      })
+      .def("followed", [](const Linear& l, const py::object& u, const Array& step) {
+        if (!l.equations || step.ndim() != 1 || step.size() != l.right.size()) refuse("step", "(F + J,)");
+        return dictionary(l.followed(unknowns(u), vector(step, "step")));
+      });
+
+  m.def("approach", [](std::shared_ptr<Fit> fit, double most) {
+    Solution found;
+    { Free free; found = approach(fit, most); }
+    return solution(found);
+  }, "fit"_a, "most"_a);
+  m.def("solve", [](std::shared_ptr<Fit> fit, int steps, std::shared_ptr<Equations> known, double goal, double most) {
+    Solution found;
+    { Free free; found = solve(fit, steps, known, goal, most); }
+    return solution(found);
+  }, "fit"_a, "steps"_a, "known"_a, "goal"_a, "most"_a);
+  m.def("similar", [](const Array& contacts, const Array& others, double pitch, double within) {
+    return similar(matrix<Parameters>(contacts, "contacts", 6), matrix<Parameters>(others, "others", 6), pitch, within);
+  }, "contacts"_a, "others"_a, "pitch"_a, "within"_a);
+}

@@ -1,0 +1,74 @@
+#include "tomotactile/lattice.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tomotactile {
+namespace {
+
+using Four = Eigen::Vector4d;
+
+Four keys(double t) {
+  const double t2 = t * t, t3 = t2 * t;
+  return Four(-t + 2 * t2 - t3, 2 - 5 * t2 + 3 * t3, t + 4 * t2 - 3 * t3, -t2 + t3) / 2;
+}
+
+Four keys_slope(double t) {
+  const double t2 = t * t;
+  return Four(-1 + 4 * t - 3 * t2, -10 * t + 9 * t2, 1 + 8 * t - 9 * t2, -2 * t + 3 * t2) / 2;
+}
+
+}  // namespace
+
+Stencil Lattice::at(double x, double y) const {
+  const double place[2] = {x, y};
+  Four value[2], slope[2];
+  int low[2];
+  for (int axis = 0; axis < 2; ++axis) {
+    const double at = (place[axis] - start[axis]) / step[axis];
+    // NaN and infinity end at the rim, as any place beyond it does
+    const double highest = counts[axis] - 3;
+    const double floor = std::floor(at);
+    low[axis] = floor > 1 ? int(std::min(floor, highest)) : 1;
+    const double part = at > low[axis] ? std::min(at - low[axis], 1.0) : 0.0;
+    value[axis] = keys(part);
+    slope[axis] = keys_slope(part) / step[axis];
+  }
+  Stencil out;
+  const int first = (low[0] - 1) * counts.y() + low[1] - 1;
+  for (int i = 0; i < 4; ++i) {
+    for (int j = 0; j < 4; ++j) {
+      const int k = 4 * i + j;
+      out.nodes[k] = first + i * counts.y() + j;
+      out.weights[k] = value[0][i] * value[1][j];
+      out.along_x[k] = slope[0][i] * value[1][j];
+      out.along_y[k] = value[0][i] * slope[1][j];
+    }
+  }
+  return out;
+}
+
+Around::Around(const Lattice& lattice, const Points& places) {
+  const Index count = places.cols();
+  std::vector<Stencil> stencils(count);
+  std::vector<int> number(lattice.points(), -1);
+  for (Index p = 0; p < count; ++p) {
+    stencils[p] = lattice.at(places(0, p), places(1, p));
+    for (int node : stencils[p].nodes)
+      if (number[node] < 0) number[node] = 0, nodes.push_back(node);
+  }
+  std::sort(nodes.begin(), nodes.end());
+  for (std::size_t m = 0; m < nodes.size(); ++m) number[nodes[m]] = int(m);
+  weights.setZero(nodes.size(), count);
+  along_x.setZero(nodes.size(), count);
+  along_y.setZero(nodes.size(), count);
+  for (Index p = 0; p < count; ++p)
+    for (int k = 0; k < 16; ++k) {
+      const int m = number[stencils[p].nodes[k]];
+      weights(m, p) = stencils[p].weights[k];
+      along_x(m, p) = stencils[p].along_x[k];
+      along_y(m, p) = stencils[p].along_y[k];
+    }
+}
+
+}  // namespace tomotactile

@@ -1,0 +1,198 @@
+#include "tomotactile/sheet.hpp"
+
+#include <cmath>
+
+namespace tomotactile {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+// Diagonals that make the rows sum to 0: a floating sheet conducts nothing away.
+void balance(Matrix& matrix) {
+  matrix.diagonal().setZero();
+  const Vector sums = matrix.rowwise().sum();
+  matrix.diagonal() = -sums;
+}
+
+void expect(bool right, const char* what) {
+  if (!right) throw BadInput(std::string("tables of the sheet: ") + what);
+}
+
+}  // namespace
+
+void Tables::complete() {
+  const Index n = admittance.rows(), all = centres.cols(), points = coarse.points();
+  expect(n >= 1 && admittance.cols() == n, "admittance is not square");
+  expect(inverse.rows() == n + 1 && inverse.cols() == n + 1, "the bordered inverse does not fit the admittance");
+  expect(used.cols() == n, "places of electrodes do not fit the admittance");
+  expect(Index(position.size()) == all, "positions do not fit the electrodes");
+  for (int each : position) expect(each >= 0 && each <= n, "a position is none of an electrode");
+  expect(fine.counts.minCoeff() >= 4 && coarse.counts.minCoeff() >= 4, "a lattice has fewer than 4 points to a side");
+  expect(fine.step.minCoeff() > 0 && coarse.step.minCoeff() > 0, "a lattice has no size");
+  expect(potentials.rows() == n && potentials.cols() == fine.points(), "potentials do not fit their lattice");
+  expect(own.size() == fine.points(), "own potentials do not fit their lattice");
+  expect(smooth.rows() == points && smooth.cols() == points, "the smooth part does not fit its lattice");
+  expect(change.size() >= 2 && share_change.size() == change.size(), "modes of Y0 and of H differ in number");
+  for (const Matrix& each : change) expect(each.rows() == n && each.cols() == n, "a mode of Y0 has another size");
+  for (const Matrix& each : share_change) expect(each.rows() == n && each.cols() == points, "a mode of H has another size");
+  expect(seen.rows() == n && seen.cols() == n, "pairs that see each other do not fit the admittance");
+  expect(nodes.rows() == cells.cols() && nodes.cols() + 2 == Index(change.size()), "cells of the field do not fit the modes");
+  for (const Matrix& each : fields) expect(each.rows() == n && each.cols() == n, "fields do not fit the admittance");
+  for (const Mirror& each : mirrors) expect(each.electrode >= 0 && each.electrode < n, "a mirror of no electrode");
+  expect(radius > 0 && resistance > 0 && pitch > 0 && reach > 0, "radius, resistance, spacing must be above 0");
+  for (const Cut& each : discs)
+    expect(each.points.cols() == each.area.size() && each.area.size() == each.radii.size(), "patches do not fit each other");
+  between = Sheet::kernel_of(*this, used);
+}
+
+Sheet::Sheet(std::shared_ptr<const Tables> tables, Matrix untouched)
+    : tables_(std::move(tables)), untouched_(std::move(untouched)), mean_(Vector::Zero(tables_->change.size())) {
+  expect(untouched_.rows() == count() && untouched_.cols() == count(), "the untouched sheet has another size");
+}
+
+Sheet::Sheet(std::shared_ptr<const Tables> tables, Matrix untouched, Vector mean, Rest rest)
+    : Sheet(std::move(tables), std::move(untouched)) {
+  mean_ = std::move(mean);
+  const Index n = count(), points = tables_->coarse.points();
+  expect(mean_.size() == modes(), "coefficients are as many as modes");
+  expect(rest.factor.rows() == n && rest.factor.cols() == n && rest.term.rows() == n && rest.term.cols() == n &&
+             rest.share.rows() == n && rest.share.cols() == points && rest.own.size() == points,
+         "what first order leaves has another size");
+  rest_ = std::make_shared<const Rest>(std::move(rest));
+}
+
+Matrix Sheet::changed(const Vector& sheet) const {
+  Matrix out = Matrix::Zero(count(), count());
+  for (Index j = 0; j < modes(); ++j)
+    if (sheet[j] != 0) out.noalias() += sheet[j] * tables_->change[j];
+  return out;
+}
+
+Matrix Sheet::scaled(const Matrix& changed) const {
+  Matrix logarithm = changed;
+  if (rest_) logarithm += rest_->factor;
+  return tables_->admittance.cwiseProduct(logarithm.cwiseMax(-2.0).cwiseMin(2.0).array().exp().matrix());
+}
+
+Matrix Sheet::admittance_of(const Vector& sheet) const {
+  if (even(sheet)) return tables_->admittance;
+  const Matrix change = changed(sheet), factor = scaled(change);
+  Matrix out = tables_->seen.select(factor, tables_->admittance + change);
+  if (rest_) out += rest_->term;
+  balance(out);
+  return out;
+}
+
+std::vector<Matrix> Sheet::admittance_change(const Vector& sheet) const {
+  const Matrix factor = even(sheet) ? tables_->admittance : scaled(changed(sheet));
+  std::vector<Matrix> out(modes());
+  for (Index j = 0; j < modes(); ++j) {
+    const Matrix& each = tables_->change[j];
+    out[j] = tables_->seen.select(each.cwiseProduct(factor), each);
+    balance(out[j]);
+  }
+  return out;
+}
+
+Matrix Sheet::share_added(const Vector& sheet, const std::vector<int>& nodes) const {
+  Matrix out = Matrix::Zero(count(), nodes.size());
+  for (std::size_t m = 0; m < nodes.size(); ++m) {
+    if (rest_) out.col(m) = rest_->share.col(nodes[m]);
+    for (Index j = 0; j < modes(); ++j)
+      if (sheet[j] != 0) out.col(m) += sheet[j] * tables_->share_change[j].col(nodes[m]);
+  }
+  return out;
+}
+
+Vector Sheet::own_added(const Around& around) const {
+  if (!rest_) return Vector::Zero(around.weights.cols());
+  return around.weights.transpose() * rest_->own(around.nodes);
+}
+
+Matrix Sheet::field_at(const Points& places) const {
+  const Points& cells = tables_->cells;
+  Matrix weights(places.cols(), cells.cols());
+  for (Index q = 0; q < places.cols(); ++q) {
+    const Eigen::ArrayXd squared = (cells.colwise() - places.col(q)).colwise().squaredNorm().transpose();
+    const Eigen::ArrayXd weight = (-(squared - squared.minCoeff()) / (2 * tables_->reach * tables_->reach)).exp();
+    weights.row(q) = (weight / weight.sum()).matrix();
+  }
+  Matrix out = Matrix::Zero(places.cols(), modes());
+  out.leftCols(modes() - 2).noalias() = weights * tables_->nodes;
+  return out;
+}
+
+Matrix Sheet::potentials_at(const Points& places) const {
+  const Tables& t = *tables_;
+  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
+  Matrix out(count(), places.cols());
+  for (Index p = 0; p < places.cols(); ++p) {
+    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
+    const auto squared = (t.used.colwise() - places.col(p)).colwise().squaredNorm().transpose().array().max(least);
+    out.col(p) = (-0.5 * scale * squared.log()).matrix();
+    for (int k = 0; k < 16; ++k) out.col(p) += stencil.weights[k] * t.potentials.col(stencil.nodes[k]);
+  }
+  return out;
+}
+
+std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
+  const Tables& t = *tables_;
+  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
+  std::array<Matrix, 2> out{Matrix(count(), places.cols()), Matrix(count(), places.cols())};
+  for (Index p = 0; p < places.cols(); ++p) {
+    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
+    const Points from = t.used.colwise() - places.col(p);  // to the electrodes
+    const Eigen::ArrayXd rate = scale / from.colwise().squaredNorm().transpose().array().max(least);
+    out[0].col(p) = (rate * from.row(0).transpose().array()).matrix();
+    out[1].col(p) = (rate * from.row(1).transpose().array()).matrix();
+    for (int k = 0; k < 16; ++k) {
+      out[0].col(p) += stencil.along_x[k] * t.potentials.col(stencil.nodes[k]);
+      out[1].col(p) += stencil.along_y[k] * t.potentials.col(stencil.nodes[k]);
+    }
+  }
+  return out;
+}
+
+Vector Sheet::alone_at(const Points& places) const {
+  Vector out = Vector::Zero(places.cols());
+  for (Index p = 0; p < places.cols(); ++p) {
+    const Stencil stencil = tables_->fine.at(places(0, p), places(1, p));
+    for (int k = 0; k < 16; ++k) out[p] += stencil.weights[k] * tables_->own[stencil.nodes[k]];
+  }
+  return out;
+}
+
+std::array<Vector, 2> Sheet::alone_steep_at(const Points& places) const {
+  std::array<Vector, 2> out{Vector::Zero(places.cols()), Vector::Zero(places.cols())};
+  for (Index p = 0; p < places.cols(); ++p) {
+    const Stencil stencil = tables_->fine.at(places(0, p), places(1, p));
+    for (int k = 0; k < 16; ++k) {
+      out[0][p] += stencil.along_x[k] * tables_->own[stencil.nodes[k]];
+      out[1][p] += stencil.along_y[k] * tables_->own[stencil.nodes[k]];
+    }
+  }
+  return out;
+}
+
+std::array<Matrix, 2> Sheet::kernel_of(const Tables& t, const Points& places) {
+  const double scale = t.resistance / (2 * kPi);
+  std::array<Matrix, 2> out{Matrix::Zero(t.used.cols(), places.cols()), Matrix::Zero(t.used.cols(), places.cols())};
+  // x + i y of the way to a place over its square; nothing of a place on the electrode itself
+  const auto add = [&](Index electrode, Index p, double x, double y) {
+    x -= t.used(0, electrode), y -= t.used(1, electrode);
+    if (std::abs(x) + std::abs(y) < t.radius) return;
+    const double over = scale / (x * x + y * y);
+    out[0](electrode, p) += over * x, out[1](electrode, p) += over * y;
+  };
+  for (Index p = 0; p < places.cols(); ++p) {
+    for (Index n = 0; n < t.used.cols(); ++n) add(n, p, places(0, p), places(1, p));
+    const std::complex<double> at(places(0, p), places(1, p));
+    for (const Mirror& mirror : t.mirrors) {
+      const std::complex<double> image = mirror.straight * at + mirror.turned * std::conj(at) + mirror.shift;
+      add(mirror.electrode, p, image.real(), image.imag());
+    }
+  }
+  return out;
+}
+
+}  // namespace tomotactile

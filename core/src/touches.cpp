@@ -1,0 +1,341 @@
+#include "tomotactile/touches.hpp"
+
+#include <cmath>
+#include <numeric>
+
+namespace tomotactile {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846, kEuler = 0.57721566490153286061;
+constexpr double kScreened = 2.0;  // spacings between contacts beyond which D between them is nothing
+constexpr double kFar = 12.0;      // E1 is below 5e-7 from here on
+constexpr double kTiny = 1e-15;    // m^2: a patch does not push itself
+const double kCloud = std::exp(kEuler);
+
+// E1(x) = int_x^inf exp(-t) / t dt for x > 0: series, and continued fraction beyond 1 (Abramowitz and Stegun 5.1.11,
+// 5.1.22), to rounding.
+double exponential_integral(double x) {
+  if (x <= 1) {
+    double term = 1, sum = 0;
+    for (int k = 1; k < 40; ++k) {
+      term *= -x / k;
+      sum -= term / k;
+      if (std::abs(term) < 1e-17 * k) break;
+    }
+    return -kEuler - std::log(x) + sum;
+  }
+  double b = x + 1, c = 1e300, d = 1 / b, h = d;
+  for (int k = 1; k < 400; ++k) {
+    const double a = -double(k) * k;
+    b += 2;
+    d = 1 / (a * d + b);
+    c = b + a / c;
+    h *= c * d;
+    if (std::abs(c * d - 1) < 1e-16) break;
+  }
+  return h * std::exp(-x);
+}
+
+// The squared distance that two clouds with the mean squared radius `mutual` have for each other.
+double softened(double squared, double mutual) {
+  const double reach = kCloud * mutual;
+  if (squared >= kFar * reach) return squared;
+  const double ratio = squared / reach;
+  return ratio > 1e-12 ? squared * std::exp(exponential_integral(ratio)) : mutual;
+}
+
+// Ways along one axis to a place and to its images in both rims of a rectangle.
+struct Ways {
+  double way[3];
+  int count;
+  Ways(double at, double to, double side, bool rectangle) : way{at - to, at + to + side, at + to - side}, count(rectangle ? 3 : 1) {}
+};
+
+}  // namespace
+
+Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_)
+    : sheet(std::move(on)), contacts(std::move(parameters)), across(std::move(wide)), coefficients(sheet_) {
+  if (Index(across.size()) != count()) throw BadInput("patches to the width are not given for each contact");
+  if (coefficients.size() != sheet->modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
+  begin_.push_back(0);
+  for (Index i = 0; i < count(); ++i) {
+    forms_.emplace_back(sheet->tables(), contacts.col(i), across[i]);
+    begin_.push_back(begin_.back() + forms_.back().area.size());
+  }
+  Vector area(begin_.back());
+  place_.resize(2, begin_.back()), radii_.resize(begin_.back());
+  for (Index i = 0; i < count(); ++i) {
+    place_.middleCols(begin(i), size(i)) = forms_[i].places;
+    radii_.segment(begin(i), size(i)) = forms_[i].radii;
+    area.segment(begin(i), size(i)) = forms_[i].area;
+  }
+  if (!place_.allFinite() || !radii_.allFinite()) throw BadInput("a contact is not finite");
+  place(area);
+  connect();
+  take();
+}
+
+// Places moved off electrodes and into the outline, and what part of each patch lies where.
+void Touches::place(const Vector& area) {
+  const Tables& t = sheet->tables();
+  const Index count = place_.cols(), n = sheet->count();
+  const Eigen::Array2d half = t.outline.size.array() / 2;
+  const double rim = kRim * t.radius;
+  Vector deep;
+  Points inwards;
+  t.outline.depth(place_, deep, inwards);
+  moving_.resize(2, count), way_.resize(2, count), longer_.resize(count), inside_.resize(count);
+  electrode_.resize(count), weight.resize(count);
+  on_.resize(count), off_.resize(count), steep_radius_.resize(count), rising_radius_.resize(count);
+  steep_.resize(2, count), rising_.resize(2, count);
+  direct = Matrix::Zero(n, this->count());
+  for (Index i = 0; i < this->count(); ++i) {
+    for (Index p = begin(i); p < begin_[i + 1]; ++p) {
+      const Eigen::Array2d at = place_.col(p).array();
+      moving_.col(p) = (at.abs() < half).cast<double>();
+      place_.col(p) = at.max(-half).min(half).matrix();
+      Index nearest;
+      const double distance =
+          std::sqrt((t.centres.colwise() - place_.col(p)).colwise().squaredNorm().minCoeff(&nearest));
+      way_.col(p) = (place_.col(p) - t.centres.col(nearest)).array() / std::max(distance, 1e-12);
+      inside_[p] = distance < rim;
+      if (inside_[p]) place_.col(p) = t.centres.col(nearest) + rim * way_.col(p).matrix();
+      longer_[p] = distance > 1e-6 * t.radius ? rim / std::max(distance, 1e-12) : 0.0;
+      electrode_[p] = t.position[nearest];
+      const double radius = radii_[p];
+      const Beyond there(deep[p] / radius), off((distance - t.radius) / radius);
+      on_[p] = there.part * area[p], off_[p] = off.part;
+      weight[p] = on_[p] * off.part;
+      if (electrode_[p] < n) direct(electrode_[p], i) += on_[p] * (1 - off.part);
+      steep_.col(p) = area[p] * there.slope / radius * inwards.col(p).array();
+      steep_radius_[p] = -area[p] * there.slope * deep[p] / radius;
+      rising_.col(p) = off.slope / radius * way_.col(p);
+      rising_radius_[p] = -off.slope * (distance - t.radius) / radius;
+    }
+  }
+  covered = direct.colwise().sum().transpose();
+  for (Index i = 0; i < this->count(); ++i)
+    covered[i] = std::max(covered[i] + weight.segment(begin(i), size(i)).sum(), 1e-9);
+}
+
+// H and D on the even sheet, D between contacts that feel each other only.
+void Touches::connect() {
+  const Tables& t = sheet->tables();
+  const Index n = sheet->count();
+  const Matrix potentials = sheet->potentials_at(place_);
+  around_ = Around(t.coarse, place_);
+  charges_ = Charges(t.induced, place_);
+  const Vector alone = sheet->alone_at(place_) + sheet->own_added(around_);
+  solved_ = (t.inverse.topLeftCorner(n, n) * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
+  const Vector constant =
+      (potentials.transpose() * t.inverse.bottomLeftCorner(1, n).transpose()).array() + t.inverse(n, n);
+  field_ = sheet->field_at(contacts.topRows<2>());
+
+  group_.resize(count());
+  std::iota(group_.begin(), group_.end(), 0);
+  const double reach = kScreened * t.pitch;
+  for (Index i = 0; i < count(); ++i)
+    for (Index j = 0; j < i; ++j) {
+      const double apart = (contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm();
+      if (group_[i] == group_[j] || !(apart - std::exp(contacts(kRadius, i)) - std::exp(contacts(kRadius, j)) < reach)) continue;
+      const int from = std::max(group_[i], group_[j]), to = std::min(group_[i], group_[j]);
+      for (int& each : group_) if (each == from) each = to;
+    }
+  members_.assign(count(), {});
+  std::vector<int> owner(place_.cols());
+  for (Index i = 0; i < count(); ++i)
+    for (Index p = begin(i); p < begin_[i + 1]; ++p) members_[group_[i]].push_back(int(p)), owner[p] = int(i);
+
+  even_ = Matrix::Zero(place_.cols(), place_.cols());
+  bare_ = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(place_.cols(), false);
+  const double scale = -t.resistance / (4 * kPi);
+  for (const std::vector<int>& chosen : members_) {
+    if (chosen.empty()) continue;
+    const Index size = Index(chosen.size());
+    const Matrix weights = around_.weights(Eigen::all, chosen);
+    Matrix block = weights.transpose() * (t.smooth(around_.nodes, around_.nodes) * weights);
+    charges_.add_among(chosen, block);
+    const Matrix mine = potentials(Eigen::all, chosen), solved = solved_(Eigen::all, chosen);
+    block.noalias() -= mine.transpose() * solved;
+    for (Index j = 0; j < size; ++j) {
+      const int q = chosen[j];
+      block.col(j).array() -= constant[q];
+      for (Index i = 0; i <= j; ++i) {
+        const int p = chosen[i];
+        const double mutual = (radii_[p] * radii_[p] + radii_[q] * radii_[q]) / 2;
+        const Ways x(place_(0, p), place_(0, q), t.outline.size.x(), t.outline.rectangle);
+        const Ways y(place_(1, p), place_(1, q), t.outline.size.y(), t.outline.rectangle);
+        double product = 1;
+        for (int a = 0; a < x.count; ++a)
+          for (int b = 0; b < y.count; ++b) product *= softened(x.way[a] * x.way[a] + y.way[b] * y.way[b], mutual);
+        double value = scale * std::log(product);
+        if (owner[p] == owner[q]) value += (alone[p] + alone[q]) / 2;
+        block(i, j) += value;
+        if (i != j) block(j, i) += value;
+      }
+    }
+    block = ((block + block.transpose()) / 2).eval();
+    for (Index i = 0; i < size; ++i) {
+      bare_[chosen[i]] = block(i, i) < 0;
+      block(i, i) = std::max(block(i, i), 0.0);
+    }
+    even_(chosen, chosen) = block;
+  }
+}
+
+// What depends on the coefficients of the sheet.
+void Touches::take() {
+  share = solved_;
+  factor_ = Eigen::ArrayXd::Ones(place_.cols());
+  if (sheet->even(coefficients)) {
+    impedance = even_;
+  } else {
+    share.noalias() += sheet->share_added(coefficients, around_.nodes) * around_.weights;
+    const Vector field = field_ * coefficients;
+    for (Index i = 0; i < count(); ++i) factor_.segment(begin(i), size(i)) = std::exp(-0.5 * field[i]);
+    impedance = factor_.matrix().asDiagonal() * even_ * factor_.matrix().asDiagonal();
+  }
+  mean.resize(count());
+  for (Index i = 0; i < count(); ++i) {
+    const auto mine = weight.segment(begin(i), size(i));
+    mean[i] = mine.dot(impedance.block(begin(i), begin(i), size(i), size(i)) * mine) / (covered[i] * covered[i]);
+  }
+}
+
+std::shared_ptr<const Touches> Touches::on(const Vector& other, const Parameters& parameters) const {
+  auto out = std::make_shared<Touches>(*this);
+  out->contacts = parameters;
+  if (other != coefficients) out->coefficients = other, out->take();
+  return out;
+}
+
+std::array<Points, 5> Touches::moves(Index i) const {
+  std::array<Points, 5> out = forms_[i].moves;
+  for (Points& moves : out) {
+    moves.array() *= moving_.middleCols(begin(i), size(i));
+    for (Index p = 0; p < size(i); ++p) {
+      const Index at = begin(i) + p;
+      if (!inside_[at]) continue;
+      const Eigen::Vector2d way = way_.col(at).matrix();
+      moves.col(p) = longer_[at] * (moves.col(p) - moves.col(p).dot(way) * way);
+    }
+  }
+  return out;
+}
+
+void Touches::covered_change(Index i, Matrix& by_weight, Matrix& by_direct) const {
+  by_weight.resize(size(i), 5);
+  by_direct.setZero(sheet->count(), 5);
+  for (int k = 0; k < 5; ++k)
+    for (Index p = 0; p < size(i); ++p) {
+      const Index at = begin(i) + p;
+      const Eigen::Vector2d move = forms_[i].moves[k].col(p);
+      double by_rim = move.dot(steep_.col(at).matrix()), by_electrode = move.dot(rising_.col(at).matrix());
+      if (k == 2) by_rim += steep_radius_[at], by_electrode += rising_radius_[at];  // patches grow with the contact
+      by_weight(p, k) = by_rim * off_[at] + on_[at] * by_electrode;
+      if (electrode_[at] < sheet->count()) by_direct(electrode_[at], k) += by_rim * (1 - off_[at]) - on_[at] * by_electrode;
+    }
+}
+
+void Touches::pressure_change(Index i, const Matrix& pressures, Matrix& by_weight, Matrix& by_direct) const {
+  if (pressures.rows() != size(i)) throw BadInput("pressures are not given for each patch");
+  by_weight = weight.segment(begin(i), size(i)).asDiagonal() * pressures;
+  by_direct.setZero(sheet->count(), pressures.cols());
+  for (Index p = 0; p < size(i); ++p) {
+    const Index at = begin(i) + p;
+    if (electrode_[at] < sheet->count()) by_direct.row(electrode_[at]) += on_[at] * (1 - off_[at]) * pressures.row(p);
+  }
+}
+
+std::array<Matrix, 5> Touches::impedance_change(Index i) const {
+  const Tables& t = sheet->tables();
+  const std::vector<int>& others = near(i);
+  const Index first = begin(i), count = size(i), reach = Index(others.size());
+  const double scale = t.resistance / (2 * kPi);
+  Matrix slope_x = Matrix::Zero(count, reach), slope_y = slope_x, grown = slope_x;
+  charges_.add_slope(first, count, others, slope_x, slope_y);
+  const Matrix smooth = t.smooth(around_.nodes, around_.nodes) * around_.weights(Eigen::all, others);
+  slope_x.noalias() += around_.along_x.middleCols(first, count).transpose() * smooth;
+  slope_y.noalias() += around_.along_y.middleCols(first, count).transpose() * smooth;
+  const Points mine = place_.middleCols(first, count);
+  const std::array<Matrix, 2> steep = sheet->steep_at(mine);
+  const Matrix solved = solved_(Eigen::all, others);
+  slope_x.noalias() -= steep[0].transpose() * solved;
+  slope_y.noalias() -= steep[1].transpose() * solved;
+  const std::array<Vector, 2> alone = sheet->alone_steep_at(mine);
+  for (Index j = 0; j < reach; ++j) {
+    const int q = others[j];
+    const bool own = q >= first && q < first + count;
+    for (Index p = 0; p < count; ++p) {
+      const Index at = first + p;
+      const double mutual = (radii_[at] * radii_[at] + radii_[q] * radii_[q]) / 2;
+      const Ways x(place_(0, at), place_(0, q), t.outline.size.x(), t.outline.rectangle);
+      const Ways y(place_(1, at), place_(1, q), t.outline.size.y(), t.outline.rectangle);
+      double by_x = 0, by_y = 0, grows = 0;
+      for (int a = 0; a < x.count; ++a)
+        for (int b = 0; b < y.count; ++b) {
+          const double squared = x.way[a] * x.way[a] + y.way[b] * y.way[b];
+          double inverse = 1 / std::max(squared, kTiny);
+          if (squared < kFar * kCloud * mutual) {
+            const double hidden = std::exp(-squared / (kCloud * mutual));
+            inverse *= 1 - hidden;
+            grows += hidden;
+          }
+          by_x += x.way[a] * inverse, by_y += y.way[b] * inverse;
+        }
+      slope_x(p, j) -= scale * by_x, slope_y(p, j) -= scale * by_y;
+      grown(p, j) = scale * grows;
+      if (own) slope_x(p, j) += alone[0][p] / 2, slope_y(p, j) += alone[1][p] / 2;
+      const double factor = q == at && bare_[at] ? 0.0 : factor_[at] * factor_[q];
+      slope_x(p, j) *= factor, slope_y(p, j) *= factor, grown(p, j) *= factor;
+    }
+  }
+  const std::array<Points, 5> moves = this->moves(i);
+  const Index own = std::lower_bound(others.begin(), others.end(), int(first)) - others.begin();
+  std::array<Matrix, 5> out;
+  for (int k = 0; k < 5; ++k) {
+    const Vector x = moves[k].row(0), y = moves[k].row(1);
+    out[k] = x.asDiagonal() * slope_x;
+    out[k] += y.asDiagonal() * slope_y;
+  }
+  out[2].middleCols(own, count) -= grown.middleCols(own, count) / 2;
+  return out;
+}
+
+Eigen::Matrix<double, 5, 1> Touches::mean_change(Index i, const std::array<Matrix, 5>& by_impedance) const {
+  const std::vector<int>& others = near(i);
+  const Index own = std::lower_bound(others.begin(), others.end(), int(begin(i))) - others.begin();
+  const auto mine = weight.segment(begin(i), size(i));
+  Matrix by_weight, by_direct;
+  covered_change(i, by_weight, by_direct);
+  const Vector felt = impedance.block(begin(i), begin(i), size(i), size(i)) * mine;
+  Eigen::Matrix<double, 5, 1> out;
+  for (int k = 0; k < 5; ++k) {
+    const double found = 2 * mine.dot(by_impedance[k].middleCols(own, size(i)) * mine) + 2 * by_weight.col(k).dot(felt);
+    const double parts = by_weight.col(k).sum() + by_direct.col(k).sum();
+    out[k] = found / (covered[i] * covered[i]) - 2 * mean[i] * parts / covered[i];
+  }
+  return out;
+}
+
+std::array<Matrix, 2> Touches::share_slopes(Index i) const {
+  const Tables& t = sheet->tables();
+  const Index n = sheet->count();
+  std::array<Matrix, 2> out = sheet->steep_at(place_.middleCols(begin(i), size(i)));
+  const auto inverse = t.inverse.topLeftCorner(n, n);
+  for (Matrix& each : out) each = (inverse.transpose() * each).eval();
+  if (!sheet->even(coefficients)) {
+    const Matrix added = sheet->share_added(coefficients, around_.nodes);
+    out[0].noalias() += added * around_.along_x.middleCols(begin(i), size(i));
+    out[1].noalias() += added * around_.along_y.middleCols(begin(i), size(i));
+  }
+  return out;
+}
+
+Eigen::Vector2d Touches::centre(Index i) const {
+  const Eigen::Vector2d mass = place_.middleCols(begin(i), size(i)) * weight.segment(begin(i), size(i)) +
+                               sheet->tables().used * direct.col(i);
+  return mass / covered[i];
+}
+
+}  // namespace tomotactile
