@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from tomotactile_ros.estimation.arrangement import resting
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.equations import _LEAST, Linear
+from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
@@ -18,7 +18,13 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.tables import Around, Sensed, mirrored
-from tomotactile_ros.estimation.touch import CONDUCTANCE, Form, Touches, patches_for, patches_of
+from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
+    Touches,
+    conductance,
+    patches_for,
+    patches_of,
+)
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
@@ -163,9 +169,10 @@ def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
     form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
     along = np.radians(33.0)
     axes = np.array([[np.cos(along), np.sin(along)], [-np.sin(along), np.cos(along)]])
-    cut = Form.of(form, across)
+    corners = SheetOperator(equal_grid(2, 2, (0.2, 0.2), 0.0025, 1e4))  # no patch is on an electrode
+    cut = Touches(corners, form[None], (across,), np.zeros(corners.modes))
     places = (cut.places - form[:2]) @ axes.T
-    assert cut.area.sum() == pytest.approx(1.0)
+    assert cut.weight.sum() == pytest.approx(1.0)
     assert places.mean(axis=0) == pytest.approx(0.0, abs=1e-12)
     for side, at in zip((0.09, 0.006), places.T, strict=True):
         steps = np.unique(at.round(9))
@@ -433,7 +440,7 @@ def test_the_limit_of_weak_contacts_is_linear():
 def test_the_weakest_contact_that_a_fit_may_have_reads_in_proportion():
     """Y is all but singular there: what is inverted has a condition of 1e9 and more."""
     form, across = contact(0.03, 0.02)
-    least = float(np.log(_LEAST * OPERATOR.admittance.diagonal().max()))
+    least = float(np.log(1e-9 * OPERATOR.admittance.diagonal().max()))
     weakest, weak = (
         readings(pressed(([*form[:2], log_c, *form[3:]], across))) for log_c in (least, -18.0)
     )
@@ -627,22 +634,24 @@ def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(
         assert found.force_std < 0.3 * found.force
 
 
-def test_ways_through_the_sheet_change_readings_as_differences_say(monkeypatch):
+def test_ways_through_the_sheet_change_readings_as_differences_say():
+    """Of D times a factor, c held: by the formula for readings from H, D and g, dense."""
     operator = SheetOperator(LAYOUT)
     contacts = np.array([[0.01, 0.02, np.log(2e-4), np.log(0.012), 0.2, -0.1]])
     unknowns = Unknowns.at_rest(operator).with_contacts(contacts, (5,), np.ones((1, 6), bool))
     rows, step = np.arange(16), 1e-4
-    slope = Prediction(operator, unknowns, rows).way_columns()[0]
+    prediction = Prediction(operator, unknowns, rows)
+    slope, touches = prediction.way_columns()[0], prediction.touches
 
     def readings(factor: float) -> np.ndarray:
-        def touches(*given):
-            there = Touches(*given)
-            there.impedance, there.mean = factor * there.impedance, factor * there.mean
-            return there
+        g = conductance(contacts[0, CONDUCTANCE], factor * touches.mean[0])[0]
+        own = np.diag(1 / (g * touches.weight)) + factor * touches.impedance
+        added = touches.share @ np.linalg.solve(own, touches.share.T)
+        added += np.diag(g * touches.direct[0])
+        impedance = np.linalg.inv(operator.admittance + added)
+        return 1 - impedance[rows] / impedance[rows, rows][:, None]
 
-        monkeypatch.setattr("tomotactile_ros.estimation.forward.Touches", touches)
-        return Prediction(operator, unknowns, rows).readings
-
+    np.testing.assert_allclose(readings(1.0), prediction.readings, atol=1e-12)
     change = (readings(1 + step) - readings(1 - step)) / (2 * step)
     np.testing.assert_allclose(change, slope, atol=1e-5 * np.abs(slope).max())
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 import tomotactile_ros as tt
-from tomotactile_ros.estimation import motion
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.motion import Moving, predicted
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
@@ -55,39 +53,46 @@ def row_by_row(unknowns: Unknowns) -> np.ndarray:
     )
 
 
+def moving(unknowns: Unknowns, grounded=GROUNDED, times=TIMES):
+    return Prediction(OPERATOR, unknowns, grounded, times=times)
+
+
 @pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
-def test_rows_see_contacts_where_they_are_at_their_time(speed, monkeypatch):
+def test_rows_see_contacts_where_they_are_at_their_time(speed):
     """What is left over falls with the square of the ways that are taken for straight ones."""
     unknowns = sliding(speed)
-    truth = row_by_row(unknowns)
-    rest = [Prediction(OPERATOR, unknowns, GROUNDED).readings - truth]
-    for part in (1, 1 / 2, 1 / 8, 1 / 32):
-        monkeypatch.setattr(motion, "_WAY", 0.2 * part)
-        monkeypatch.setattr(motion, "_STRENGTH", 0.1 * part)
-        rest.append(Moving(OPERATOR, unknowns, GROUNDED, TIMES).readings - truth)
-    at_once, *rest = np.sqrt(np.mean(np.square(rest), axis=(1, 2)))
-    assert rest[0] < 0.3 * at_once and rest[2] < 0.02 * at_once
-    assert rest[1] <= rest[0] and rest[3] < rest[2] / 3
+    at_once = Prediction(OPERATOR, unknowns, GROUNDED).readings - row_by_row(unknowns)
+    rest = moving(unknowns).readings - row_by_row(unknowns)
+    assert np.linalg.norm(rest) < 0.3 * np.linalg.norm(at_once)
+
+
+def test_what_first_order_leaves_falls_with_the_square_of_the_speed():
+    """As long as one evaluation serves all rows."""
+    rest = []
+    for part in (1.0, 0.5, 0.25):
+        unknowns = sliding(0.0)
+        unknowns = replace(unknowns, rates=part * np.array([[0.3, -0.4, -8.0], [0.0, 0.0, 0.0]]))
+        rest.append(np.linalg.norm(moving(unknowns).readings - row_by_row(unknowns)))
+    assert rest[0] / rest[1] == pytest.approx(4, rel=0.25)
+    assert rest[1] / rest[2] == pytest.approx(4, rel=0.25)
 
 
 def test_what_does_not_move_reads_the_same():
     unknowns = sliding(0.0)
     still = replace(unknowns, rates=np.zeros((2, 3)))
-    expected = Prediction(OPERATOR, still, GROUNDED)
-    found = Moving(OPERATOR, still, GROUNDED, TIMES)
+    expected, found = Prediction(OPERATOR, still, GROUNDED), moving(still)
     np.testing.assert_allclose(found.readings, expected.readings, atol=1e-12)
     np.testing.assert_allclose(found.sheet_columns(), expected.sheet_columns(), atol=1e-12)
-    assert isinstance(predicted(OPERATOR, still.in_motion(False), GROUNDED, TIMES), Prediction)
-    assert isinstance(predicted(OPERATOR, still, GROUNDED, None), Prediction)
+    at_rest = moving(still.in_motion(False)).contact_columns()
+    np.testing.assert_allclose(at_rest, expected.columns(still.free), atol=1e-12)
 
 
-def test_derivatives_are_those_of_every_row_at_its_time(monkeypatch):
-    monkeypatch.setattr(motion, "_WAY", 0.002)
-    monkeypatch.setattr(motion, "_STRENGTH", 0.01)
-    unknowns = sliding(1.0)
-    found = Moving(OPERATOR, unknowns, GROUNDED, TIMES).contact_columns()
+def test_derivatives_are_those_of_every_row_at_its_time():
+    unknowns = sliding(0.1)
+    unknowns = replace(unknowns, rates=unknowns.rates * [0.5, 0.5, 0.05])
+    found = moving(unknowns).contact_columns()
     each = [
-        Prediction(OPERATOR, unknowns.after(time), GROUNDED[i : i + 1]).contact_columns()
+        Prediction(OPERATOR, unknowns.after(time), GROUNDED[i : i + 1]).columns(unknowns.free)
         for i, time in enumerate(TIMES)
     ]
     true = np.concatenate(each, axis=1)
@@ -99,8 +104,8 @@ def test_derivatives_are_those_of_every_row_at_its_time(monkeypatch):
 def test_missing_rows_and_a_middle_that_no_row_was_read_at():
     some = np.array([0, 1, 2, 14, 15])
     unknowns = sliding(2.0)
-    found = Moving(OPERATOR, unknowns, GROUNDED[some], TIMES[some])
-    whole = Moving(OPERATOR, unknowns, GROUNDED, TIMES)
+    found = moving(unknowns, GROUNDED[some], TIMES[some])
+    whole = moving(unknowns)
     np.testing.assert_allclose(found.readings, whole.readings[some], atol=1e-12)
     np.testing.assert_allclose(found.means, whole.means)
 

@@ -111,6 +111,8 @@ def test_one_row_knows_electrodes_aside_as_frames_do():
         columns, ways = (each[:, 0] for each in whole.aside)
         touches = whole.touches
         seen = operator.displacement.fields(), ground, whole.ratio[0], whole.own[0]
-        patches = touches.places, whole.share, whole._fed
+        across = np.diag(1 / (whole.conductances[0] * touches.weight)) + touches.impedance
+        fed = np.linalg.solve(across, touches.share.T).T
+        patches = touches.places, touches.share, fed
         own, others = operator.displacement.row(*seen, whole.impedance, *patches)
         assert np.allclose(own, columns) and np.allclose(others, ways)

@@ -3,7 +3,6 @@ covariance."""
 
 import base64
 import zlib
-from copy import copy
 from dataclasses import replace
 from functools import cache
 
@@ -24,6 +23,7 @@ from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.touch import RADIUS
 from tomotactile_ros.frames_file import save_frames
+from tomotactile_ros.estimation.touch import conductance
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.file import load_sensor, save_sensor
@@ -278,19 +278,34 @@ def test_modes_of_pressure_are_orthonormal_and_what_they_say_of_the_readings_is_
     at_rest = Unknowns.at_rest(operator())
     u = at_rest.with_contacts(np.vstack([on_rim, beside]), (9, 12), np.ones((2, 6), bool))
     found = Prediction(operator(), u, np.arange(16))
-    columns, step = found.pressure_columns(), 1e-4
-    for i, width in enumerate(u.across):
-        weight, direct = found.touches.d_pressure(i, width)
-        for k in range(14):
-            sides = []
-            for sign in (1, -1):
-                touches = copy(found.touches)
-                touches.weight, touches.direct = touches.weight.copy(), touches.direct.copy()
-                touches.weight[touches.parts[i]] += sign * step * weight[k]
-                touches.direct[i] += sign * step * direct[k]
-                sides.append(Prediction(operator(), u, np.arange(16), touches).readings)
-            slope = (sides[0] - sides[1]) / (2 * step)
-            assert np.abs(slope - columns[14 * i + k]).max() < 1e-5 * np.abs(slope).max()
+    touches, step = found.touches, 1e-4
+    columns = found.pressure_columns([pressure_modes(9), pressure_modes(12)])
+    assert touches.direct[0].any() and not touches.direct[1].any()
+    g = found.conductances[touches.owner]
+
+    def readings(weight: np.ndarray) -> np.ndarray:
+        """From H, D and the conductances of all patches, dense."""
+        there = weight > 0
+        own = np.diag(1 / (g * weight)[there]) + touches.impedance[np.ix_(there, there)]
+        share = touches.share[:, there]
+        added = share @ np.linalg.solve(own, share.T) + np.diag(found.conductances @ touches.direct)
+        impedance = np.linalg.inv(operator().admittance + added)
+        return 1 - impedance / impedance.diagonal()[:, None]
+
+    assert np.allclose(readings(touches.weight), found.readings, atol=1e-12)
+    for k, mode in enumerate(pressure_modes(12)):
+        more = np.zeros(len(touches.weight))
+        more[touches.parts[1]] = touches.weight[touches.parts[1]] * mode
+        sides = [readings(touches.weight + sign * step * more) for sign in (1, -1)]
+        slope = (sides[0] - sides[1]) / (2 * step)
+        assert np.abs(slope - columns[14 + k]).max() < 1e-5 * np.abs(slope).max()
+    # more of all pressure is more of the conductance, on the electrode as well
+    ones = [np.ones((1, part.stop - part.start)) for part in touches.parts]
+    strengths = np.zeros((2, 6), bool)
+    strengths[:, 2] = True
+    by_strength = [conductance(c, mean)[1] for c, mean in zip(u.contacts[:, 2], found.means)]
+    together = found.pressure_columns(ones) * np.array(by_strength)[:, None, None]
+    assert np.allclose(together, found.columns(strengths), atol=1e-12)
 
 
 def test_ledger_lets_touches_fade_and_tells_them_apart():

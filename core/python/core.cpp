@@ -75,13 +75,17 @@ Array array(const Vector& v) { return array({v.size()}, v.data()); }
 // nL x P as (P, L, n), or as (P, L n).
 Array columns(const Matrix& m, Index n) { return array({m.cols(), n ? m.rows() / n : 0, n}, m.data()); }
 
+Mask free_of(const Booleans& free, Index count) {
+  if (free.ndim() != 2 || free.shape(1) != 6 || (count >= 0 && free.shape(0) != count)) refuse("free", "(k, 6)");
+  Mask out(6, free.shape(0));
+  std::copy(free.data(), free.data() + free.size(), out.data());
+  return out;
+}
+
 Unknowns unknowns(const py::object& of) {
   Unknowns u;
   u.contacts = matrix<Parameters>(of.attr("contacts").cast<Array>(), "contacts", 6);
-  const auto free = of.attr("free").cast<Booleans>();
-  if (free.ndim() != 2 || free.shape(1) != 6) refuse("free", "(k, 6)");
-  u.free.resize(6, free.shape(0));
-  std::copy(free.data(), free.data() + free.size(), u.free.data());
+  u.free = free_of(of.attr("free").cast<Booleans>(), -1);
   u.across = of.attr("across").cast<std::vector<int>>();
   u.rates = matrix<Rates>(of.attr("rates").cast<Array>(), "rates", 3);
   const auto moving = of.attr("moving").cast<Booleans>();
@@ -106,6 +110,50 @@ py::dict dictionary(const Unknowns& u) {
                   "free"_a = free, "rates"_a = array({k, 3}, u.rates.data()), "moving"_a = moving, "bond"_a = bond,
                   "sheet"_a = array(u.sheet), "gain"_a = array(u.gain), "offset"_a = array(u.offset),
                   "resistance"_a = array(u.resistance), "aside"_a = array({2, u.aside.rows()}, u.aside.data()));
+}
+
+// What stands behind an object of Python: itself, or its attribute `core`.
+template <class Held>
+std::shared_ptr<Held> behind(const py::object& of) {
+  if (py::isinstance<Held>(of)) return of.cast<std::shared_ptr<Held>>();
+  return of.attr("core").cast<std::shared_ptr<Held>>();
+}
+
+Index contact_of(const Prediction& p, Index i) {
+  const auto& t = p.middle().touches;
+  if (!t || i < 0 || i >= t->count()) throw py::index_error("no such contact");
+  return i;
+}
+
+// Derivatives of ln (force) of contact i by its parameters, by a contact law g = c p^exponent: force is pressure times
+// area, and the area goes with the square of the radius.
+Vector force_slope(const Prediction& p, Index i, double exponent) {
+  const Snapshot& at = p.middle();
+  const Touches& t = *at.touches;
+  const auto changes = t.mean_change(contact_of(p, i), t.impedance_change(i));
+  Vector out = Vector::Zero(6);
+  out[kStrength] = at.conductance[i].by_strength / exponent;
+  for (int k = 0; k < 5; ++k) out[kMoving[k]] = at.conductance[i].by_mean * changes[k] / exponent;
+  out[kRadius] += 2 * (1 - 1 / exponent);
+  return out;
+}
+
+// Of ln 1 / (1/g + mean D), of what contact i and the way to it conduct: ln c, but for bare conductors.
+Vector strength_slope(const Prediction& p, Index i) {
+  const Snapshot& at = p.middle();
+  const Touches& t = *at.touches;
+  const double g = at.conductance[contact_of(p, i)].value;
+  const auto changes = t.mean_change(i, t.impedance_change(i));
+  Vector out = Vector::Zero(6);
+  out[kStrength] = at.conductance[i].by_strength / g;
+  for (int k = 0; k < 5; ++k) out[kMoving[k]] = at.conductance[i].by_mean * changes[k] / g - changes[k];
+  return out / (1 / g + t.mean[i]);
+}
+
+Vector of_contacts(const Prediction& p, const std::function<double(const Snapshot&, Index)>& value) {
+  Vector out(p.middle().touches ? p.middle().touches->count() : 0);
+  for (Index i = 0; i < out.size(); ++i) out[i] = value(p.middle(), i);
+  return out;
 }
 
 Lattice lattice(const Array& start, const Array& step, const Integers& counts) {
@@ -166,15 +214,6 @@ py::object solution(const Solution& found) {
                         found.work);
 }
 
-py::dict conductances(const Prediction& p) {
-  const Snapshot& at = p.middle();
-  const Index k = Index(at.conductance.size());
-  Vector g(k), by_strength(k), by_mean(k);
-  for (Index i = 0; i < k; ++i)
-    g[i] = at.conductance[i].value, by_strength[i] = at.conductance[i].by_strength, by_mean[i] = at.conductance[i].by_mean;
-  return py::dict("g"_a = array(g), "by_strength"_a = array(by_strength), "by_mean"_a = array(by_mean));
-}
-
 }  // namespace
 
 PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
@@ -205,12 +244,13 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
            }), "tables"_a, "untouched"_a, "mean"_a, "factor"_a, "term"_a, "share"_a, "own"_a);
 
   py::class_<Touches, std::shared_ptr<Touches>>(m, "Touches")
-      .def(py::init([](std::shared_ptr<Sheet> sheet, const Array& contacts, std::vector<int> across, const Array& coefficients) {
-             return std::make_shared<Touches>(sheet, matrix<Parameters>(contacts, "contacts", 6), std::move(across),
+      .def(py::init([](const py::object& operator_, const Array& contacts, std::vector<int> across, const Array& coefficients) {
+             return std::make_shared<Touches>(behind<Sheet>(operator_), matrix<Parameters>(contacts, "contacts", 6), std::move(across),
                                               vector(coefficients, "sheet"));
-           }), "sheet"_a, "contacts"_a, "across"_a, "coefficients"_a)
-      .def_property_readonly("share", [](const Touches& t) { return Matrix(t.share); })
-      .def_property_readonly("impedance", [](const Touches& t) { return Matrix(t.impedance); })
+           }), "operator"_a, "contacts"_a, "across"_a, "sheet"_a)
+      .def_property_readonly("contacts", [](const Touches& t) { return array({t.count(), 6}, t.contacts.data()); })
+      .def_property_readonly("share", [](const Touches& t) { return t.share; })
+      .def_property_readonly("impedance", [](const Touches& t) { return t.impedance; })
       .def_property_readonly("weight", [](const Touches& t) { return array(t.weight); })
       .def_property_readonly("direct", [](const Touches& t) { return array(t.direct); })
       .def_property_readonly("covered", [](const Touches& t) { return array(t.covered); })
@@ -222,38 +262,74 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         for (Index i = 0; i < t.count(); ++i) out.append(py::slice(t.begin(i), t.begin(i) + t.size(i), 1));
         return out;
       })
+      .def_property_readonly("owner", [](const Touches& t) {
+        Integers out(t.patches());
+        for (Index i = 0; i < t.count(); ++i) std::fill_n(out.mutable_data() + t.begin(i), t.size(i), int(i));
+        return out;
+      })
+      .def("stronger", [](const Touches& t, const Array& contacts) {
+        return std::const_pointer_cast<Touches>(t.on(t.coefficients, matrix<Parameters>(contacts, "contacts", 6)));
+      })
       .def("centre", [](const Touches& t, Index i) {
         if (i < 0 || i >= t.count()) throw py::index_error("no such contact");
         return array(Vector(t.centre(i)));
       });
+  m.def("conductance", [](double strength, double mean) {
+    const Conductance found(strength, mean);
+    return py::make_tuple(found.value, found.by_strength, found.by_mean);
+  }, "strength"_a, "mean"_a, "g of a contact, S, by ln c and its mean D, ohm; derivatives of ln g by both.");
+  m.def("stretch", [](const Array& contact) {
+    if (contact.ndim() != 1 || contact.size() != 6) refuse("contact", "(6,)");
+    return Matrix(stretch(vector(contact, "contact")));
+  }, "contact"_a, "(2, 2) shape of a contact as a map of the unit disc, m.");
 
   py::class_<Prediction, std::shared_ptr<Prediction>>(m, "Prediction")
-      .def(py::init([](std::shared_ptr<Sheet> sheet, const py::object& u, const Integers& rows, const py::object& times,
-                       std::shared_ptr<Touches> touches) {
+      .def(py::init([](const py::object& operator_, const py::object& u, const Integers& rows, std::shared_ptr<Touches> touches,
+                       const py::object& times) {
              const Unknowns at = unknowns(u);
              const Vector when = times.is_none() ? Vector() : vector(times.cast<Array>(), "times");
              const std::vector<int> grounded = integers(rows, "rows");
+             const std::shared_ptr<Sheet> sheet = behind<Sheet>(operator_);
              Free free;
              return std::make_shared<Prediction>(sheet, at, grounded, when, touches);
-           }), "sheet"_a, "unknowns"_a, "rows"_a, "times"_a = py::none(), "touches"_a = py::none())
+           }), "operator"_a, "unknowns"_a, "rows"_a, "touches"_a = py::none(), "times"_a = py::none())
       .def_property_readonly("readings", [](const Prediction& p) { return array(p.readings); })
       .def_property_readonly("ratio", [](const Prediction& p) { return array(p.ratio); })
       .def_property_readonly("own", [](const Prediction& p) { return array(p.own); })
-      .def_property_readonly("impedance", [](const Prediction& p) { return array(p.middle().impedance); })
-      .def_property_readonly("added", [](const Prediction& p) { return array(p.middle().added()); })
-      .def_property_readonly("touches", [](const Prediction& p) { return std::const_pointer_cast<Touches>(p.middle().touches); })
-      .def_property_readonly("size", &Prediction::work)
-      .def_property_readonly("conductance", &conductances)
-      .def_property_readonly("answering", [](const Prediction& p) { return array(answering(p)); })
-      .def("mean_changes", [](const Prediction& p, Index i) {
-        const auto& t = p.middle().touches;
-        if (!t || i < 0 || i >= t->count()) throw py::index_error("no such contact");
-        return array(Vector(t->mean_change(i, t->impedance_change(i))));
+      .def_property_readonly("rows", [](const Prediction& p) { return Integers(p.rows.size(), p.rows.data()); })
+      .def_property_readonly("impedance", [](const Prediction& p) { return p.middle().impedance; })
+      .def_property_readonly("added", [](const Prediction& p) { return p.middle().added(); })
+      .def_property_readonly("fields", [](const Prediction& p) {
+        const std::array<Matrix, 2> found = p.middle().fields();
+        const Index n = found[0].rows();
+        Array out({Index(2), n, n});
+        for (Index d = 0; d < 2; ++d) Eigen::Map<Matrix>(out.mutable_data() + d * n * n, n, n) = found[d].transpose();
+        return out;
       })
-      .def("contact_columns", [](const Prediction& p, const py::object& u) {
-        const Unknowns at = unknowns(u);
+      .def_property_readonly("touches", [](const Prediction& p) { return std::const_pointer_cast<Touches>(p.middle().touches); })
+      .def_property_readonly("size", &Prediction::work, "Number of patches in all evaluations, what the cost goes with.")
+      .def_property_readonly("means", [](const Prediction& p) { return array(of_contacts(p, [](const Snapshot& at, Index i) { return at.touches->mean[i]; })); })
+      .def_property_readonly("covered", [](const Prediction& p) { return array(of_contacts(p, [](const Snapshot& at, Index i) { return at.touches->covered[i]; })); })
+      .def_property_readonly("conductances", [](const Prediction& p) { return array(of_contacts(p, [](const Snapshot& at, Index i) { return at.conductance[i].value; })); })
+      .def_property_readonly("answering", [](const Prediction& p) { return array(answering(p)); })
+      .def("force_slope", [](const Prediction& p, Index i, double exponent) { return array(force_slope(p, i, exponent)); })
+      .def("strength_slope", [](const Prediction& p, Index i) { return array(strength_slope(p, i)); })
+      .def("force_by_strength", [](const Prediction& p, double exponent) {
+        return array(of_contacts(p, [exponent](const Snapshot& at, Index i) { return at.conductance[i].by_strength / exponent; }));
+      })
+      .def("force_by_impedance", [](const Prediction& p, Index i, double exponent) {
+        const Snapshot& at = p.middle();
+        return at.conductance[contact_of(p, i)].by_mean * at.touches->mean[i] / exponent;
+      })
+      .def("contact_columns", [](const Prediction& p) {
         Matrix out;
-        { Free free; out = p.contact_columns(at); }
+        { Free free; out = p.contact_columns(p.unknowns); }
+        return columns(out, p.count());
+      })
+      .def("columns", [](const Prediction& p, const Booleans& wanted) {
+        Matrix out;
+        const Mask mask = free_of(wanted, p.unknowns.contacts.cols());
+        { Free free; out = p.columns(mask); }
         return columns(out, p.count());
       })
       .def("sheet_columns", [](const Prediction& p) {
@@ -261,16 +337,16 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         { Free free; out = p.sheet_columns(); }
         return columns(out, p.count());
       })
-      .def("way_columns", [](const Prediction& p) { return columns(p.way_columns(), p.count()); })
-      .def("pressure_columns", [](const Prediction& p, const std::vector<Array>& modes) {
-        std::vector<Matrix> each;
-        for (const Array& mode : modes) each.push_back(matrix(mode, "modes"));
-        return columns(p.pressure_columns(each), p.count());
-      })
       .def_property_readonly("aside", [](const Prediction& p) {
         Matrix read, ground;
         p.aside(read, ground);
         return py::make_tuple(columns(read, p.count()), columns(ground, p.count()));
+      }, "(2, L, n) each: derivatives, without gains, by how far aside the electrode that is read lies, and the grounded one, 1/m.")
+      .def("way_columns", [](const Prediction& p) { return columns(p.way_columns(), p.count()); })
+      .def("pressure_columns", [](const Prediction& p, const std::vector<Array>& modes) {
+        std::vector<Matrix> each;
+        for (const Array& mode : modes) each.push_back(matrix(mode, "modes").eval());
+        return columns(p.pressure_columns(each), p.count());
       });
 
   py::class_<Rows, std::shared_ptr<Rows>>(m, "Rows")
@@ -289,6 +365,9 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
            }), "radius"_a, "spread"_a, "stretch"_a, "rates"_a, "mean"_a, "deviation"_a, "precision"_a, "modes"_a);
 
   py::class_<Slopes>(m, "Slopes")
+      .def_property_readonly("kinds", &Slopes::kinds)
+      .def_property_readonly("in_columns", [](const Slopes& s) { return columns(s.in_columns(), s.count()); })
+      .def_property_readonly("in_rows", [](const Slopes& s) { return columns(s.in_rows(), s.count()); })
       .def("beside", [](const Slopes& s, const Array& more) { return s.beside(Eigen::Map<const Vector>(more.data(), more.size())); })
       .def("couplings", [](const Slopes& s, const Array& weighted) {
         if (weighted.ndim() != 3) refuse("weighted", "(P, L, n)");
@@ -307,13 +386,12 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         const Matrix flat = Eigen::Map<const Matrix>(misfits.data(), e.fit->misfit.size(), misfits.shape(0));
         return e.response(flat);
       })
-      .def("score", [](const Equations& e, const Fit& fit, const Booleans& free) {
-        if (free.ndim() != 2 || free.shape(1) != 6 || free.shape(0) != fit.unknowns.contacts.cols()) refuse("free", "(k, 6)");
-        Mask mask(6, free.shape(0));
-        std::copy(free.data(), free.data() + free.size(), mask.data());
-        return e.score(fit, mask);
+      .def("score", [](const Equations& e, const py::object& of, const Booleans& free) {
+        const Fit& fit = *behind<Fit>(of);
+        return e.score(fit, free_of(free, fit.unknowns.contacts.cols()));
       })
-      .def("unevenness", &Equations::unevenness);
+      .def("unevenness", [](const Equations& e, const py::object& fit) { return e.unevenness(*behind<Fit>(fit)); })
+      .def_property_readonly("sheet_columns", [](const Equations& e) { return columns(e.sheet->flat, e.fit->misfit.rows()); });
 
   py::class_<Fit, std::shared_ptr<Fit>>(m, "Fit")
       .def(py::init([](std::shared_ptr<Sheet> sheet, const py::object& u, std::shared_ptr<Rows> rows, std::shared_ptr<Prior> prior,
@@ -349,6 +427,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       .def_static("of_all", [](std::shared_ptr<Fit> fit, std::shared_ptr<Equations> known) { Free free; return Linear::of_all(fit, known); },
                   "fit"_a, "known"_a = py::none())
       .def_readonly("free", &Linear::free)
+      .def_readonly("beside", &Linear::beside)
       .def_property_readonly("normal", [](const Linear& l) { return l.normal; })
       .def_property_readonly("right", [](const Linear& l) { return array(l.right); })
       .def_property_readonly("alone", [](const Linear& l) { return array(l.alone); })
@@ -374,6 +453,11 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
     { Free free; found = solve(fit, steps, known, goal, most); }
     return solution(found);
   }, "fit"_a, "steps"_a, "known"_a, "goal"_a, "most"_a);
+  m.attr("REACH") = kReach;
+  m.attr("REACH_STRENGTH") = kReachStrength;
+  m.attr("SIMILAR") = kSimilar;
+  m.attr("FIRST_DAMPING") = kFirstDamping;
+  m.attr("STEPS") = kSteps;
   m.def("similar", [](const Array& contacts, const Array& others, double pitch, double within) {
     return similar(matrix<Parameters>(contacts, "contacts", 6), matrix<Parameters>(others, "others", 6), pitch, within);
   }, "contacts"_a, "others"_a, "pitch"_a, "within"_a);

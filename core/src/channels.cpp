@@ -84,15 +84,14 @@ ChannelFit::ChannelFit(const Matrix& first, const Matrix& second, const Matrix& 
         system(it.row() - modes, column - modes) += value * scale_[it.row() - modes];
       }
     }
-  factor_.compute(system);
-  if (factor_.info() != Eigen::Success) throw std::domain_error("the channels' normal matrix is not positive definite");
-  back = factor_.solve(mixed_.transpose());
+  factor_ = std::make_shared<Cholesky>(system);
+  back = factor_->solve(Matrix(mixed_.transpose()));
   normal.noalias() = mixed_ * back;
 }
 
 void ChannelFit::beside(const Matrix& columns, Matrix& mixed, Matrix& follow) const {
   mixed = slopes_.couplings(columns);
-  follow = factor_.solve(mixed.transpose());
+  follow = factor_->solve(Matrix(mixed.transpose()));
 }
 
 ChannelFit::Pulled ChannelFit::pulled(const Matrix& misfit, const Vector& pull) const {
@@ -100,7 +99,7 @@ ChannelFit::Pulled ChannelFit::pulled(const Matrix& misfit, const Vector& pull) 
   Vector right = slopes_.couplings(Eigen::Map<const Vector>(weighted.data(), weighted.size())).transpose();
   if (pull.size()) right += scale_.cwiseProduct(pull);
   Pulled out;
-  out.alone = factor_.solve(right);
+  out.alone = factor_->solve(right);
   out.taken = mixed_ * out.alone;
   out.gain = right.dot(out.alone);
   return out;

@@ -71,6 +71,10 @@ Form::Form(const Tables& tables, const Eigen::Matrix<double, 6, 1>& contact, int
   for (int k = 0; k < 3; ++k) moves[2 + k] = shape[1 + k] * cut.points;
 }
 
+Eigen::Matrix2d stretch(const Eigen::Matrix<double, 6, 1>& contact) {
+  return ellipse(contact[kStretch], contact[kShear], std::exp(contact[kRadius]))[0];
+}
+
 Conductance::Conductance(double strength, double mean) {
   const double way = std::exp(-strength), rest = (way - mean) / (kBound * way), small = std::exp(-std::abs(rest));
   const double slope = (rest > 0 ? 1.0 : small) / (1 + small);

@@ -1,19 +1,15 @@
 #include "tomotactile/equations.hpp"
 
-#include <Eigen/LU>
-#include <Eigen/SVD>
 #include <cmath>
 
 namespace tomotactile {
 namespace {
 
-constexpr double kReach = 0.3, kReachStrength = 1.5;  // spacings and of ln c: one linearisation holds for it
 constexpr double kLeast = 1e-9;     // conductance of a contact in parts of an electrode's: far below what noise hides
 constexpr double kMost = 1.2;       // in parts of one over its mean D: a bare conductor, beyond which nothing changes
 constexpr double kSmall = 0.25;     // radius of the smallest contact, typical radii: 2.3 deviations of what is expected
 constexpr double kPoint = 0.02;     // spacings: a radius that nothing tells from a point
 constexpr double kRounding = 1e-11; // of the diagonal of the normal matrix
-constexpr double kSimilar = 0.04;   // spacings that contacts move before derivatives by the sheet are taken anew
 constexpr double kAlike = 0.1;      // of the largest admittance that a shape adds: the same for shapes
 constexpr double kStill = 0.01;     // the same for derivatives by the contacts
 constexpr double kBent = 0.02;      // of `answering`: with more between them equations of one fit tell wrong deviations
@@ -25,13 +21,6 @@ Matrix scaled(const Matrix& normal, const Vector& scale) { return scale.asDiagon
 Eigen::Map<const Vector> flat_of(const Matrix& matrix) { return {matrix.data(), matrix.size()}; }
 
 Matrix times_weights(const Matrix& columns, const Matrix& weights) { return flat_of(weights).asDiagonal() * columns; }
-
-// Solution of a symmetric system with the least norm, where rounding leaves no full rank.
-Vector least_squares(const Matrix& normal, const Vector& right) {
-  Eigen::BDCSVD<Matrix> svd(normal, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  svd.setThreshold(1e-12);
-  return svd.solve(right);
-}
 
 }  // namespace
 
@@ -79,13 +68,13 @@ Equations::Equations(std::shared_ptr<const Fit> at, Matrix flat, const Matrix& o
   normal.diagonal() += kRounding * diagonal;  // what rounding takes off a difference of matrices
   const Matrix units = scaled(normal, scale_of(normal));
   const Matrix mixed = units.bottomLeftCorner(modes, f);
-  const Matrix follow = units.bottomRightCorner(modes, modes).partialPivLu().solve(mixed);
+  const Matrix follow = solved(units.bottomRightCorner(modes, modes), mixed);
   stiffness = 1 - mixed.cwiseProduct(follow).colwise().sum().transpose().array();
 }
 
 Matrix Equations::inverse() const {
   const Vector scale = scale_of(normal);
-  return scaled(scaled(normal, scale).partialPivLu().inverse(), scale);
+  return scaled(inverse_of(scaled(normal, scale)), scale);
 }
 
 Matrix Equations::response(const Matrix& misfits) const {
@@ -98,7 +87,7 @@ Matrix Equations::response(const Matrix& misfits) const {
     right.col(m) -= channels.pulled(misfit, Vector()).taken;
   }
   const Vector scale = scale_of(normal);
-  const Matrix found = scaled(normal, scale).partialPivLu().solve(scale.asDiagonal() * right);
+  const Matrix found = solved(scaled(normal, scale), scale.asDiagonal() * right);
   return (scale.asDiagonal() * found).topRows(f);
 }
 
@@ -121,7 +110,7 @@ double Equations::score(const Fit& other, const Mask& free) const {
   const Linear along = Linear::of_all(std::make_shared<Fit>(other), std::make_shared<Equations>(*this));
   Vector right = weighted.transpose() * flat_of(other.misfit) + pull.head(count) - mixed * along.alone;
   const Vector scale = scale_of(normal);
-  const Matrix follow = scale.asDiagonal() * scaled(normal, scale).ldlt().solve(scale.asDiagonal() * others.transpose());
+  const Matrix follow = scale.asDiagonal() * solved(scaled(normal, scale), scale.asDiagonal() * others.transpose());
   own -= others * follow;
   right -= follow.transpose() * along.right;
   return right.dot(least_squares(own, right));
@@ -220,10 +209,7 @@ Step Linear::step(double damping) const {
   const Vector scale = scale_of(normal);
   Matrix system = scaled(normal, scale);
   system.diagonal().head(free) += damping * stiffness;
-  const Eigen::LLT<Matrix> factor(system);
-  const Vector goal = scale.cwiseProduct(right);
-  Vector step = factor.info() == Eigen::Success ? Vector(factor.solve(goal)) : least_squares(system, goal);
-  step = scale.cwiseProduct(step);
+  Vector step = scale.cwiseProduct(solved(system, scale.cwiseProduct(right)).col(0));
   Step out;
   out.promised = step.dot(2 * right - normal * step) + beside;
   const double pitch = fit->sheet->tables().pitch;

@@ -1,8 +1,8 @@
 #include "tomotactile/forward.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <cmath>
+
+#include "tomotactile/linear_algebra.hpp"
 
 namespace tomotactile {
 namespace {
@@ -11,13 +11,6 @@ namespace {
 // twice the time, and what the model errs where contacts cross electrodes is more.
 constexpr double kWay = 0.2, kStrengthened = 0.1;
 constexpr int kMost = 200;  // evaluations before, and after the middle: faster is no motion
-
-Matrix inverse_of(const Matrix& symmetric) {
-  const Eigen::LLT<Matrix> factor(symmetric);
-  Matrix out = factor.info() == Eigen::Success ? Matrix(factor.solve(Matrix::Identity(symmetric.rows(), symmetric.cols())))
-                                               : Matrix(symmetric.partialPivLu().inverse());
-  return (out + out.transpose()) / 2;
-}
 
 Mask rated(const Unknowns& unknowns) {
   Mask out = Mask::Constant(6, unknowns.contacts.cols(), false);
@@ -76,10 +69,7 @@ Snapshot::Snapshot(std::shared_ptr<const Sheet> on, const Unknowns& u, const std
       const Matrix share = t.share(Eigen::all, group), between = t.impedance(group, group);
       Matrix system = roots.asDiagonal() * between * roots.asDiagonal();
       system.diagonal().array() += 1;
-      const Eigen::LLT<Matrix> factor(system);
-      const Matrix right = roots.asDiagonal() * share.transpose();
-      const Matrix solved = factor.info() == Eigen::Success ? Matrix(factor.solve(right)) : Matrix(system.partialPivLu().solve(right));
-      const Matrix fed = solved.transpose() * roots.asDiagonal();
+      const Matrix fed = solved(system, roots.asDiagonal() * share.transpose()).transpose() * roots.asDiagonal();
       fed_(Eigen::all, group) = fed;
       inner_(Eigen::all, group) = share - fed * between;
     }
@@ -271,9 +261,10 @@ Matrix Snapshot::pressure_columns(const std::vector<Matrix>& modes) const {
   return out;
 }
 
-Prediction::Prediction(std::shared_ptr<const Sheet> sheet, const Unknowns& u, std::vector<int> grounded, const Vector& times,
+Prediction::Prediction(std::shared_ptr<const Sheet> sheet, Unknowns given, std::vector<int> grounded, const Vector& times,
                        std::shared_ptr<const Touches> touches)
-    : rows(std::move(grounded)), times_(times), gain_(u.gain), sheet_(u.sheet) {
+    : unknowns(std::move(given)), rows(std::move(grounded)), times_(times) {
+  const Unknowns& u = unknowns;
   u.check(*sheet);
   const Index n = sheet->count(), scan = Index(rows.size());
   for (int row : rows)
@@ -355,7 +346,7 @@ Matrix Prediction::gather(const std::function<Matrix(const Snapshot&)>& columns,
   }
   if (gained)
     for (Index c = 0; c < out.cols(); ++c)
-      Eigen::Map<Matrix>(out.col(c).data(), n, readings.cols()).array().colwise() *= gain_.array();
+      Eigen::Map<Matrix>(out.col(c).data(), n, readings.cols()).array().colwise() *= unknowns.gain.array();
   return out;
 }
 
@@ -364,7 +355,7 @@ Matrix Prediction::columns(const Mask& wanted) const {
   if (wanted_.size() == wanted.size() && wanted_.size() && (wanted_ || !wanted).all()) {
     out = columns_(Eigen::all, among(wanted_, wanted));
     for (Index c = 0; c < out.cols(); ++c)
-      Eigen::Map<Matrix>(out.col(c).data(), count(), readings.cols()).array().colwise() *= gain_.array();
+      Eigen::Map<Matrix>(out.col(c).data(), count(), readings.cols()).array().colwise() *= unknowns.gain.array();
     return out;
   }
   return gather([&](const Snapshot& at) { return at.columns(wanted); }, true);
@@ -381,7 +372,7 @@ Matrix Prediction::contact_columns(const Unknowns& u) const {
 }
 
 Matrix Prediction::sheet_columns() const {
-  return gather([&](const Snapshot& at) { return at.sheet_columns(sheet_); }, true);
+  return gather([&](const Snapshot& at) { return at.sheet_columns(unknowns.sheet); }, true);
 }
 
 Matrix Prediction::way_columns() const {

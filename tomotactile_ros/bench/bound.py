@@ -50,7 +50,7 @@ class Bounds:
         free = np.tile(_DISC, (len(truth), 1))
         unknowns = resting(operator, self._prior).with_contacts(contacts, across, free)
         grounded = np.arange(operator.count)
-        exact = Prediction(operator, unknowns, grounded, touches)
+        exact = Prediction(operator, unknowns, grounded, touches.stronger(contacts))
         weights = np.full(exact.readings.shape, (DRIVE / NOISE) ** 2)
         np.fill_diagonal(weights, 0.0)
         fit = Fit(operator, unknowns, Rows(exact.readings, weights, grounded), self._prior, exact)

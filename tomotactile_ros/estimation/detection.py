@@ -18,7 +18,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.disc import PATCH
 from tomotactile_ros.estimation.first_look import FirstLook
-from tomotactile_ros.estimation.forward import Prediction
+from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.layouts.grid import Grid
@@ -44,11 +44,12 @@ class Detector:
         radii = np.full(len(self.pixels), PATCH * self.side)
         self.share, self.impedance = operator.points(self.pixels, radii)
 
-    def gains(self, prediction: Prediction, rows: Rows, misfit: np.ndarray):
+    def gains(self, fit: Fit):
         """(K,) what the sum of squares falls by, 0 where c would be negative, and (K,) c, S."""
+        prediction, rows, misfit = fit.prediction, fit.rows, fit.misfit
         ratio, ground = prediction.ratio, rows.grounded
         weights = rows.weights
-        read = rows.corrected(prediction.unknowns).readings
+        read = rows.corrected(fit.unknowns).readings
         measured = np.where(weights > 0, 1 - read, ratio)
         seen = measured @ self.share
         spread = prediction.impedance @ self.share

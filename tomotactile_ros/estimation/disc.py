@@ -9,6 +9,9 @@ import numpy as np
 from tomotactile_ros.scenes.contact import Contact
 
 
+MOST_PATCHES = 14  # to the width of a disc
+
+
 @lru_cache(maxsize=32)
 def unit_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Patches of the disc of radius 1: points (P, 2), shares of its area (P,), radii (P,)."""

@@ -58,22 +58,18 @@ class Displacement:
         self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
         self._between = self._kernel(self._centres)
 
-    def fields(self, kernel=None, share=None, fed=None) -> np.ndarray:
-        """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0;
-        of patches with the `kernel` (n, P) of their places, `share` H (n, P) and H C `fed` (n, P)."""
-        if kernel is None:
-            return self._alone
-        of_patches = np.array([kernel.real, kernel.imag]) - self._between @ share
-        return self._alone - of_patches @ fed.T
+    def fields(self) -> np.ndarray:
+        """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0."""
+        return self._alone
 
-    def along(self, ways: np.ndarray, kernel=None, share=None, fed=None) -> np.ndarray:
-        """(n, n) `fields` along `ways` (2, n) from each electrode, m, times their lengths."""
-        x, y = ways[..., None]
-        alone = x * self._alone[0] + y * self._alone[1]
-        if kernel is None:
-            return alone
-        between = x * self._between[0] + y * self._between[1]
-        return alone - (x * kernel.real + y * kernel.imag - between @ share) @ fed.T
+    @property
+    def mirrors(self) -> list[tuple[int, complex, complex, complex]]:
+        """Each with the electrode that sees it, see `_rectangle`."""
+        found = []
+        for straight, turned, shift, near in self._mirrors:
+            each = np.broadcast_arrays(near, straight, np.ravel(turned), np.ravel(shift))
+            found += [(int(n), complex(s), complex(t), complex(h)) for n, s, t, h in zip(*each)]
+        return found
 
     def row(self, at_rest, ground, ratio, own, impedance, places, share, fed):
         """(2, n) each, of one row without gains with electrode `ground` grounded: derivatives of
@@ -146,40 +142,3 @@ def _nearest(outline: Outline, centres: np.ndarray, within: float):
     foot = centres[near] @ _COMPLEX - depth[near] * normal
     turned = -(normal**2)
     return [(0, turned[:, None], (foot - turned * foot.conj())[:, None], near)]
-
-
-def displaced(fields, impedance, ratio, own, rows) -> tuple[np.ndarray, np.ndarray]:
-    """(2, L, n) each: derivatives of 1 - rho by how far aside the electrode of the column lies, and
-    the grounded one, 1/m.
-
-    fields (2, n, n); impedance (n, n), ohm; ratio (L, n) rho; own (L,) N, ohm; rows (L,)
-    """
-    each = np.arange(len(rows))
-    columns = -np.matmul(ratio, fields.transpose(0, 2, 1))
-    at_ground = -columns[:, each, rows]
-    columns[:, each, rows] = 0.0
-    taken = fields[:, rows]
-    moved = np.matmul(taken, impedance)
-    through = np.einsum("dln,ln->dl", taken, impedance[rows])
-    moved -= through[..., None] * ratio
-    ways = ratio * at_ground[..., None] - moved / own[:, None]
-    ways[:, each, rows] -= at_ground
-    return columns, ways
-
-
-def shift(along, impedance, ratio, own, rows) -> np.ndarray:
-    """(L, n) change of 1 - rho by electrodes aside: the sum of what `displaced` says times how far each
-    of them lies aside.
-
-    along (n, n) : `Displacement.along` these ways; the rest as for `displaced`
-    """
-    each = np.arange(len(rows))
-    out = -(ratio @ along.T)
-    at_ground = -out[each, rows]
-    out[each, rows] = 0.0
-    taken = along[rows]
-    through = np.einsum("ln,ln->l", taken, impedance[rows])
-    out += ratio * (at_ground + through / own)[:, None]
-    out -= (taken @ impedance) / own[:, None]
-    out[each, rows] -= at_ground
-    return out

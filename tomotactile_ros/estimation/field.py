@@ -30,6 +30,7 @@ class SheetField:
     centres : (C, 2) of cells, m; modes : (C, J - 2) value of each mode with variance 1
     left : (C,) standard deviation, in the cells, of what the modes do not show of a field of variance 1
     deviation : (J,) prior standard deviation of the coefficients
+    reach : m, over which cells are averaged for a smooth field; nodes (C, J - 2) what is averaged
     owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell
         begins
     """
@@ -46,7 +47,7 @@ class SheetField:
         self.centres = np.stack(
             [np.bincount(self.owner, areas * places[:, i]) / area for i in range(2)], axis=-1
         )
-        self._reach = 0.6 * size / across
+        self.reach = 0.6 * size / across
         squared = ((self.centres[:, None] - self.centres) ** 2).sum(axis=-1)
         covariance = _SHORT * np.exp(-squared / (2 * (_NEAR * size) ** 2))
         covariance += (1 - _SHORT) * np.exp(-squared / (2 * (_FAR * size) ** 2))
@@ -66,18 +67,18 @@ class SheetField:
         self.left = np.sqrt(np.maximum(left, 0.0))
         self.deviation = np.full(len(kept) + 2, UNEVEN)
         self.deviation[-2:] = ANISOTROPIC
-        self._nodes = np.linalg.solve(self._weights(self.centres), self.modes)
+        self.nodes = np.linalg.solve(self._weights(self.centres), self.modes)
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """(Q, J) the field at `places` (Q, 2): smooth, and in the centres of cells as they have it."""
         out = np.zeros((len(places), len(self.deviation)))
-        out[:, :-2] = self._weights(places) @ self._nodes
+        out[:, :-2] = self._weights(places) @ self.nodes
         return out
 
     def _weights(self, places):
         """(Q, C) of a smooth mean over cells nearby."""
         squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
-        weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * self._reach**2))
+        weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * self.reach**2))
         return weights / weights.sum(axis=1, keepdims=True)
 
     def cell_values(self, places: np.ndarray) -> np.ndarray:

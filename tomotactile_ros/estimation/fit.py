@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.estimation.channels import Slopes
-from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.motion import predicted
+from tomotactile_ros.core import compiled
+from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH
+from tomotactile_ros.estimation.touch import CONDUCTANCE
 
 
 class Fit:
     """A point with its misfit.
+
+    `core` : where it is known already, of the same operator, rows and prior; then `unknowns` may be None
 
     Attributes
     ----------
@@ -36,44 +38,49 @@ class Fit:
     def __init__(
         self,
         operator: SheetOperator,
-        unknowns: Unknowns,
+        unknowns: Unknowns | None,
         rows: Rows,
         prior: Prior,
-        prediction: Prediction | None = None,
+        prediction: Any = None,
+        core: Any = None,
     ):
-        self.operator, self.unknowns, self.rows, self.prior = operator, unknowns, rows, prior
-        self.prediction = prediction or predicted(operator, unknowns, rows.grounded, rows.times)
-        self.misfit = rows.readings - self.prediction.readings
-        self.chi_squared = float((rows.weights * self.misfit**2).sum())
-        self.cost = self.chi_squared + self._of_priors()
-        self.covariance = self.equations = None
-        self.steps, self.work, self.promised = 0, 0, 0.0
+        self.operator, self.rows, self.prior = operator, rows, prior
+        if core is None:
+            core = compiled.Fit(operator.core, unknowns, rows.core, prior.core, prediction)
+        self.core = core
+        self.unknowns = unknowns or Unknowns(**core.unknowns)
+        self.chi_squared: float = core.chi_squared
+        self.cost: float = core.cost
+        self.covariance: np.ndarray | None = None
+        self.equations: Any = None
+        self.steps, self.work, self.promised = 0, 0.0, 0.0
         self.needed: np.ndarray | None = None
+
+    @cached_property
+    def prediction(self) -> Any:
+        return self.core.prediction
+
+    @cached_property
+    def misfit(self) -> np.ndarray:
+        return self.core.misfit
 
     def weighed(self, rows: Rows) -> Fit:
         """The same point as one of `rows` that differ in their weights only."""
-        other = copy(self)
-        other.rows = rows
-        other.chi_squared = float((rows.weights * self.misfit**2).sum())
-        other.cost = self.cost - self.chi_squared + other.chi_squared
-        return other
+        weighed = self.core.weighed(rows.core)
+        return Fit(self.operator, self.unknowns, rows, self.prior, core=weighed)
 
     def freed(self, free: np.ndarray) -> Fit:
         """The same point with other parameters of the contacts `free` (k, 6)."""
-        other = copy(self)
-        other.unknowns = replace(self.unknowns, free=free)
-        other.prediction = self.prediction.freed(other.unknowns)
-        other.covariance = None
-        return other
+        freed = replace(self.unknowns, free=free)
+        return Fit(self.operator, freed, self.rows, self.prior, self.prediction)
 
     def of(self, unknowns: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of `unknowns` and other rows: what is predicted is only worked out where it is not the
         same."""
-        known = self.prediction
         same = self.unknowns.same_point(unknowns) and np.array_equal(
             self.rows.grounded, rows.grounded
         )
-        return Fit(self.operator, unknowns, rows, prior, known.freed(unknowns) if same else None)
+        return Fit(self.operator, unknowns, rows, prior, self.prediction if same else None)
 
     def with_strengths(self, strengths: np.ndarray) -> Fit:
         """A fit of the same rows by the same contacts at rest, which conduct `strengths` (k,), S."""
@@ -84,27 +91,13 @@ class Fit:
     def in_place(self, unknowns: Unknowns) -> Fit:
         """The fit of the same rows at `unknowns` whose contacts rest and differ in their conductance
         only."""
-        touches = self.prediction.touches.on(unknowns.sheet).stronger(unknowns.contacts)
-        found = Prediction(self.operator, unknowns, self.rows.grounded, touches)
-        return Fit(self.operator, unknowns, self.rows, self.prior, found)
+        core = self.core.in_place(unknowns)
+        return Fit(self.operator, unknowns, self.rows, self.prior, core=core)
 
     @property
     def of_sensor(self) -> float:
         """What the prior of the sensor takes of the cost."""
-        apart = self.prior.apart(self.unknowns)
-        return float(apart @ self.prior.pull(apart))
-
-    def _of_priors(self) -> float:
-        u, prior = self.unknowns, self.prior
-        cost = self.of_sensor
-        contacts = u.contacts
-        if u.bond is not None:
-            strengths = np.exp(contacts[:, CONDUCTANCE])
-            return float(cost + strengths @ u.bond @ strengths)
-        cost += (((contacts[:, RADIUS] - np.log(prior.radius)) / prior.spread) ** 2).sum()
-        cost += ((contacts[:, STRETCH:] / prior.stretch) ** 2).sum()
-        cost += ((u.rates / prior.rates) ** 2).sum()
-        return float(cost)
+        return self.core.of_sensor
 
     @property
     def doubt(self) -> float:
@@ -122,11 +115,7 @@ class Fit:
         return 1.0 + max(excess, 0.0) / self.operator.count
 
     @property
-    def slopes(self) -> Slopes:
-        """Derivatives of the readings by the channels."""
-        u, prediction = self.unknowns, self.prediction
-        columns, rows = prediction.aside
-        driven = (prediction.readings - u.offset) / u.gain
-        in_columns = np.array([driven, np.ones_like(driven), *(u.gain * columns)])
-        in_rows = u.gain * np.array([prediction.ratio / prediction.own[:, None], *rows])
-        return Slopes(in_columns, in_rows, self.rows.grounded)
+    def slopes(self) -> Any:
+        """Derivatives of the readings by the channels: in_columns (4, L, n), in_rows (3, L, n), and what
+        follows of them (`core/include/tomotactile/channels.hpp`)."""
+        return self.core.slopes

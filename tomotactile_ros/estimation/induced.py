@@ -91,21 +91,6 @@ class Charges:
         """(P, 2 K m) B with B B^T what their charges take away, ohm."""
         return _flat(self._rooted(self._weight[~self._few, :, None] * self._powers[..., :-1]))
 
-    @cached_property
-    def _changes(self) -> np.ndarray:
-        """(2, P, 2 K m) change of B with the place, 1/m."""
-        far, terms = ~self._few, self._terms
-        fades = (
-            2 * self._electrodes.nearness_slope(self._squared[far])[..., None] * self._apart[far]
-        )
-        moves = (
-            self._weight[far, :, None] * (terms / self._electrodes.radius) * self._powers[..., 1:]
-        )
-        out = []
-        for d, turned in enumerate((-moves, 1j * moves)):
-            out.append(_flat(self._rooted(fades[..., d, None] * self._powers[..., :-1] + turned)))
-        return np.array(out)
-
     def _rooted(self, columns: np.ndarray) -> np.ndarray:
         return columns * np.sqrt(2 * self._electrodes.scale / self._terms)
 
@@ -121,29 +106,6 @@ class Charges:
             np.log1p(np.maximum(part, RIM - 2, out=part), out=part)
             part *= np.multiply.outer(weight, self._electrodes.scale * weight)
             _add(out, on, on, part)
-        return out
-
-    def slope(self, places, others) -> np.ndarray:
-        """(2, p, q) change of `among` with the place of the first, of `places` and `others`, ohm/m.
-
-        Close to an electrode s = |z|^2 changes by -2 s^2 a / R^2 with the way a from it, and the inverse
-        point s a with it.
-        """
-        out = -np.matmul(self._changes[:, places], self._columns[others].T)
-        radius, scale = self._electrodes.radius, self._electrodes.scale
-        for electrode in map(int, np.flatnonzero(self._few)):
-            on, weight, share, _, apart, fading = self._close(electrode, places)
-            at, other_weight, other, image, _, _ = self._close(electrode, others)
-            by_share = other - (2 / radius**2) * (apart @ image.T)
-            part = share[:, None] * by_share
-            kept = np.maximum(part, RIM - 2)
-            rate = np.multiply.outer(weight, other_weight) / (1 + kept) * (part > RIM - 2)
-            fades = np.multiply.outer(fading, other_weight) * np.log1p(kept)
-            radial = 2 * fades - rate * by_share * (2 / radius**2 * share**2)[:, None]
-            turned = (2 / radius**2 * share)[:, None] * rate
-            for d in range(2):
-                change = scale * (radial * apart[:, [d]] - turned * image[:, d])
-                _add(out[d], on, at, change)
         return out
 
     def _close(self, electrode: int, chosen):

@@ -26,6 +26,7 @@ from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.pressure_modes import pressure_modes
 from tomotactile_ros.estimation.prior import Prior
 
 
@@ -59,7 +60,7 @@ def information(
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
     contacts, sheet = prediction.contact_columns(), prediction.sheet_columns()
     if uneven and len(unknowns.contacts) and unknowns.bond is None:
-        contacts = np.concatenate([contacts, uneven * prediction.pressure_columns()])
+        contacts = np.concatenate([contacts, uneven * prediction.pressure_columns([pressure_modes(a) for a in unknowns.across])])
     slopes = fit.slopes.beside(_by_electrode(fit))
     free, modes, count = len(contacts), operator.modes, operator.count
     columns = np.concatenate([contacts, sheet])

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+
+from tomotactile_ros.core import compiled
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,10 @@ class Rows:
     weights: np.ndarray
     grounded: np.ndarray
     times: np.ndarray | None = None
+
+    @cached_property
+    def core(self) -> Any:
+        return compiled.Rows(self.readings, self.weights, self.grounded, self.times)
 
     @property
     def count(self) -> int:
@@ -41,9 +49,3 @@ class Rows:
             times = times - (times.min() + times.max()) / 2
         return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen], times)
 
-
-def same_rows(first: Rows, second: Rows) -> bool:
-    return first is second or (
-        np.array_equal(first.grounded, second.grounded)
-        and np.array_equal(first.weights, second.weights)
-    )

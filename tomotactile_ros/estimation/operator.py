@@ -21,10 +21,13 @@ from __future__ import annotations
 from copy import copy
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from tomotactile_ros.core import compiled
+from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.induced import RIM
@@ -52,6 +55,7 @@ _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouc
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
+_NO_PATCHES = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
 
 
 class SheetOperator:
@@ -91,6 +95,7 @@ class SheetOperator:
         self._rest: Rest | None = None
         self._mean = np.zeros(self.modes)
         self._even: Solution | None = None
+        self._tables = self._handed_over()
 
     def about(self, sheet: np.ndarray) -> SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
@@ -100,7 +105,7 @@ class SheetOperator:
         if self._even is None:
             self._even = solved(self.layout, self.used, places, self.pitch)
         even, other = self._even, copy(self)
-        for known in ("expected", "untouched"):
+        for known in ("expected", "untouched", "core"):
             other.__dict__.pop(known, None)
         found = solved(
             self.layout,
@@ -132,6 +137,51 @@ class SheetOperator:
     def mean(self) -> np.ndarray:
         """(J,) coefficients of the sheet that it is right about."""
         return self._mean
+
+    @cached_property
+    def core(self) -> Any:
+        """The same for the compiled core."""
+        if self._rest is None:
+            return compiled.Sheet(self._tables, self.untouched)
+        rest = self._rest
+        left = rest.factor, rest.term, rest.share, rest.own
+        return compiled.Sheet(self._tables, self.untouched, self._mean, *left)
+
+    def _handed_over(self) -> Any:
+        """Tables of the even sheet and of what unevenness changes."""
+        layout, outline = self.layout, self.layout.outline
+        rings = [] if outline.kind == "circle" else [outline.shell]
+        position = np.where(self.position < 0, self.count, self.position)
+        return compiled.Tables(
+            {
+                "size": np.array(outline.size, float),
+                "rectangle": outline.is_uniform_rectangle,
+                "circle": float(outline.radius),
+                "rings": [*rings, *outline.holes],
+                "centres": layout.positions,
+                "used": layout.positions[self.used],
+                "position": position,
+                "radius": layout.radius,
+                "resistance": self.resistance,
+                "pitch": self.pitch,
+                "inverse": self._inverse,
+                "admittance": self.admittance,
+                "discs": [_NO_PATCHES, *(unit_patches(a) for a in range(1, MOST_PATCHES + 1))],
+                "fine": self.potentials.lattice.core,
+                "coarse": self.lattice.core,
+                "potentials": self.potentials.rest,
+                "own": self.mutual.own_rest,
+                "smooth": self.mutual.smooth,
+                "fields": self.displacement.fields(),
+                "mirrors": self.displacement.mirrors,
+                "change": self._change,
+                "seen": self._seen,
+                "share_change": self._share_change,
+                "cells": self.field.centres,
+                "reach": self.field.reach,
+                "nodes": self.field.nodes,
+            }
+        )
 
     def points(self, places: np.ndarray, radii: np.ndarray):
         """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places`
@@ -196,11 +246,6 @@ class SheetOperator:
             return self._first_change
         scaled = self._scaled(self._changed(sheet))
         return _balanced(self._change * np.where(self._seen, scaled, 1.0))
-
-    def share_change(self, around: Around, fed: np.ndarray) -> np.ndarray:
-        """(J, n, n) sum over places of `fed` (n, Q) times the derivative of H there, by the sheet's
-        coefficients."""
-        return np.matmul(fed @ around.weights, self._share_change[:, around.nodes])
 
     def share_added(self, sheet: np.ndarray, around: Around):
         """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes,
@@ -341,121 +386,6 @@ def _scattered(slopes: np.ndarray, unknowns: np.ndarray, count: int) -> csr_matr
     ends = np.arange(0, slopes.size + 1, 3)
     columns = np.repeat(unknowns, 2, axis=0).ravel()
     return csr_matrix((slopes.ravel(), columns, ends), (len(ends) - 1, count)).T
-
-
-class Patches:
-    """H and D of patches on the sheet, with their slopes.
-
-    Parameters
-    ----------
-    places (P, 2), radii (P,), m; parts: slices of the patches of each contact; forms (k, 3) their
-        centres, m, and ln a
-    sheet (J,) coefficients of the field
-
-    Attributes
-    ----------
-    share (n, P) H; impedance (P, P) D, ohm
-    near : for each contact the patches (m,) that feel its own
-    """
-
-    def __init__(self, operator: SheetOperator, places, radii, parts, forms, sheet):
-        self._operator, self._places, self._radii, self._parts = operator, places, radii, parts
-        self._stencil = stencil = operator.potentials.lattice.stencil(places)
-        potentials = operator.potentials.values(places, stencil)
-        self.around = Around(operator.lattice, places)
-        alone = operator.mutual.alone(stencil) + operator.own_added(self.around)
-        self._charges = operator.mutual.induced.by(places)
-        inverse = operator._inverse
-        self._solved = inverse[:-1, :-1] @ potentials.T + inverse[:-1, -1:]
-        constant = inverse[-1, :-1] @ potentials.T + inverse[-1, -1]
-        owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
-        group = _groups(forms, SCREENED * operator.pitch)
-        members = [np.flatnonzero(group[owner] == each) for each in range(group.max() + 1)]
-        self.near = [members[each] for each in group]
-        self._field = operator.field_at(forms[:, :2])
-        self._even = np.zeros((len(places), len(places)))  # D but for the sheet's local conductance
-        self._bare = np.zeros(len(places), bool)  # at the rim of an electrode: D is as good as 0
-        for chosen in members:
-            block = operator.mutual(
-                places[chosen],
-                radii[chosen],
-                owner[chosen],
-                alone[chosen],
-                self.around,
-                self._charges,
-                chosen,
-            )
-            block -= potentials[chosen] @ self._solved[:, chosen] + constant[chosen]
-            block = (block + block.T) / 2
-            own = np.einsum("ii->i", block)
-            self._bare[chosen] = own < 0
-            np.maximum(own, 0.0, out=own)
-            if len(members) == 1:
-                self._even = block
-            else:
-                self._even[np.ix_(chosen, chosen)] = block
-        self._take(sheet)
-
-    def on(self, sheet: np.ndarray) -> Patches:
-        """The same patches on the sheet with other coefficients (J,)."""
-        other = copy(self)
-        other.__dict__.pop("slopes", None)
-        other._take(sheet)
-        return other
-
-    def _take(self, sheet: np.ndarray) -> None:
-        self._sheet = sheet
-        self.share, self.impedance = self._solved, self._even
-        self._factor = np.ones(len(self._places))
-        if not sheet.any() and not self._operator.mean.any():
-            return
-        self.share = self._solved + self._added @ self.around.weights.T
-        for part, field in zip(self._parts, self._field @ sheet):
-            self._factor[part] = np.exp(-0.5 * field)
-        self.impedance = self._even * self._factor[:, None] * self._factor
-
-    @property
-    def _added(self) -> np.ndarray:
-        """(n, m) what the sheet adds to H at the nodes around."""
-        return self._operator.added_at(self._sheet, self.around.nodes)
-
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        """(2, n, P) change of H with the place, 1/m."""
-        inverse, operator = self._operator._inverse[:-1, :-1], self._operator
-        out = np.matmul(self._steep, inverse).transpose(0, 2, 1)
-        if not self._sheet.any() and not operator.mean.any():
-            return out
-        return out + np.matmul(self._added, self.around.slopes.transpose(0, 2, 1))
-
-    @cached_property
-    def _steep(self) -> np.ndarray:
-        """(2, P, n) change of the potentials of the electrodes with the place, ohm/m."""
-        return self._operator.potentials.steep(self._places, self._stencil)
-
-    def impedance_slope(self, part: slice, near: np.ndarray):
-        """(2, p, m) changes of D to the patches `near` (m,) with the places of the patches `part`,
-        ohm/m, and (p, m) what it falls by as the radii of both grow by their logarithms, ohm."""
-        mutual = self._operator.mutual
-        of_all = self.around, self._charges
-        out, grown = mutual.slope(self._places, self._radii, part, near, *of_all)
-        alone = mutual.alone_slope(self._stencil, part) / 2
-        out += alone[..., None] * ((near >= part.start) & (near < part.stop))
-        out -= np.matmul(self._steep[:, part], self._solved[:, near])
-        factor = self._factor[part, None] * self._factor[near]
-        factor[(np.arange(part.start, part.stop)[:, None] == near) & self._bare[near]] = 0.0
-        return out * factor, grown * factor
-
-
-def _groups(forms: np.ndarray, reach: float) -> np.ndarray:
-    """(k,) number of the group of each of `forms` (k, 3), see `Patches`: contacts no more than
-    `reach`, m, from another."""
-    apart = np.hypot(*(forms[:, None, :2] - forms[:, :2]).transpose(2, 0, 1))
-    radii = np.exp(forms[:, 2])
-    linked = apart - np.add.outer(radii, radii) < reach
-    for _ in range(len(forms).bit_length()):  # twice as many links each time
-        linked = linked @ linked
-    return np.unique(linked.argmax(axis=1), return_inverse=True)[1]  # each by its first member
 
 
 def _bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -44,6 +47,19 @@ class Prior:
     rates: tuple[float, float, float] = RATES
     learned: bool = False
     precision: np.ndarray | None = None
+
+    @cached_property
+    def core(self) -> Any:
+        return compiled.Prior(
+            self.radius,
+            self.spread,
+            self.stretch,
+            np.array(self.rates),
+            np.concatenate([self.sheet, self.gain, self.offset, self.resistance, *self.aside]),
+            np.concatenate([self.sheet_deviation, *self.deviations]),
+            self.precision,
+            len(self.sheet),
+        )
 
     def held(self) -> Prior:
         """The same sensor, as good as certain."""
@@ -137,14 +153,3 @@ class Prior:
             precision=precision,
         )
 
-
-def same_sensor(first: Prior, second: Prior) -> bool:
-    """Whether two expectations weigh the sensor alike."""
-    if (first.precision is None) != (second.precision is None):
-        return False
-    if first.precision is not None:
-        return np.array_equal(first.precision, second.precision)
-    both = zip(
-        (first.sheet_deviation, *first.deviations), (second.sheet_deviation, *second.deviations)
-    )
-    return all(np.array_equal(*each) for each in both)

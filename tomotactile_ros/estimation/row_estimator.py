@@ -46,7 +46,7 @@ from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd,
 from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
 from tomotactile_ros.estimation.settling import Settling, with_ground
-from tomotactile_ros.estimation.touch import PARAMETERS, Touches, patches_for
+from tomotactile_ros.estimation.touch import PARAMETERS, Touches, conductance, patches_for
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
@@ -418,7 +418,9 @@ class RowEstimator:
                 off = _OFF_CENTRE * float(np.exp(contacts[i, 3]))
                 covariance = covariance + np.diag([off**2, off**2, 0.0, 0.0, 0.0])
             size = belief.sizes[i, 1] + grown**2
-            reported = self._contact(touches, contacts[i], size, mean, covariance, rows.uneven)
+            about = touches, contacts[i], size, mean, covariance, rows.uneven
+            operator = self._follower(state.used, state.drive).operator
+            reported = self._contact(operator, *about)
             found.append((number, max(rows.time - belief.begun[i], 0.0), reported))
         if found and state.ground.alike:
             return Followed([], "withheld", ALIKE)
@@ -459,13 +461,12 @@ class RowEstimator:
         return kept[1], kept[2]
 
     def _contact(
-        self, touches: Touches, contact, size_variance, mean, covariance, uneven: float
+        self, operator, touches: Touches, contact, size_variance, mean, covariance, uneven: float
     ) -> Contact:
-        touches.contacts[0, 2] = contact[2]
-        g, by_strength, by_mean = touches.conductance(0)
-        way = float(touches.mean[0])
-        g, bare = told(g, way, touches.operator.resistance)
-        operator, law, covered = touches.operator, self.estimator.law, float(touches.covered[0])
+        way, covered = float(touches.mean[0]), float(touches.covered[0])
+        g, by_strength, by_mean = conductance(contact[2], way)
+        g, bare = told(g, way, operator.resistance)
+        law = self.estimator.law
         area = math.pi * math.exp(2 * contact[3]) * covered
         pressure = float(law.pressure(g * covered / area))
         force, m = pressure * area, law.exponent

@@ -14,7 +14,6 @@ import numpy as np
 from tomotactile_ros.estimation.disc import unit_patches
 from tomotactile_ros.estimation.induced import RIM
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.touch import part_beyond
 
 _ACROSS = 6  # patches to the width of a disc
 _LEAST = 1e-3  # of the area of a disc: less beside the electrode is nothing
@@ -53,3 +52,9 @@ def rim_shares(operator: SheetOperator, x: float, y: float, radius: float) -> np
     shares = sums @ inverse[:, :-1].T + parts[:, None] * inverse[:, -1]
     shares[:, which] += np.array([1.0, 0.0, 0.0]) - parts
     return shares
+
+
+def part_beyond(depth: np.ndarray):
+    """What part of a patch lies beyond a line that it is `depth` radii beyond, and its slope."""
+    inside = np.clip(depth + 0.5, 0.0, 1.0)
+    return inside**2 * (3 - 2 * inside), 6 * inside * (1 - inside)

@@ -367,19 +367,18 @@ class Search(Fits):
         if squares > (rows.weights * largest).sum() + 2.0 * rows.count:
             return None
         expected = Fit(self.operator, resting(self.operator, prior), rows, prior)
-        if self._rest is None or not self._rest.serves(expected):
-            self._rest = Linear(expected).equations
+        self._rest = Linear(expected, self._rest).equations
         rest = solve(self.operator, expected.unknowns, rows, prior, known=self._rest, at=expected)
         return None if self.sees_more(rest) else rest
 
     def sees_more(self, fit: Fit) -> bool:
         """Whether one more contact somewhere would explain more than noise does."""
-        gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
+        gains, _ = self.detector.gains(fit)
         return bool(gains.max() > self._threshold)
 
     def _seen(self, fit: Fit) -> FirstLook | None:
         """A first look at the rows of `fit`, of no contacts; None where noise explains all."""
-        gains, _ = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
+        gains, _ = self.detector.gains(fit)
         if gains.max() < self._threshold:
             return None
         found = self.reciprocity(fit.rows, fit.prior)
@@ -813,7 +812,7 @@ class Search(Fits):
         return self._asked[1]
 
     def _next_of(self, fit: Fit):
-        gains, strengths = self.detector.gains(fit.prediction, fit.rows, fit.misfit)
+        gains, strengths = self.detector.gains(fit)
         for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)
             gains[apart < 1.3 * np.exp(contact[RADIUS]) + self.detector.side] = 0.0

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from copy import copy
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.induced import Charges, InducedCharges
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.green import CLOUD, FAR, softened
@@ -38,6 +40,10 @@ class Lattice:
         self._offsets = np.add.outer(np.arange(4) * self._counts[1], np.arange(4)).ravel()
         axes = [s + h * np.arange(n) for s, h, n in zip(self._start, self.step, self._counts)]
         self.points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+
+    @cached_property
+    def core(self) -> Any:
+        return compiled.Lattice(self._start, self.step, self._counts)
 
     def stencil(self, places: np.ndarray) -> Stencil:
         """At `places` (Q, 2), m."""
@@ -174,7 +180,7 @@ class PotentialTable:
         self._centres = layout.positions[used]
         self._radius = layout.radius
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
-        self._values = sensed.between - self._logarithm(lattice.points)[0]
+        self.rest = sensed.between - self._logarithm(lattice.points)[0]
 
     def _logarithm(self, places):
         """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared
@@ -192,7 +198,7 @@ class PotentialTable:
         the ring.
         """
         stencil = self.lattice.stencil(places)
-        around = self._values[stencil.points]
+        around = self.rest[stencil.points]
         smooth = np.matmul(np.stack([stencil.weights, *stencil.slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
         values = smooth[:, 0] + singular
@@ -205,12 +211,12 @@ class PotentialTable:
     def values(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
         """(Q, n) potentials at `places` (Q, 2), ohm, `stencil` of `lattice` there: `__call__` without
         slopes and discs."""
-        smooth = np.matmul(stencil.weights[:, None], self._values[stencil.points])[:, 0]
+        smooth = np.matmul(stencil.weights[:, None], self.rest[stencil.points])[:, 0]
         return smooth + self._logarithm(places)[0]
 
     def steep(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
         """(2, Q, n) slopes of `values`, ohm/m."""
-        smooth = np.matmul(stencil.slopes.transpose(1, 0, 2), self._values[stencil.points])
+        smooth = np.matmul(stencil.slopes.transpose(1, 0, 2), self.rest[stencil.points])
         _, apart, squared = self._logarithm(places)
         steep = (-self._scale / squared)[..., None] * apart
         return smooth.transpose(1, 0, 2) + steep.transpose(2, 0, 1)
@@ -219,7 +225,7 @@ class PotentialTable:
         """(3, n) mean potential of one disc, ohm, and its slopes, ohm/m: `__call__` of a single
         place, m, for who has no time for arrays."""
         points, weights = self.lattice.around(x, y)
-        out = weights @ self._values[points]
+        out = weights @ self.rest[points]
         apart = [x, y] - self._centres
         squared = np.einsum("ij,ij->i", apart, apart)
         reaches = squared.min() < (radius + self._radius) ** 2
@@ -278,7 +284,7 @@ class MutualTable:
         self.induced = InducedCharges(layout.positions, layout.radius, pitch, self._resistance)
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
-        self._smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
+        self.smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
         self._fine = potentials.lattice
         sensed = sensed.moved(off_electrodes(sensed.points, layout))
         own = sensed.own.copy()
@@ -289,7 +295,7 @@ class MutualTable:
             for sign, seen in ((1, sensed.between[part]), (-1, potentials(places)[0])):
                 fed = np.vstack([seen.T, np.ones(len(places))])
                 own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
-        self._own = own
+        self.own_rest = own
 
     def _logarithm(self, places, radii, own_only=False):
         """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,)
@@ -308,40 +314,6 @@ class MutualTable:
                 product = product * squared
         return scale * np.log(product)
 
-    def slope(
-        self, places, radii, part, others, around: Around, charges: Charges
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What follows from places (N, 2) with radii (N,), m: (2, P, Q) change of G between those of
-        `part` and `others` with the first place, ohm/m, and (P, Q) what G falls by as both radii grow by
-        their logarithms, ohm; but for what `alone` says.
-
-        around, charges : of all places
-        """
-        ends = places[part], radii[part], places[others], radii[others]
-        out, grown = self._logarithm_slope(*ends)
-        out += charges.slope(part, others)
-        nodes, weights = around.nodes, around.weights[others]
-        out += np.matmul(around.slopes[:, part], self._smooth[np.ix_(nodes, nodes)] @ weights.T)
-        return out, grown
-
-    def _logarithm_slope(self, places, radii, others, other_radii):
-        """The part of `slope` with logarithms."""
-        mutual = np.add.outer(radii**2, other_radii**2) / 2
-        apart = [self._mirror_ways(places[:, [i]], others[:, i], i) for i in range(2)]
-        squared = apart[0][:, None] ** 2 + apart[1] ** 2
-        inverse = 1 / np.maximum(squared, _TINY)
-        grown = np.zeros(mutual.shape)
-        for i, j in np.argwhere(squared.min(axis=(2, 3)) < FAR * mutual.max()):
-            hidden = np.exp(-squared[i, j] / (CLOUD * mutual))  # of `softened`
-            inverse[i, j] *= 1 - hidden
-            grown += hidden
-        ways = [
-            (apart[0] * inverse.sum(axis=1)).sum(axis=0),
-            (apart[1] * inverse.sum(axis=0)).sum(axis=0),
-        ]
-        scale = self._resistance / (2 * np.pi)
-        return -scale * np.array(ways), scale * grown
-
     def _mirror_ways(self, at, to, axis: int) -> np.ndarray:
         """(3 or 1, ...) ways along one axis from `at` to `to` and to its images in both rims, m, as the
         two broadcast; their derivatives by `at` are 1."""
@@ -355,7 +327,7 @@ class MutualTable:
         """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
         stencil = self._coarse.stencil(places)
         points, weights = stencil.points, stencil.weights
-        block = self._smooth[points[:, :, None], points[:, None, :]]
+        block = self.smooth[points[:, :, None], points[:, None, :]]
         smooth = np.einsum("pi,pij,pj->p", weights, block, weights)
         smooth += self.induced.own(places)
         return smooth + self._logarithm(places, radii, own_only=True)
@@ -363,11 +335,7 @@ class MutualTable:
     def alone(self, stencil: Stencil) -> np.ndarray:
         """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials'
         lattice around them."""
-        return np.einsum("pi,pi->p", stencil.weights, self._own[stencil.points])
-
-    def alone_slope(self, stencil: Stencil, part: slice) -> np.ndarray:
-        """(2, p) change of `alone` of the places `part` with the place, ohm/m."""
-        return np.einsum("dpi,pi->dp", stencil.slopes[:, part], self._own[stencil.points[part]])
+        return np.einsum("pi,pi->p", stencil.weights, self.own_rest[stencil.points])
 
     def __call__(
         self,
@@ -392,7 +360,7 @@ class MutualTable:
         around = around or Around(self._coarse, places)
         charges = charges or self.induced.by(places)
         weights = around.weights[chosen]
-        out = weights @ self._smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
+        out = weights @ self.smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
         out += self._logarithm(places, radii) + charges.among(chosen)
         out += np.where(owner[:, None] == owner, (alone[:, None] + alone) / 2, 0.0)
         return out

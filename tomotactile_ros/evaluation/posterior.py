@@ -42,7 +42,7 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, patches_for
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, conductance, patches_for
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS, PLACES, lattice
 from tomotactile_ros.evaluation.places import pairs as pairs_about
@@ -179,8 +179,9 @@ class Expectation:
     def covariance(self, centre: np.ndarray, grounded=None) -> tuple[np.ndarray, float]:
         """(2, 2) of the place, m², and the standard deviation of the force, relative."""
         linear = self.linear(centre, grounded=grounded)
-        linear.normal[[X, Y], [X, Y]] += self.on_electrode(linear)
-        covariance = linear.covariance()
+        normal = linear.normal.copy()
+        normal[[X, Y], [X, Y]] += self.on_electrode(linear)
+        covariance = _inverse(normal)[: linear.free, : linear.free]
         slope = linear.fit.prediction.force_slope(0, self.conditions.law.exponent)[_DISC]
         return covariance[X : Y + 1, X : Y + 1], float(np.sqrt(slope @ covariance @ slope))
 
@@ -191,7 +192,8 @@ class Expectation:
         frame = self._prediction(together, grounded).readings
         wide = np.log(np.hypot(self.conditions.radius, np.linalg.norm(half)))
         one = np.array([*middle, 0.0, wide, 0.0, 0.0])
-        given = sum(together.conductance(i)[0] for i in range(2))
+        strengths = together.contacts[:, CONDUCTANCE]
+        given = sum(conductance(c, mean)[0] for c, mean in zip(strengths, together.mean))
         linear = self._linear(_conducting(self._felt(one[None]), given), grounded, frame)
         step = np.linalg.solve(linear.normal, linear.right)
         taken = step @ linear.right + linear.beside
@@ -232,6 +234,7 @@ class Expectation:
 
     def _linear(self, touches, grounded=None, readings=None) -> Linear:
         """Linearised at contacts that have been read as `readings` (L, n), or exactly."""
+        unknowns = self.unknowns(touches.contacts)
         prediction = self._prediction(touches, grounded)
         grounded = prediction.rows
         readings = prediction.readings if readings is None else readings
@@ -240,7 +243,7 @@ class Expectation:
         weights[np.arange(len(grounded)), grounded] = 0.0
         prior = replace(self.prior, radius=float(np.exp(touches.contacts[0, RADIUS])))
         rows = Rows(readings, weights, grounded)
-        return Linear(Fit(self.operator, prediction.unknowns, rows, prior, prediction))
+        return Linear(Fit(self.operator, unknowns, rows, prior, prediction))
 
 
 def _conducting(touches: Touches, conductance) -> Touches:
@@ -263,7 +266,7 @@ class RowInformation:
         for centre in centres:
             linear = expectation.linear(centre, grounded=every)
             prediction, weights = linear.fit.prediction, linear.fit.rows.weights
-            columns = np.concatenate([prediction.contact_columns(), linear.equations.sheet.columns])
+            columns = np.concatenate([prediction.contact_columns(), linear.equations.sheet_columns])
             columns = columns.transpose(1, 0, 2)  # (E, k, n)
             rows.append((columns * weights[:, None]) @ columns.transpose(0, 2, 1))
             sheet = linear.fit.prior.sheet_deviation**-2.0
@@ -297,10 +300,14 @@ class RowInformation:
 
     def _inverse(self, rows):
         """(P, k, k) covariance of all unknowns, rows (P, k, k) being what all rows tell."""
-        normal = self._priors + rows
-        scale = 1 / np.sqrt(np.diagonal(normal, axis1=1, axis2=2))
-        inverse = np.linalg.inv(normal * scale[:, :, None] * scale[:, None])
-        return inverse * scale[:, :, None] * scale[:, None]
+        return _inverse(self._priors + rows)
+
+
+def _inverse(normal: np.ndarray) -> np.ndarray:
+    """(..., k, k) of normal matrices, scaled for unknowns of different units."""
+    scale = 1 / np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    units = scale[..., :, None] * scale[..., None, :]
+    return np.linalg.inv(normal * units) * units
 
 
 def _place(covariance):

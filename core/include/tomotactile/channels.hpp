@@ -5,8 +5,7 @@
 // of their normal matrix are diagonal, but for what acts on columns against what acts on rows.
 #pragma once
 
-#include <Eigen/Cholesky>
-
+#include "tomotactile/linear_algebra.hpp"
 #include "tomotactile/prior.hpp"
 
 namespace tomotactile {
@@ -20,6 +19,8 @@ class Slopes {
 
   Index kinds() const { return kKinds + in_rows_.cols() - 3; }
   Index count() const { return count_; }
+  const Matrix& in_columns() const { return columns_; }
+  const Matrix& in_rows() const { return in_rows_; }
   Slopes beside(const Vector& in_rows) const;
   Slopes scaled(const Vector& units) const;  // 5 n
   Matrix couplings(const Matrix& weighted) const;  // nL x P, times the weights -> P x kinds n
@@ -55,7 +56,7 @@ class ChannelFit {
   Slopes slopes_;
   Vector scale_;
   Matrix weights_, mixed_;
-  Eigen::LLT<Matrix> factor_;
+  std::shared_ptr<const Cholesky> factor_;
 };
 
 }  // namespace tomotactile

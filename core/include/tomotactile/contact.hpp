@@ -28,6 +28,9 @@ struct Form {
   Form(const Tables& tables, const Eigen::Matrix<double, 6, 1>& contact, int across);
 };
 
+// The shape of a contact as a map of the unit disc, m.
+Eigen::Matrix2d stretch(const Eigen::Matrix<double, 6, 1>& contact);
+
 // g of a contact, S, and the derivatives of ln g by ln c and by the mean of D, 1/ohm.
 struct Conductance {
   double value, by_strength, by_mean;

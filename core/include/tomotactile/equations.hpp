@@ -85,6 +85,8 @@ class Linear {
 };
 
 constexpr double kFirstDamping = 1e-3;
+constexpr double kReach = 0.3, kReachStrength = 1.5;  // spacings and of ln c: one linearisation holds for it
+constexpr double kSimilar = 0.04;  // spacings that contacts move before derivatives by the sheet are taken anew
 constexpr int kSteps = 12;  // at most, from one start
 
 struct Solution {

@@ -52,6 +52,7 @@ class Snapshot {
   // By how far aside the electrode that is read lies (nL x 2), and the one that is grounded.
   void aside(Matrix& read, Matrix& ground) const;
   Matrix added() const;                     // n x n: what contacts add to Y, S
+  std::array<Matrix, 2> fields() const;     // n x n: at the first electrode while the second is at 1 V, 1/m
 
   std::shared_ptr<const Sheet> sheet;
   std::shared_ptr<const Touches> touches;
@@ -66,7 +67,6 @@ class Snapshot {
   Matrix fed_, inner_;  // n x P: H C, and H (1 + G D)^-1
   Vector direct_;       // n: conductance of contacts on electrodes, S
 
-  std::array<Matrix, 2> fields() const;
   Matrix by_way(Index i) const;
   void respond(const Matrix& change, Eigen::Ref<Vector> out) const;  // of a change of Y
 };
@@ -74,7 +74,7 @@ class Snapshot {
 class Prediction {
  public:
   // Rows ground electrodes `rows` at `times`, s (none: all at once); `touches` where they are known, at rest.
-  Prediction(std::shared_ptr<const Sheet> sheet, const Unknowns& unknowns, std::vector<int> rows, const Vector& times,
+  Prediction(std::shared_ptr<const Sheet> sheet, Unknowns unknowns, std::vector<int> rows, const Vector& times,
              std::shared_ptr<const Touches> touches = nullptr);
 
   // nL x F: by the contacts' free parameters in their order, then by the rates of those that move.
@@ -88,6 +88,10 @@ class Prediction {
   Index work() const;  // patches in all evaluations, what the cost goes with
   Index count() const { return readings.rows(); }
 
+  // nL x F: by the contacts' parameters that `wanted` names.
+  Matrix columns(const Mask& wanted) const;
+
+  Unknowns unknowns;
   Matrix readings;  // n x L, parts of V0
   Matrix ratio;     // n x L
   Vector own;       // L, ohm
@@ -100,12 +104,11 @@ class Prediction {
   };
   std::vector<Part> parts_;
   std::size_t middle_ = 0;
-  Vector times_, gain_, sheet_;
+  Vector times_;
   Mask wanted_;      // of `columns_`, where something moves
   Matrix columns_;
 
   Matrix gather(const std::function<Matrix(const Snapshot&)>& columns, bool gained) const;
-  Matrix columns(const Mask& wanted) const;
 };
 
 }  // namespace tomotactile
