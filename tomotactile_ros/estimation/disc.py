@@ -9,7 +9,7 @@ import numpy as np
 from tomotactile_ros.scenes.contact import Contact
 
 
-MOST_PATCHES = 14  # to the width of a disc
+MOST_PATCHES = 24  # to the width of a disc
 
 
 @lru_cache(maxsize=32)

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.disc import MOST_PATCHES
 
 Touches: Any = compiled.Touches
 conductance: Any = compiled.conductance
@@ -29,7 +28,7 @@ stretch: Any = compiled.stretch
 PARAMETERS = 6  # x, y, ln c, ln a, p, q
 X, Y, CONDUCTANCE, RADIUS, STRETCH, SHEAR = range(PARAMETERS)
 _PER_PITCH = 6.0  # patches along one spacing of the electrodes
-_FEWEST_ACROSS, MOST_ACROSS = 4, MOST_PATCHES  # patches to a contact's width
+_FEWEST_ACROSS, MOST_ACROSS = 4, 14  # patches to a contact's width
 LONGEST = 2.0  # half the logarithm of the ratio of axes, at most
 _MOST_ALONG = 48  # patches to a bar's length
 _BAR = 0.8  # half the logarithm of the ratio of axes from which on a contact is a rectangle: 5 to 1
