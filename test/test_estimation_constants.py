@@ -19,7 +19,6 @@ ROWS = re.findall(r"^\| `([\w.]+)` \| ([^|]+?) \|", SECTION, re.MULTILINE)
 INTERNAL = {
     *(
         "first_look._ROUNDING",
-        "equations._ROUNDING",
         "shape._ROUNDING",
         "uneven._ISOTROPIC",
         "tables._TINY",
@@ -35,9 +34,9 @@ INTERNAL = {
         "picture._CELLS",
     ),
     *("readings._GRID", "readings._WIDTH", "file.MAX_BYTES", "file._DIGITS", "file._NEARLY"),
-    *("channels.KINDS", "channels._IN_COLUMNS", "channels._IN_ROWS", "displacement._RING"),
-    *("file._MOST_MODES", "file._MOST_PLACES"),
-    *("row_state.STATE", "row_state.STRENGTH", "touch.PARAMETERS", "touch.MOVING", "forward.RATED"),
+    *("channels.KINDS", "displacement._RING"),
+    *("file._MOST_MODES", "file._MOST_PLACES", "disc.MOST_PATCHES"),
+    *("row_state.STATE", "row_state.STRENGTH", "touch.PARAMETERS", "forward.RATED"),
     *(f"touch.{name}" for name in ("X", "Y", "CONDUCTANCE", "RADIUS", "STRETCH", "SHEAR")),
 }
 

@@ -169,7 +169,9 @@ def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
     form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
     along = np.radians(33.0)
     axes = np.array([[np.cos(along), np.sin(along)], [-np.sin(along), np.cos(along)]])
-    corners = SheetOperator(equal_grid(2, 2, (0.2, 0.2), 0.0025, 1e4))  # no patch is on an electrode
+    corners = SheetOperator(
+        equal_grid(2, 2, (0.2, 0.2), 0.0025, 1e4)
+    )  # no patch is on an electrode
     cut = Touches(corners, form[None], (across,), np.zeros(corners.modes))
     places = (cut.places - form[:2]) @ axes.T
     assert cut.weight.sum() == pytest.approx(1.0)

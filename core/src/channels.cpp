@@ -84,14 +84,46 @@ ChannelFit::ChannelFit(const Matrix& first, const Matrix& second, const Matrix& 
         system(it.row() - modes, column - modes) += value * scale_[it.row() - modes];
       }
     }
-  factor_ = std::make_shared<Cholesky>(system);
-  back = factor_->solve(Matrix(mixed_.transpose()));
+  if (prior.apart_in_channels) {
+    const Index n = channels / kKinds;
+    first_ = 2 * n;
+    const Eigen::ArrayXd a = system.diagonal().head(n).array(), c = system.diagonal().segment(n, n).array();
+    const Eigen::ArrayXd b = system.block(0, n, n, n).diagonal().array(), determinant = a * c - b * b;
+    if (!(a > 0).all() || !(determinant > 0).all()) throw std::domain_error("a normal matrix is not positive definite");
+    own_.resize(n, 3);
+    own_ << c / determinant, -b / determinant, a / determinant;
+    mixed_kinds_ = system.topRightCorner(first_, channels - first_);
+    Matrix rest = system.bottomRightCorner(channels - first_, channels - first_);
+    rest.noalias() -= mixed_kinds_.transpose() * by_channel(mixed_kinds_);
+    factor_ = std::make_shared<Cholesky>(rest);
+  } else {
+    factor_ = std::make_shared<Cholesky>(system);
+  }
+  back = solve(mixed_.transpose());
   normal.noalias() = mixed_ * back;
+}
+
+Matrix ChannelFit::by_channel(const Matrix& right) const {
+  const Index n = own_.rows();
+  Matrix out(first_, right.cols());
+  const auto gain = right.topRows(n).array(), offset = right.bottomRows(n).array();
+  out.topRows(n) = (gain.colwise() * own_.col(0) + offset.colwise() * own_.col(1)).matrix();
+  out.bottomRows(n) = (gain.colwise() * own_.col(1) + offset.colwise() * own_.col(2)).matrix();
+  return out;
+}
+
+Matrix ChannelFit::solve(const Matrix& right) const {
+  if (!first_) return factor_->solve(right);
+  Matrix out(right.rows(), right.cols());
+  const Matrix before = by_channel(right.topRows(first_));
+  out.bottomRows(right.rows() - first_) = factor_->solve(Matrix(right.bottomRows(right.rows() - first_) - mixed_kinds_.transpose() * before));
+  out.topRows(first_) = before - by_channel(mixed_kinds_ * out.bottomRows(right.rows() - first_));
+  return out;
 }
 
 void ChannelFit::beside(const Matrix& columns, Matrix& mixed, Matrix& follow) const {
   mixed = slopes_.couplings(columns);
-  follow = factor_->solve(Matrix(mixed.transpose()));
+  follow = solve(mixed.transpose());
 }
 
 ChannelFit::Pulled ChannelFit::pulled(const Matrix& misfit, const Vector& pull) const {
@@ -99,7 +131,7 @@ ChannelFit::Pulled ChannelFit::pulled(const Matrix& misfit, const Vector& pull) 
   Vector right = slopes_.couplings(Eigen::Map<const Vector>(weighted.data(), weighted.size())).transpose();
   if (pull.size()) right += scale_.cwiseProduct(pull);
   Pulled out;
-  out.alone = factor_->solve(right);
+  out.alone = solve(right);
   out.taken = mixed_ * out.alone;
   out.gain = right.dot(out.alone);
   return out;

@@ -38,7 +38,9 @@ SheetColumns::SheetColumns(const Fit& fit)
       bonded_(fit.unknowns.bond.size()) {
   weighted = times_weights(flat, fit.rows->weights);
   normal = Matrix::Zero(flat.cols(), flat.cols());
-  normal.noalias() += weighted.transpose() * flat;
+  const Matrix rooted = flat_of(fit.rows->weights).cwiseSqrt().asDiagonal() * flat;
+  normal.selfadjointView<Eigen::Lower>().rankUpdate(rooted.transpose());
+  normal = Matrix(normal.selfadjointView<Eigen::Lower>());
   if (bonded_) added_ = fit.prediction->middle().added();
 }
 

@@ -37,6 +37,10 @@ Prior::Prior(double radius_, double spread_, double stretch_, const Eigen::Vecto
     throw BadInput("radius and deviations that are expected must be above 0");
   if (joint) {
     precision = inverse.sparseView();
+    const Index n = (size - modes) / kKinds, last = modes + 2 * n;
+    for (Index column = modes; column < last; ++column)
+      for (Eigen::SparseMatrix<double>::InnerIterator it(precision, column); it; ++it)
+        if (it.row() >= modes && it.row() < last && (it.row() - modes) % n != (column - modes) % n) apart_in_channels = false;
   } else {
     precision.resize(size, size);
     precision.reserve(Eigen::VectorXi::Ones(size));

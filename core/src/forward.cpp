@@ -219,7 +219,7 @@ Matrix Snapshot::sheet_columns(const Vector& coefficients) const {
   if (!touches) return out;  // nothing touches: whatever leaks away
   const Touches& t = *touches;
   const std::vector<int>& nodes = t.around().nodes;
-  const Matrix fed = fed_ * t.around().weights.transpose();
+  const Matrix fed = t.around().spread(fed_);
   std::vector<Matrix> change = sheet->admittance_change(coefficients);
   for (Index j = 0; j < modes; ++j) {
     const Matrix moved = fed * sheet->tables().share_change[j](Eigen::all, nodes).transpose();

@@ -34,10 +34,10 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places) : elect
   const double reach = kEnd * electrodes.pitch * kEnd * electrodes.pitch, radius = electrodes.radius;
   struct Seen {
     Index electrode;
-    double least;
+    int terms;
   };
   std::vector<Seen> far;
-  double rest = 0;
+  Index rows = 0;
   for (Index e = 0; e < electrodes.centres.cols(); ++e) {
     double least = std::numeric_limits<double>::infinity();
     for (Index p = 0; p < count; ++p)
@@ -46,8 +46,8 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places) : elect
     if (!(least < reach)) continue;
     const double largest = radius * radius / least;
     if (largest <= kSeries) {
-      far.push_back({e, least});
-      rest = std::max(rest, largest);
+      far.push_back({e, std::max(int(std::ceil(std::log(kExact) / std::log(std::max(largest, kExact)))), 1)});
+      rows += 2 * far.back().terms;
       continue;
     }
     Close close;
@@ -64,32 +64,40 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places) : elect
     }
     close_.push_back(std::move(close));
   }
-  if (rest == 0) rest = kExact;
-  const int terms = std::max(int(std::ceil(std::log(kExact) / std::log(rest))), 1);
-  columns_.resize(2 * terms * far.size(), count);
+  columns_.resize(rows, count);
   along_x_.resize(columns_.rows(), count), along_y_.resize(columns_.rows(), count);
-  for (std::size_t m = 0; m < far.size(); ++m) {
+  Index first = 0;
+  for (const Seen& seen : far) {
     for (Index p = 0; p < count; ++p) {
-      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(far[m].electrode);
+      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(seen.electrode);
       const double squared = electrodes.squared(apart.x(), apart.y());
       const double weight = electrodes.nearness(squared), fades = 2 * electrodes.nearness_slope(squared);
       const std::complex<double> z(apart.x() * radius / squared, apart.y() * radius / squared);
       std::complex<double> power = z;
-      for (int k = 1; k <= terms; ++k) {
+      for (int k = 1; k <= seen.terms; ++k) {
         const double root = std::sqrt(2 * electrodes.scale / k);
         const std::complex<double> next = power * z, moves = weight * (k / radius) * next;
         const std::complex<double> value = root * weight * power;
         const std::complex<double> by_x = root * (fades * apart.x() * power - moves);
         const std::complex<double> by_y =
             root * (fades * apart.y() * power + std::complex<double>(0, 1) * moves);
-        const Index row = 2 * (terms * Index(m) + k - 1);
+        const Index row = first + 2 * (k - 1);
         columns_(row, p) = value.real(), columns_(row + 1, p) = value.imag();
         along_x_(row, p) = by_x.real(), along_x_(row + 1, p) = by_x.imag();
         along_y_(row, p) = by_y.real(), along_y_(row + 1, p) = by_y.imag();
         power = next;
       }
     }
+    first += 2 * seen.terms;
   }
+}
+
+// Which of `chosen` are near a close electrode.
+std::vector<int> Charges::there(const Close& close, const std::vector<int>& chosen) {
+  std::vector<int> out;
+  for (std::size_t i = 0; i < chosen.size(); ++i)
+    if (close.weight[chosen[i]] != 0) out.push_back(int(i));
+  return out;
 }
 
 void Charges::add_among(const std::vector<int>& chosen, Matrix& out) const {
@@ -99,17 +107,20 @@ void Charges::add_among(const std::vector<int>& chosen, Matrix& out) const {
   }
   const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
   for (const Close& close : close_) {
-    for (std::size_t j = 0; j < chosen.size(); ++j) {
-      const int q = chosen[j];
-      if (close.weight[q] == 0) continue;
-      for (std::size_t i = 0; i <= j; ++i) {
-        const int p = chosen[i];
-        if (close.weight[p] == 0) continue;
-        const double part = close.share[p] * close.share[q] - turned * close.image.col(p).dot(close.image.col(q));
-        const double value = scale * close.weight[p] * close.weight[q] * std::log1p(std::max(part, kRim - 2));
-        out(i, j) += value;
-        if (i != j) out(j, i) += value;
-      }
+    const std::vector<int> on = there(close, chosen);
+    if (on.empty()) continue;
+    std::vector<int> mine;
+    for (int i : on) mine.push_back(chosen[i]);
+    const Vector share = close.share(mine).matrix(), weight = close.weight(mine).matrix();
+    const Points image = close.image(Eigen::all, mine);
+    Eigen::ArrayXXd part = share * share.transpose() - turned * (image.transpose() * image);
+    part = part.max(kRim - 2).log1p();
+    part *= scale * (weight * weight.transpose()).array();
+    if (on.size() == chosen.size()) {
+      out.array() += part;
+    } else {
+      for (std::size_t j = 0; j < on.size(); ++j)
+        for (std::size_t i = 0; i < on.size(); ++i) out(on[i], on[j]) += part(i, j);
     }
   }
 }
@@ -123,21 +134,24 @@ void Charges::add_slope(Index first, Index count, const std::vector<int>& others
   }
   const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
   for (const Close& close : close_) {
-    for (std::size_t j = 0; j < others.size(); ++j) {
-      const int q = others[j];
-      if (close.weight[q] == 0) continue;
-      for (Index i = 0; i < count; ++i) {
-        const Index p = first + i;
-        if (close.weight[p] == 0) continue;
-        const double by_share = close.share[q] - turned * close.apart.col(p).dot(close.image.col(q));
-        const double part = close.share[p] * by_share, kept = std::max(part, kRim - 2);
-        const double rate = part > kRim - 2 ? close.weight[p] * close.weight[q] / (1 + kept) : 0.0;
-        const double fades = close.fading[p] * close.weight[q] * std::log1p(kept);
-        const double radial = 2 * fades - rate * by_share * turned * close.share[p] * close.share[p];
-        const double turn = turned * close.share[p] * rate;
-        along_x(i, j) += scale * (radial * close.apart(0, p) - turn * close.image(0, q));
-        along_y(i, j) += scale * (radial * close.apart(1, p) - turn * close.image(1, q));
-      }
+    const std::vector<int> on = there(close, others);
+    if (on.empty()) continue;
+    std::vector<int> theirs;
+    for (int j : on) theirs.push_back(others[j]);
+    const Vector other = close.share(theirs).matrix(), other_weight = close.weight(theirs).matrix();
+    const Points image = close.image(Eigen::all, theirs), apart = close.apart.middleCols(first, count);
+    const Eigen::ArrayXd share = close.share.segment(first, count), fading = close.fading.segment(first, count);
+    const Eigen::ArrayXXd by_share = other.transpose().replicate(count, 1) - turned * (apart.transpose() * image);
+    const Eigen::ArrayXXd part = by_share.colwise() * share, kept = part.max(kRim - 2);
+    Eigen::ArrayXXd rate = (close.weight.segment(first, count).matrix() * other_weight.transpose()).array() / (1 + kept);
+    rate = (part > kRim - 2).select(rate, 0.0);
+    Eigen::ArrayXXd radial = -rate * (by_share.colwise() * (turned * share.square()));
+    for (Index i = 0; i < count; ++i)
+      if (fading[i] != 0) radial.row(i) += 2 * fading[i] * other_weight.transpose().array() * kept.row(i).log1p();
+    const Eigen::ArrayXXd turn = rate.colwise() * (turned * share);
+    for (std::size_t j = 0; j < on.size(); ++j) {
+      along_x.col(on[j]).array() += scale * (radial.col(j) * apart.row(0).transpose().array() - turn.col(j) * image(0, j));
+      along_y.col(on[j]).array() += scale * (radial.col(j) * apart.row(1).transpose().array() - turn.col(j) * image(1, j));
     }
   }
 }

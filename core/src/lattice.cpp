@@ -48,27 +48,33 @@ Stencil Lattice::at(double x, double y) const {
   return out;
 }
 
-Around::Around(const Lattice& lattice, const Points& places) {
-  const Index count = places.cols();
-  std::vector<Stencil> stencils(count);
+Around::Around(const Lattice& lattice, const Points& places) : stencils_(places.cols()) {
   std::vector<int> number(lattice.points(), -1);
-  for (Index p = 0; p < count; ++p) {
-    stencils[p] = lattice.at(places(0, p), places(1, p));
-    for (int node : stencils[p].nodes)
+  for (Index p = 0; p < places.cols(); ++p) {
+    stencils_[p] = lattice.at(places(0, p), places(1, p));
+    for (int node : stencils_[p].nodes)
       if (number[node] < 0) number[node] = 0, nodes.push_back(node);
   }
   std::sort(nodes.begin(), nodes.end());
   for (std::size_t m = 0; m < nodes.size(); ++m) number[nodes[m]] = int(m);
-  weights.setZero(nodes.size(), count);
-  along_x.setZero(nodes.size(), count);
-  along_y.setZero(nodes.size(), count);
-  for (Index p = 0; p < count; ++p)
-    for (int k = 0; k < 16; ++k) {
-      const int m = number[stencils[p].nodes[k]];
-      weights(m, p) = stencils[p].weights[k];
-      along_x(m, p) = stencils[p].along_x[k];
-      along_y(m, p) = stencils[p].along_y[k];
-    }
+  for (Stencil& stencil : stencils_)
+    for (int& node : stencil.nodes) node = number[node];
+}
+
+Matrix Around::read(const Matrix& at_nodes, Index first, Index count, std::array<double, 16> Stencil::*weights) const {
+  Matrix out = Matrix::Zero(at_nodes.rows(), count);
+  for (Index p = 0; p < count; ++p) {
+    const Stencil& stencil = stencils_[first + p];
+    for (int k = 0; k < 16; ++k) out.col(p) += (stencil.*weights)[k] * at_nodes.col(stencil.nodes[k]);
+  }
+  return out;
+}
+
+Matrix Around::spread(const Matrix& at_places) const {
+  Matrix out = Matrix::Zero(at_places.rows(), nodes.size());
+  for (std::size_t p = 0; p < stencils_.size(); ++p)
+    for (int k = 0; k < 16; ++k) out.col(stencils_[p].nodes[k]) += stencils_[p].weights[k] * at_places.col(p);
+  return out;
 }
 
 }  // namespace tomotactile

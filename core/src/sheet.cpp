@@ -104,9 +104,9 @@ Matrix Sheet::share_added(const Vector& sheet, const std::vector<int>& nodes) co
   return out;
 }
 
+// Where it is not about an even one.
 Vector Sheet::own_added(const Around& around) const {
-  if (!rest_) return Vector::Zero(around.weights.cols());
-  return around.weights.transpose() * rest_->own(around.nodes);
+  return around.values(rest_->own(around.nodes).transpose()).transpose();
 }
 
 Matrix Sheet::field_at(const Points& places) const {

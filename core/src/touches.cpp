@@ -36,20 +36,56 @@ double exponential_integral(double x) {
   return h * std::exp(-x);
 }
 
+// exp(E1(x) + ln x), an entire function, by Hermite's cubics: to 1e-11 with steps of 12 / 2048.
+class Cloud {
+ public:
+  Cloud() {
+    for (int i = 0; i < kNodes; ++i) {
+      const double x = i * kStep;
+      value_[i] = i ? std::exp(exponential_integral(x)) * x : std::exp(-kEuler);
+      slope_[i] = kStep * value_[i] * (i ? -std::expm1(-x) / x : 1.0);
+    }
+  }
+  double operator()(double x) const {
+    const int i = std::min(int(x / kStep), kNodes - 2);
+    const double t = x / kStep - i, u = 1 - t;
+    return u * u * ((1 + 2 * t) * value_[i] + t * slope_[i]) + t * t * ((3 - 2 * t) * value_[i + 1] - u * slope_[i + 1]);
+  }
+
+ private:
+  static constexpr int kNodes = 2049;
+  static constexpr double kStep = kFar / (kNodes - 1);
+  double value_[kNodes], slope_[kNodes];
+};
+
 // The squared distance that two clouds with the mean squared radius `mutual` have for each other.
 double softened(double squared, double mutual) {
+  static const Cloud cloud;
   const double reach = kCloud * mutual;
-  if (squared >= kFar * reach) return squared;
-  const double ratio = squared / reach;
-  return ratio > 1e-12 ? squared * std::exp(exponential_integral(ratio)) : mutual;
+  return squared < kFar * reach ? reach * cloud(squared / reach) : squared;
 }
 
-// Ways along one axis to a place and to its images in both rims of a rectangle.
-struct Ways {
-  double way[3];
-  int count;
-  Ways(double at, double to, double side, bool rectangle) : way{at - to, at + to + side, at + to - side}, count(rectangle ? 3 : 1) {}
-};
+// Ways along one axis from places to others and to their images in both rims of a rectangle.
+std::vector<Eigen::ArrayXXd> ways(const Eigen::RowVectorXd& from, const Eigen::RowVectorXd& to, double side, bool rectangle) {
+  const Index p = from.size(), q = to.size();
+  const Eigen::ArrayXXd at = from.transpose().array().replicate(1, q), other = to.array().replicate(p, 1);
+  std::vector<Eigen::ArrayXXd> out{at - other};
+  if (rectangle) out.push_back(at + other + side), out.push_back(at + other - side);
+  return out;
+}
+
+// Calls `near(i, j)` for each pair of clouds that is not far enough apart to be two points.
+template <class Near>
+void for_near(const Eigen::ArrayXXd& squared, const Eigen::ArrayXd& radii, const Eigen::ArrayXd& others, Near near) {
+  const double most = kFar * kCloud * (radii.square().maxCoeff() + others.square().maxCoeff()) / 2;
+  if (squared.minCoeff() >= most) return;
+  for (Index j = 0; j < squared.cols(); ++j)
+    for (Index i = 0; i < squared.rows(); ++i) {
+      if (squared(i, j) >= most) continue;
+      const double mutual = (radii[i] * radii[i] + others[j] * others[j]) / 2;
+      if (squared(i, j) < kFar * kCloud * mutual) near(i, j, mutual);
+    }
+}
 
 }  // namespace
 
@@ -125,11 +161,14 @@ void Touches::connect() {
   const Matrix potentials = sheet->potentials_at(place_);
   around_ = Around(t.coarse, place_);
   charges_ = Charges(t.induced, place_);
-  const Vector alone = sheet->alone_at(place_) + sheet->own_added(around_);
+  Vector alone = sheet->alone_at(place_);
+  if (!sheet->about_even()) alone += sheet->own_added(around_);
   solved_ = (t.inverse.topLeftCorner(n, n) * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
   const Vector constant =
       (potentials.transpose() * t.inverse.bottomLeftCorner(1, n).transpose()).array() + t.inverse(n, n);
   field_ = sheet->field_at(contacts.topRows<2>());
+  smooth_ = around_.values(t.smooth(around_.nodes, around_.nodes)).transpose();
+  const Matrix smooth = around_.values(smooth_);
 
   group_.resize(count());
   std::iota(group_.begin(), group_.end(), 0);
@@ -152,28 +191,28 @@ void Touches::connect() {
   for (const std::vector<int>& chosen : members_) {
     if (chosen.empty()) continue;
     const Index size = Index(chosen.size());
-    const Matrix weights = around_.weights(Eigen::all, chosen);
-    Matrix block = weights.transpose() * (t.smooth(around_.nodes, around_.nodes) * weights);
+    Matrix block = smooth(chosen, chosen);
     charges_.add_among(chosen, block);
     const Matrix mine = potentials(Eigen::all, chosen), solved = solved_(Eigen::all, chosen);
     block.noalias() -= mine.transpose() * solved;
-    for (Index j = 0; j < size; ++j) {
-      const int q = chosen[j];
-      block.col(j).array() -= constant[q];
-      for (Index i = 0; i <= j; ++i) {
-        const int p = chosen[i];
-        const double mutual = (radii_[p] * radii_[p] + radii_[q] * radii_[q]) / 2;
-        const Ways x(place_(0, p), place_(0, q), t.outline.size.x(), t.outline.rectangle);
-        const Ways y(place_(1, p), place_(1, q), t.outline.size.y(), t.outline.rectangle);
-        double product = 1;
-        for (int a = 0; a < x.count; ++a)
-          for (int b = 0; b < y.count; ++b) product *= softened(x.way[a] * x.way[a] + y.way[b] * y.way[b], mutual);
-        double value = scale * std::log(product);
-        if (owner[p] == owner[q]) value += (alone[p] + alone[q]) / 2;
-        block(i, j) += value;
-        if (i != j) block(j, i) += value;
+    block.rowwise() -= constant(chosen).transpose();
+    const Points at = place_(Eigen::all, chosen);
+    const Eigen::ArrayXd radii = radii_(chosen).array();
+    const auto x = ways(at.row(0), at.row(0), t.outline.size.x(), t.outline.rectangle);
+    const auto y = ways(at.row(1), at.row(1), t.outline.size.y(), t.outline.rectangle);
+    Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(size, size);
+    for (const Eigen::ArrayXXd& across : x)
+      for (const Eigen::ArrayXXd& up : y) {
+        Eigen::ArrayXXd squared = across.square() + up.square();
+        for_near(squared, radii, radii, [&](Index i, Index j, double mutual) {
+          if (i <= j) squared(i, j) = squared(j, i) = softened(squared(i, j), mutual);
+        });
+        product *= squared;
       }
-    }
+    block.array() += scale * product.log();
+    for (Index j = 0; j < size; ++j)
+      for (Index i = 0; i < size; ++i)
+        if (owner[chosen[i]] == owner[chosen[j]]) block(i, j) += (alone[chosen[i]] + alone[chosen[j]]) / 2;
     block = ((block + block.transpose()) / 2).eval();
     for (Index i = 0; i < size; ++i) {
       bare_[chosen[i]] = block(i, i) < 0;
@@ -190,7 +229,7 @@ void Touches::take() {
   if (sheet->even(coefficients)) {
     impedance = even_;
   } else {
-    share.noalias() += sheet->share_added(coefficients, around_.nodes) * around_.weights;
+    share += around_.values(sheet->share_added(coefficients, around_.nodes));
     const Vector field = field_ * coefficients;
     for (Index i = 0; i < count(); ++i) factor_.segment(begin(i), size(i)) = std::exp(-0.5 * field[i]);
     impedance = factor_.matrix().asDiagonal() * even_ * factor_.matrix().asDiagonal();
@@ -254,44 +293,40 @@ std::array<Matrix, 5> Touches::impedance_change(Index i) const {
   const double scale = t.resistance / (2 * kPi);
   Matrix slope_x = Matrix::Zero(count, reach), slope_y = slope_x, grown = slope_x;
   charges_.add_slope(first, count, others, slope_x, slope_y);
-  const Matrix smooth = t.smooth(around_.nodes, around_.nodes) * around_.weights(Eigen::all, others);
-  slope_x.noalias() += around_.along_x.middleCols(first, count).transpose() * smooth;
-  slope_y.noalias() += around_.along_y.middleCols(first, count).transpose() * smooth;
+  const Matrix smooth = smooth_(others, Eigen::all);
+  slope_x += around_.along_x(smooth, first, count).transpose();
+  slope_y += around_.along_y(smooth, first, count).transpose();
   const Points mine = place_.middleCols(first, count);
   const std::array<Matrix, 2> steep = sheet->steep_at(mine);
   const Matrix solved = solved_(Eigen::all, others);
   slope_x.noalias() -= steep[0].transpose() * solved;
   slope_y.noalias() -= steep[1].transpose() * solved;
   const std::array<Vector, 2> alone = sheet->alone_steep_at(mine);
-  for (Index j = 0; j < reach; ++j) {
-    const int q = others[j];
-    const bool own = q >= first && q < first + count;
-    for (Index p = 0; p < count; ++p) {
-      const Index at = first + p;
-      const double mutual = (radii_[at] * radii_[at] + radii_[q] * radii_[q]) / 2;
-      const Ways x(place_(0, at), place_(0, q), t.outline.size.x(), t.outline.rectangle);
-      const Ways y(place_(1, at), place_(1, q), t.outline.size.y(), t.outline.rectangle);
-      double by_x = 0, by_y = 0, grows = 0;
-      for (int a = 0; a < x.count; ++a)
-        for (int b = 0; b < y.count; ++b) {
-          const double squared = x.way[a] * x.way[a] + y.way[b] * y.way[b];
-          double inverse = 1 / std::max(squared, kTiny);
-          if (squared < kFar * kCloud * mutual) {
-            const double hidden = std::exp(-squared / (kCloud * mutual));
-            inverse *= 1 - hidden;
-            grows += hidden;
-          }
-          by_x += x.way[a] * inverse, by_y += y.way[b] * inverse;
-        }
-      slope_x(p, j) -= scale * by_x, slope_y(p, j) -= scale * by_y;
-      grown(p, j) = scale * grows;
-      if (own) slope_x(p, j) += alone[0][p] / 2, slope_y(p, j) += alone[1][p] / 2;
-      const double factor = q == at && bare_[at] ? 0.0 : factor_[at] * factor_[q];
-      slope_x(p, j) *= factor, slope_y(p, j) *= factor, grown(p, j) *= factor;
+  const Points theirs = place_(Eigen::all, others);
+  const Eigen::ArrayXd radii = radii_.segment(first, count).array(), their_radii = radii_(others).array();
+  const auto x = ways(mine.row(0), theirs.row(0), t.outline.size.x(), t.outline.rectangle);
+  const auto y = ways(mine.row(1), theirs.row(1), t.outline.size.y(), t.outline.rectangle);
+  Eigen::ArrayXXd by_x = Eigen::ArrayXXd::Zero(count, reach), by_y = by_x;
+  for (const Eigen::ArrayXXd& across : x)
+    for (const Eigen::ArrayXXd& up : y) {
+      const Eigen::ArrayXXd squared = across.square() + up.square();
+      Eigen::ArrayXXd inverse = squared.max(kTiny).inverse();
+      for_near(squared, radii, their_radii, [&](Index p, Index q, double mutual) {
+        const double hidden = std::exp(-squared(p, q) / (kCloud * mutual));
+        inverse(p, q) *= 1 - hidden;
+        grown(p, q) += scale * hidden;
+      });
+      by_x += across * inverse, by_y += up * inverse;
     }
-  }
-  const std::array<Points, 5> moves = this->moves(i);
+  slope_x.array() -= scale * by_x, slope_y.array() -= scale * by_y;
   const Index own = std::lower_bound(others.begin(), others.end(), int(first)) - others.begin();
+  slope_x.middleCols(own, count).colwise() += alone[0] / 2;
+  slope_y.middleCols(own, count).colwise() += alone[1] / 2;
+  Eigen::ArrayXXd factor = factor_.segment(first, count).matrix() * factor_(others).matrix().transpose();
+  for (Index p = 0; p < count; ++p)
+    if (bare_[first + p]) factor(p, own + p) = 0.0;
+  slope_x.array() *= factor, slope_y.array() *= factor, grown.array() *= factor;
+  const std::array<Points, 5> moves = this->moves(i);
   std::array<Matrix, 5> out;
   for (int k = 0; k < 5; ++k) {
     const Vector x = moves[k].row(0), y = moves[k].row(1);
@@ -326,8 +361,8 @@ std::array<Matrix, 2> Touches::share_slopes(Index i) const {
   for (Matrix& each : out) each = (inverse.transpose() * each).eval();
   if (!sheet->even(coefficients)) {
     const Matrix added = sheet->share_added(coefficients, around_.nodes);
-    out[0].noalias() += added * around_.along_x.middleCols(begin(i), size(i));
-    out[1].noalias() += added * around_.along_y.middleCols(begin(i), size(i));
+    out[0] += around_.along_x(added, begin(i), size(i));
+    out[1] += around_.along_y(added, begin(i), size(i));
   }
   return out;
 }

@@ -8,7 +8,6 @@ import numpy as np
 
 from tomotactile_ros.scenes.contact import Contact
 
-
 MOST_PATCHES = 24  # to the width of a disc
 
 

@@ -52,7 +52,7 @@ class Fits:
 
     def __init__(self, operator: SheetOperator, across: int, threshold: float):
         self.operator, self.across, self._threshold = operator, across, threshold
-        self._left = 0  # of the budget for the frame at hand
+        self._left = 0.0  # of the budget for the frame at hand
         self._known: Equations | None = None  # with which the last fit ended
         self._simple: Fit | None = None  # the last answer of `_simplified`
         self._changing = False  # whether motion is the likeliest reason of what is left over

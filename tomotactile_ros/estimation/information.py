@@ -60,7 +60,12 @@ def information(
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
     contacts, sheet = prediction.contact_columns(), prediction.sheet_columns()
     if uneven and len(unknowns.contacts) and unknowns.bond is None:
-        contacts = np.concatenate([contacts, uneven * prediction.pressure_columns([pressure_modes(a) for a in unknowns.across])])
+        contacts = np.concatenate(
+            [
+                contacts,
+                uneven * prediction.pressure_columns([pressure_modes(a) for a in unknowns.across]),
+            ]
+        )
     slopes = fit.slopes.beside(_by_electrode(fit))
     free, modes, count = len(contacts), operator.modes, operator.count
     columns = np.concatenate([contacts, sheet])

@@ -48,4 +48,3 @@ class Rows:
         if times is not None and len(times):
             times = times - (times.min() + times.max()) / 2
         return Rows(self.readings[chosen], self.weights[chosen], self.grounded[chosen], times)
-

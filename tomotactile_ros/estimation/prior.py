@@ -152,4 +152,3 @@ class Prior:
             deviations,
             precision=precision,
         )
-

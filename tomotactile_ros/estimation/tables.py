@@ -17,7 +17,7 @@ import numpy as np
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.induced import Charges, InducedCharges
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.sheet.green import CLOUD, FAR, softened
+from tomotactile_ros.sheet.green import FAR, softened
 
 _PER_PITCH = 10  # points of the lattice along one spacing
 _POINTS = 41, 131  # along the longer side, at least and at most

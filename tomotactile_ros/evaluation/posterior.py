@@ -42,7 +42,15 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, X, Y, conductance, patches_for
+from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
+    RADIUS,
+    Touches,
+    X,
+    Y,
+    conductance,
+    patches_for,
+)
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS, PLACES, lattice
 from tomotactile_ros.evaluation.places import pairs as pairs_about

@@ -56,7 +56,15 @@ class ChannelFit {
   Slopes slopes_;
   Vector scale_;
   Matrix weights_, mixed_;
+  // Gains and offsets are solved channel by channel (2 x 2) where nothing couples those of different channels, and the
+  // other kinds after them (Schur complement); else all together.
+  Index first_ = 0;              // unknowns that are solved channel by channel: 2 n or 0
+  Eigen::ArrayX3d own_;          // n x 3: inverse of the 2 x 2 blocks, 11, 12, 22
+  Matrix mixed_kinds_;           // first_ x rest
   std::shared_ptr<const Cholesky> factor_;
+
+  Matrix by_channel(const Matrix& right) const;  // the inverse of the blocks times first_ x m
+  Matrix solve(const Matrix& right) const;       // 5 n x m
 };
 
 }  // namespace tomotactile

@@ -43,6 +43,8 @@ class Charges {
     Eigen::ArrayXd weight, share, fading;
     Points apart, image;
   };
+  static std::vector<int> there(const Close& close, const std::vector<int>& chosen);
+
   const InducedCharges* electrodes_ = nullptr;
   std::vector<Close> close_;
   Matrix columns_;             // 2 K m x P: B with B^T B what charges take away

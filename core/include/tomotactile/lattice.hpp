@@ -22,14 +22,24 @@ struct Lattice {
   Stencil at(double x, double y) const;
 };
 
-// The points of a lattice around several places, and weights to read values and slopes off there.
-struct Around {
+// The points of a lattice around several places, from which values and slopes are read off there.
+class Around {
+ public:
   Around() = default;
   Around(const Lattice& lattice, const Points& places);
 
-  std::vector<int> nodes;
-  Matrix weights;             // m x P
-  Matrix along_x, along_y;    // m x P, of the slopes, 1/m
+  std::vector<int> nodes;  // of the lattice, m
+
+  // r x count at the places from `first` on, of values r x m at the nodes.
+  Matrix values(const Matrix& at_nodes, Index first, Index count) const { return read(at_nodes, first, count, &Stencil::weights); }
+  Matrix values(const Matrix& at_nodes) const { return values(at_nodes, 0, Index(stencils_.size())); }
+  Matrix along_x(const Matrix& at_nodes, Index first, Index count) const { return read(at_nodes, first, count, &Stencil::along_x); }
+  Matrix along_y(const Matrix& at_nodes, Index first, Index count) const { return read(at_nodes, first, count, &Stencil::along_y); }
+  Matrix spread(const Matrix& at_places) const;  // r x m: the transpose of `values`
+
+ private:
+  std::vector<Stencil> stencils_;  // `nodes` of these count those above
+  Matrix read(const Matrix& at_nodes, Index first, Index count, std::array<double, 16> Stencil::*weights) const;
 };
 
 }  // namespace tomotactile

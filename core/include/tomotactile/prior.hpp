@@ -26,6 +26,7 @@ struct Prior {
   Vector deviation;                // J + 5 n
   Eigen::SparseMatrix<double> precision;  // (J + 5 n)^2 inverse covariance
   bool joint;                      // whether that is more than the deviations
+  bool apart_in_channels = true;   // whether gains and offsets of different channels are independent
   Index modes;
 
   Prior(double radius, double spread, double stretch, const Eigen::Vector3d& rates, Vector mean, Vector deviation,

@@ -71,6 +71,7 @@ class Touches {
   Around around_;
   Charges charges_;
   Matrix solved_, even_, field_;     // H and D of the even sheet; k x J
+  Matrix smooth_;                    // P x m: the smooth part of G between patches and the nodes of `around_`
   Eigen::ArrayXd factor_;            // of D for the local conductance: root of it for each patch
 
   void place(const Vector& area);
