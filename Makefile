@@ -5,13 +5,14 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run test bench fuzz faults protocol lock clean
+.PHONY: help setup run test bench fuzz sanitize faults protocol lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make fuzz     random bytes against the wire protocol"
+	@echo "make sanitize the compiled core under sanitizers, with random arrays"
 	@echo "make faults   everything that can go wrong with a sensor, on purpose (FAULTS_ARGS=)"
 	@echo "make protocol constants and tables of the wire protocol, from docs/protocol.yaml"
 	@echo "make setup    only set up and build; scripts/setup COMMAND runs any command there"
@@ -35,6 +36,9 @@ bench:
 fuzz:
 	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \
 		exec python3 benchmark/fuzz_protocol.py'
+
+sanitize:
+	@scripts/sanitize
 
 protocol:
 	@$(SETUP) scripts/protocol

@@ -29,7 +29,9 @@ using Free = py::gil_scoped_release;
 // (columns, rows) of Python as rows x columns.
 template <class Out = Matrix>
 Out matrix(const Array& a, const char* name, Index rows = -1) {
-  if (a.ndim() != 2 || (rows >= 0 && a.shape(1) != rows)) refuse(name, "of two dimensions that fits the others");
+  const Index columns = Out::ColsAtCompileTime;
+  if (a.ndim() != 2 || (rows >= 0 && a.shape(1) != rows) || (columns != Eigen::Dynamic && a.shape(0) != columns))
+    refuse(name, "of two dimensions that fits the others");
   Out out(a.shape(1), a.shape(0));
   std::copy(a.data(), a.data() + a.size(), out.data());
   return out;
@@ -223,6 +225,8 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const BadInput& error) {
       PyErr_SetString(PyExc_ValueError, error.what());
+    } catch (const py::cast_error& error) {
+      PyErr_SetString(PyExc_TypeError, error.what());
     } catch (const std::domain_error& error) {
       PyErr_SetString(py::module_::import("numpy.linalg").attr("LinAlgError").ptr(), error.what());
     }

@@ -71,6 +71,10 @@ Fit::Fit(std::shared_ptr<const Sheet> on, Unknowns at, std::shared_ptr<const Row
   if (rows->readings.rows() != sheet->count()) throw BadInput("rows have another number of electrodes than the sheet");
   if (prior->mean.size() != sheet->modes() + kKinds * sheet->count() || prior->modes != sheet->modes())
     throw BadInput("what is expected of the sensor does not fit the sheet");
+  unknowns.check(*sheet);
+  if (unknowns.is_moving() && !rows->times.size()) throw BadInput("contacts move only in rows that have times");
+  if (prediction && (prediction->readings.cols() != rows->readings.cols() || prediction->rows != rows->grounded))
+    throw BadInput("what is predicted is of other rows");
   if (!prediction) prediction = std::make_shared<Prediction>(sheet, unknowns, rows->grounded, rows->times);
   misfit = rows->readings - prediction->readings;
   chi_squared = chi_squared_of(misfit, rows->weights);

@@ -41,8 +41,16 @@ void Unknowns::check(const Sheet& on) const {
   const Index k = contacts.cols(), n = on.count();
   if (Index(across.size()) != k || free.cols() != k || rates.cols() != k || Index(moving.size()) != k)
     throw BadInput("contacts, patches, free parameters and rates differ in number");
-  if (bond.size() && (bond.rows() != k || bond.cols() != k)) throw BadInput("the bond of cells has another size");
+  if (bond.size()) {
+    if (bond.rows() != k || bond.cols() != k) throw BadInput("the bond of cells has another size");
+    Mask strengths = Mask::Constant(6, k, false);
+    strengths.row(kStrength).setConstant(true);
+    if ((free != strengths).any() || is_moving()) throw BadInput("of cells that are bonded the conductances alone are free");
+  }
   if (sheet.size() != on.modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
+  if (!contacts.allFinite() || !rates.allFinite() || !sheet.allFinite() || !gain.allFinite() || !offset.allFinite() ||
+      !resistance.allFinite() || !aside.allFinite() || !bond.allFinite())
+    throw BadInput("contacts, sheet and channels must be finite");
   if (gain.size() != n || offset.size() != n || resistance.size() != n || aside.rows() != n)
     throw BadInput("gains, offsets, resistances, places are not given for each electrode in use");
 }

@@ -1,0 +1,114 @@
+"""Random arrays into everything that the compiled core takes: no crash, no hang, one clear line.
+
+    scripts/sanitize                                  with address and undefined sanitizers, tests first
+    scripts/setup python3 benchmark/fuzz_core.py [--rounds 2000] [--seed 0]
+
+Each round spoils one argument of a call that is right: NaN, infinities, huge and tiny numbers, nothing, another
+shape, another type. Either the call answers, or it raises ValueError, TypeError, IndexError or LinAlgError.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections import Counter
+from dataclasses import fields, replace
+
+import numpy as np
+
+from tomotactile_ros.core import compiled
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.forward import Prediction, Unknowns
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.touch import Touches
+from tomotactile_ros.layouts.layout import equal_grid
+
+REFUSED = ValueError, TypeError, IndexError, np.linalg.LinAlgError
+DRIVE, NOISE = 3.3, 1e-3
+
+
+def spoilt(value, random: np.random.Generator):
+    """`value`, an array, with something wrong."""
+    array = np.array(value, copy=True)
+    kind = random.integers(8)
+    if kind < 4 and array.size and array.dtype.kind == "f":
+        at = tuple(random.integers(size) for size in array.shape)
+        array[at] = random.choice([np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-300, 0.0, -1.0])
+        return array
+    if kind == 4:
+        return np.full_like(array, random.choice([0, 1, 7]))
+    if kind == 5:
+        return array[..., : random.integers(array.shape[-1] + 1)] if array.ndim else array
+    if kind == 6:
+        return np.zeros(random.integers(0, 4, random.integers(0, 4)))
+    return random.choice(np.array([array.astype(str), array.astype(complex), None], object))
+
+
+def sensor():
+    """A small sensor with two contacts, one of which moves: operator, unknowns, rows, prior."""
+    operator = SheetOperator(equal_grid(3, 4, (0.15, 0.2), 0.004, 1e4))
+    count = operator.count
+    contacts = np.array([[0.02, 0.01, -9, -5, 0, 0], [-0.03, 0.05, -8, -4, 0.3, 0.1]], float)
+    at_rest = Unknowns.at_rest(operator).with_contacts(contacts, (5, 6), np.ones((2, 6), bool))
+    rates, moving = np.zeros((2, 3)), np.array([True, False])
+    rates[0] = 0.2, -0.1, 1.0
+    unknowns = replace(at_rest, rates=rates, moving=moving)
+    weights = np.full((count, count), (DRIVE / NOISE) ** 2)
+    np.fill_diagonal(weights, 0.0)
+    grounded, times = np.arange(count), 1e-3 * (np.arange(count) - count / 2)
+    readings = Prediction(operator, unknowns, grounded, times=times).readings
+    prior = Prior.unknown(operator, ChannelPrior(), 0.006, DRIVE)
+    return operator, unknowns, Rows(readings, weights, grounded, times), prior
+
+
+def one(random, operator, unknowns, rows, prior) -> None:
+    """A call with one argument spoilt."""
+    where = random.integers(4)
+    if where == 0:
+        name = str(random.choice([f.name for f in fields(Unknowns)]))
+        value = getattr(unknowns, name)
+        value = spoilt(np.eye(2) if value is None else value, random)
+        unknowns = replace(unknowns, **{name: value})
+    elif where == 1:
+        name = str(random.choice([f.name for f in fields(Rows)]))
+        rows = replace(rows, **{name: spoilt(getattr(rows, name), random)})
+    elif where == 2:
+        name = str(random.choice(["sheet", "gain", "offset", "aside", "precision", "radius"]))
+        prior = replace(prior, **{name: spoilt(getattr(prior, name), random)})
+    else:
+        coefficients = spoilt(unknowns.sheet, random)
+        touches = Touches(operator, spoilt(unknowns.contacts, random), (5, 6), coefficients)
+        touches.stronger(unknowns.contacts)
+        touches.centre(int(random.integers(-3, 4)))
+        return
+    fit = compiled.Fit(operator.core, unknowns, rows.core, prior.core)
+    linear = compiled.Linear.of_all(fit)
+    linear.step(float(random.choice([0.0, 1e-3, np.nan, -1.0])))
+    linear.equations.unevenness(fit)
+    compiled.approach(fit, 2000.0)
+    compiled.solve(fit, int(random.integers(-1, 3)), linear.equations, np.inf, 2000.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--rounds", type=int, default=2000, metavar="N")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    asked = parser.parse_args()
+    warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
+    given, ended = sensor(), Counter[str]()
+    for number in range(asked.rounds):
+        random = np.random.default_rng([asked.seed, number])
+        try:
+            one(random, *given)
+            ended["answered"] += 1
+        except REFUSED as error:
+            ended[type(error).__name__] += 1
+            if "\n" in str(error).strip() and not isinstance(error, TypeError):
+                raise AssertionError(f"round {number}: more than one line: {error}") from error
+    print(f"{asked.rounds} rounds:", ", ".join(f"{k} {n}" for k, n in ended.most_common()))
+
+
+if __name__ == "__main__":
+    main()
