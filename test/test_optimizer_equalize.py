@@ -121,8 +121,34 @@ def test_layouts_that_cannot_be_equalized():
     ring = [[0.05, 0], [0, 0.05], [-0.05, 0], [0, -0.05], [0.06, 0.06]]
     with pytest.raises(InputError, match="rows and columns of electrodes"):
         next(equalize(Layout("odd", square, 1e4, 0.002, ring)))
-    with pytest.raises(InputError, match="this outline is a circle; use method free"):
-        next(equalize(Layout("round", Outline.circle(0.1), 1e4, 0.002, ring)))
+    grid = equal_grid(3, 3, (0.1, 0.1), 0.002, 1e4).positions
+    with pytest.raises(InputError, match="this outline is a circle; use model fem"):
+        next(equalize(Layout("round", Outline.circle(0.1), 1e4, 0.002, grid), model="paper"))
+    bent = grid * np.where(np.abs(grid).max(axis=1) == np.abs(grid).min(axis=1), 0.9, 1)[:, None]
+    with pytest.raises(InputError, match="straight rows and columns"):
+        next(equalize(Layout("bent", square, 1e4, 0.002, bent)))
     moved = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4, margin=0.02).positions + [0.01, 0]
     with pytest.raises(InputError, match="symmetric under the mirrors"):
         next(equalize(Layout("moved", square, 1e4, 0.002, moved)))
+
+
+def test_a_grid_on_a_round_sheet_gets_the_areas_of_eq_12():
+    """Areas S / w^2, of the same sum; the sides of the grid stay where they are."""
+    grid = equal_grid(4, 4, (0.13, 0.13), 0.004, 1e4).positions
+    start = Layout("round", Outline.circle(0.1), 1e4, 0.004, grid)
+    for model in ("fem", "point_nodes"):
+        before, after = equalize(start, 1, model=model, resolution=24)
+        wanted = layout_regions(start).areas / np.square(before.quality.region_hwhm)
+        assert layout_regions(after.layout).areas == pytest.approx(
+            wanted * 0.13**2 / wanted.sum(),
+            rel=0.02,  # of eight that symmetry makes equal
+        )
+        assert np.abs(after.layout.positions).max(axis=0) == pytest.approx(0.065)
+
+
+def test_electrodes_as_single_nodes_come_nearest_to_the_paper():
+    """8 x 8: mean HWHM x 0.960, as the paper has it; an independent program found 0.960, too."""
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+    steps = list(equalize(layout, 5, model="point_nodes"))
+    mean = [step.metrics["hwhm"]["mean"] for step in steps]
+    assert min(mean) / mean[0] == pytest.approx(0.960, abs=0.005)

@@ -13,6 +13,7 @@ import numpy as np
 
 from tomotactile_ros.evaluation.metrics import Quality, statistics
 from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
+from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import (
     REGULARIZATION,
     RESOLUTION,
@@ -27,7 +28,7 @@ from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
-MODELS = ("auto", "paper", "closed_form", "fem")
+MODELS = ("auto", "paper", "closed_form", "fem", "point_nodes")
 _SLIVER = 0.01  # of a region: less of it on the sheet is none
 
 
@@ -126,7 +127,8 @@ def evaluate_layout(
     Parameters
     ----------
     model : `paper` (electrodes are points with a radius), `closed_form` or `fem` (both with
-        electrodes as equipotentials that shunt the sheet); `auto` is `paper` for a uniform
+        electrodes as equipotentials that shunt the sheet), `point_nodes` (electrodes and contacts
+        are nodes of one mesh, which knows no contact radius); `auto` is `paper` for a uniform
         rectangle and `fem` otherwise
     regularization : lambda^2
     contact_radius : m; 1 mm without it, less for electrodes of less than 2 mm
@@ -152,6 +154,8 @@ def evaluate_layout(
         symmetry = find_symmetry(grid, layout.positions)
         transfer = paper_transfer(layout, grid.pixels, contact_radius, symmetry)
         symmetry = symmetry if grounded is None else None
+    elif model == "point_nodes":
+        transfer = point_nodes_transfer(layout, grid)
     else:
         sheet = make_sheet(layout, model)
         transfer = sheet.transfer(grid.pixels, contact_radius)
@@ -159,7 +163,7 @@ def evaluate_layout(
     settings = {
         "model": model,
         "regularization": float(regularization),
-        "contact_radius": float(contact_radius),
+        "contact_radius": 0.0 if model == "point_nodes" else float(contact_radius),
         "positions": f"{grid.height} x {grid.width}",
     }
     return LayoutQuality(

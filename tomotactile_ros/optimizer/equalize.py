@@ -4,7 +4,7 @@ Every update gives region m the area S_m / w_m^2, scaled to the sum of all (eq. 
 mean HWHM of the contacts in it, and places the electrodes accordingly (Algorithm 1; see
 `algorithm1` for odd N, R x C electrodes and rectangles). The score is the mean HWHM, by which the
 paper chooses its step, or that of the worst region. Outermost electrodes keep the distance from the
-rim that they start with.
+rim that they start with. On other outlines than rectangles they stay on the sides of their grid.
 
 An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio
 to the power 1/2, 1/4, ...) until the layout is valid.
@@ -26,6 +26,7 @@ from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
+MODELS = {"closed-form": "paper", "fem": "fem", "point-nodes": "point_nodes"}  # of evaluations
 SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6
 
@@ -38,11 +39,12 @@ def equalize(
     checkpoint: Checkpoint | None = None,
     **evaluation,
 ) -> Iterator[Step]:
-    """Equalize the resolution of a grid of electrodes on a rectangle.
+    """Equalize the resolution of a grid of electrodes.
 
     Parameters
     ----------
-    layout : R x C electrodes, row by row from the lower left, symmetric under the sheet's mirrors
+    layout : R x C electrodes on any outline, row by row from the lower left, symmetric under the
+        mirrors of the axes; the first and last row and column straight
     updates : how many; every one costs one evaluation
     select : one of `SELECTIONS`
     checkpoint : where the state is kept after every update, and taken from
@@ -89,11 +91,6 @@ def _score(quality, select):
 
 
 def _checked_shape(layout):
-    if not layout.outline.is_uniform_rectangle:
-        raise InputError(
-            f"layout {layout.name!r}: equalize needs a rectangle without holes, this outline is a "
-            f"{layout.outline.kind}; use method free"
-        )
     shape = grid_shape(layout.positions)
     if shape is None:
         raise InputError(
@@ -108,6 +105,11 @@ def _checked_shape(layout):
                 f"layout {layout.name!r}: equalize needs electrodes that are symmetric under the "
                 "mirrors of the sheet; use method free"
             )
+    if max(np.ptp(grid[-1, :, 1]), np.ptp(grid[:, -1, 0])) > slack:
+        raise InputError(
+            f"layout {layout.name!r}: equalize needs straight rows and columns of electrodes at the "
+            "sides of the grid; use method free"
+        )
     return shape
 
 
@@ -137,10 +139,10 @@ def _place(layout, areas, shape):
     positions = positions.reshape(-1, 2)
     if not np.isfinite(positions).all() or not is_simple(quadrilaterals(positions, *shape)):
         return None
-    limit = np.array(layout.outline.size) / 2
+    low, high = np.array(layout.outline.bounds).reshape(2, 2)
     try:
-        return replace(layout, positions=np.clip(positions, -limit, limit))
-    except InputError:  # electrodes overlap
+        return replace(layout, positions=np.clip(positions, low, high))
+    except InputError:  # electrodes overlap, or are not on the sheet
         return None
 
 

@@ -29,7 +29,7 @@ from tomotactile_ros.layouts.layout import (
     load_layout,
 )
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.optimizer.equalize import SELECTIONS
+from tomotactile_ros.optimizer.equalize import MODELS, SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.request import ALIASES, METHODS, Request, method_of
 from tomotactile_ros.simulation import ROW_PERIOD
@@ -150,6 +150,15 @@ SEARCH = (
         "whose worst region is best",
         SELECTIONS[0],
         choices=SELECTIONS,
+        methods=("equalize",),
+    ),
+    Option(
+        "model",
+        str,
+        "Of equalize: closed form with electrodes as points with a radius, finite elements with "
+        "electrodes as discs, or with electrodes as single nodes of a 40 x 40 mesh (as in the paper)",
+        next(iter(MODELS)),
+        choices=tuple(MODELS),
         methods=("equalize",),
     ),
     Option(
@@ -392,6 +401,7 @@ def request_of(
         layout,
         method_of(method),
         select=values["select"],
+        model=values["model"],
         steps=values["steps"],
         regularization=values["regularization"],
         spacing=values["spacing"],

@@ -14,7 +14,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.checkpoint import Checkpoint
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.equalize import SELECTIONS, equalize
+from tomotactile_ros.optimizer.equalize import MODELS, SELECTIONS, equalize
 from tomotactile_ros.optimizer.free import SPACING, free
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
@@ -47,6 +47,7 @@ class Request:
     layout : the start
     method : `touch`, `equalize` or `free`
     select : of equalize, the update that is taken: `mean` or `worst`
+    model : of equalize, one of its `MODELS`
     steps : rounds of touch, updates of equalize, or steps without a gradient at the end of
         free; None for the default
     regularization : lambda^2 of images
@@ -70,6 +71,7 @@ class Request:
     layout: Layout
     method: str
     select: str = SELECTIONS[0]
+    model: str = next(iter(MODELS))
     steps: int | None = None
     regularization: float = 1000.0
     spacing: float | None = None
@@ -92,6 +94,8 @@ class Request:
         method_of(self.method)
         if self.select not in SELECTIONS:
             raise InputError(f"select: {self.select!r} is none of {', '.join(SELECTIONS)}")
+        if self.model not in MODELS:
+            raise InputError(f"model: {self.model!r} is none of {', '.join(MODELS)}")
         if self.steps is not None:
             checks.integer(self.steps, "steps", 0, 100000)
         if self.starts is not None:
@@ -145,6 +149,7 @@ class Request:
                 self.total,
                 select=self.select,
                 checkpoint=self._checkpoint(),
+                model=MODELS[self.model],
                 regularization=self.regularization,
                 resolution=self.resolution,
             )
@@ -189,7 +194,7 @@ class Request:
         """Plain values for the layout's provenance."""
         out = {"start": self.layout.name, "steps": self.total}
         if self.method == "equalize":
-            out["select"] = self.select
+            out |= {"select": self.select, "model": self.model}
         if self.method != "equalize":
             constraints = self._constraints()
             out |= {
