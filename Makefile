@@ -5,12 +5,13 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run test bench fuzz sanitize faults protocol lock clean
+.PHONY: help setup run test bench paper fuzz sanitize faults protocol lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
+	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
 	@echo "make fuzz     random bytes against the wire protocol"
 	@echo "make sanitize the compiled core under sanitizers, with random arrays"
 	@echo "make faults   everything that can go wrong with a sensor, on purpose (FAULTS_ARGS=)"
@@ -32,6 +33,9 @@ test: # where pytest-xdist is installed on all cores, the tests of a file one af
 
 bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)
+
+paper:
+	@$(SETUP) tomotactile paper $(PAPER_ARGS)
 
 fuzz:
 	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \

@@ -1,4 +1,4 @@
-"""Layouts compared: the paper's tables, free layouts against grids, ground conditions, times.
+"""Layouts compared: free layouts against grids, ground conditions, times.
 
     scripts/setup python3 benchmark/layouts.py
     scripts/setup python3 benchmark/layouts.py --only free
@@ -35,18 +35,8 @@ from tomotactile_ros.sheet import make_sheet
 COUNTS = (4, 8)
 SIZE = (0.2, 0.2)  # m
 LAMBDAS = (1000.0, 100.0, 10000.0)
-PAPER = {  # Kojima et al. 2023, section 3: equal grid in % of the side, best step relative to it
-    4: {"mean": 32.4, "worst region": 38.8, "after": (0.958, 0.81, 0.90), "updates": 3},
-    8: {"mean": 17.3, "worst region": 18.0, "after": (0.96, 0.93, 0.95), "updates": 5},
-}
 LABELS = [f"{label} {each:g}" for each in LAMBDAS for label in ("HWHM", "tenth", "PE")]
 SCALES = np.linspace(0.7, 0.98, 15)
-FIGURES = (
-    ("mean HWHM", "hwhm", "mean"),
-    ("worst region", "hwhm", "worst_region"),
-    ("worst tenth", "hwhm", "worst_tenth"),
-    ("mean PE", "position_error", "mean"),
-)
 STATISTICS = "mean", "worst_tenth"
 GOALS = {4: (0.73, 0.72, 0.74), 8: (0.81, 0.83, 0.70)}  # mean HWHM, worst tenth, mean PE
 OTHER_GOALS = (0.95, 0.95, 1.0)  # the same for lambda^2 / 10 and * 10
@@ -57,10 +47,6 @@ MODELS = ("paper", "paper's model"), ("fem", "FEM, shunting")
 CONDITIONS = (64, 48, 32, 24, 16, 12, 8, 6, 4)
 
 
-def figures(metrics):
-    return np.array([metrics[group][key] for _, group, key in FIGURES])
-
-
 def row(*cells):
     print("| " + " | ".join(str(cell) for cell in cells) + " |")
 
@@ -68,24 +54,6 @@ def row(*cells):
 def header(*cells):
     row(*cells)
     row(*("---" for _ in cells))
-
-
-def paper_tables():
-    for count in COUNTS:
-        paper = PAPER[count]
-        print(f"\n{count} x {count}, equalize: % of the side, and relative to the equal grid\n")
-        header("model", "updates", *(label for label, _, _ in FIGURES))
-        after = (f"x {factor}" for factor in paper["after"])
-        mean, region, error = after
-        row("paper's result", 0, paper["mean"], paper["worst region"], "", "")
-        row("paper's result", paper["updates"], mean, region, "", error)
-        for model, label in (("paper", "points with a radius"), ("fem", "equipotentials, FEM")):
-            start = None
-            for step in equalize(load_layout(f"equal-{count}x{count}"), 5, model=model):
-                found = figures(step.metrics)
-                start = found if start is None else start
-                cells = [f"{100 * v / 0.2:.2f}, x {v / s:.3f}" for v, s in zip(found, start)]
-                row(label, step.iteration, *cells)
 
 
 def scaled_grids(equal):
@@ -241,7 +209,6 @@ def times():
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parts = {
-        "paper": paper_tables,
         "free": free_tables,
         "lattices": lattice_table,
         "profile": profile_table,

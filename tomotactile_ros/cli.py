@@ -29,6 +29,7 @@ COMMANDS = (
     "layout",
     "optimize",
     "evaluate",
+    "paper",
     "bench",
 )
 

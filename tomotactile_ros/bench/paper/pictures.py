@@ -1,0 +1,112 @@
+"""The figures of the article, drawn from what was computed: x to the right, y upwards, in mm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from tomotactile_ros.bench.paper.article import MODELS, REPORTED, SIDE
+from tomotactile_ros.bench.paper.experiment import Image
+from tomotactile_ros.bench.paper.simulation import Run, figures
+from tomotactile_ros.evaluation.layout_quality import LayoutQuality
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.support.files import save_figure
+
+_COLOURS = {"closed-form": "tab:blue", "fem": "tab:orange", "point-nodes": "tab:green"}
+
+
+def save_maps(path: Path, named: Sequence[tuple[str, LayoutQuality]], title: str) -> None:
+    """Fig. 3A, B: maps of HWHM above, of position error below, one column for each layout."""
+    figure = Figure(figsize=(2.6 * len(named) + 0.9, 6.0), layout="constrained")
+    axes = figure.subplots(2, len(named), squeeze=False, sharex=True, sharey=True)
+    for row, (label, pick) in enumerate(
+        (("HWHM", "hwhm_map"), ("position error", "position_error_map"))
+    ):
+        maps = [100 / SIDE * getattr(quality, pick) for _, quality in named]
+        top = max(float(np.nanmax(each)) for each in maps)
+        for each, values, (name, quality) in zip(axes[row], maps, named, strict=True):
+            image = _image(each, values, quality.layout, top)
+            each.set_title(f"{name}\nmean {np.nanmean(values):.1f} %", fontsize=9)
+        figure.colorbar(image, ax=list(axes[row]), label=f"{label} / % of the side")
+    _label(axes)
+    figure.suptitle(title, fontsize=11)
+    save_figure(figure, path)
+
+
+def save_steps(path: Path, runs: Sequence[Run]) -> None:
+    """Fig. 3C, D: mean HWHM, worst region and mean position error after each update."""
+    count = runs[0].count
+    reported = REPORTED[count]
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    axes = figure.subplots(1, 3)
+    labels = "mean HWHM", "HWHM of the worst region", "mean position error"
+    for column, (each, label) in enumerate(zip(axes, labels, strict=True)):
+        for run in runs:
+            values = [figures(step)[column] for step in run.steps]
+            each.plot(values, "o-", color=_COLOURS[run.model], label=MODELS[run.model])
+        if column < 2:
+            before = (reported.mean, reported.worst_region)[column]
+            at = 4 if count == 8 else reported.updates
+            each.plot(
+                [0, at], [before, before * reported.ratios[column]], "k*", markersize=10,
+                label="article",
+            )  # fmt: skip
+        each.set(xlabel="updates", ylabel="% of the side", xticks=range(reported.updates + 1))
+        each.set_title(label, fontsize=10)
+        each.set_ylim(bottom=0)
+        each.grid(color="0.9")
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    figure.suptitle(f"{count} × {count} electrodes")
+    save_figure(figure, path)
+
+
+def save_images(path: Path, named: Sequence[tuple[str, dict[str, Image]]]) -> None:
+    """Fig. 4: potential images, one row for each layout; each image has colours of its own."""
+    places = list(named[0][1])
+    figure = Figure(figsize=(2.6 * len(places) + 0.5, 2.9 * len(named) + 0.4), layout="constrained")
+    axes = figure.subplots(len(named), len(places), squeeze=False, sharex=True, sharey=True)
+    for row, (name, images) in zip(axes, named, strict=True):
+        for each, (place, image) in zip(row, images.items(), strict=True):
+            _image(each, image.potential, image.layout, float(np.nanmax(image.potential)), "0.6")
+            title = place
+            if image.hwhm is not None and image.error is not None:
+                title += (
+                    f"\nHWHM {100 / SIDE * image.hwhm:.1f} %, PE {100 / SIDE * image.error:.1f} %"
+                )
+                for contact in image.scene.truth(0.0):
+                    each.plot(1e3 * contact["x"], 1e3 * contact["y"], "r+", markersize=9)
+            each.set_title(title, fontsize=9)
+        row[0].annotate(
+            name, (-0.42, 0.5), xycoords="axes fraction", rotation=90, va="center", ha="right"
+        )
+    _label(axes)
+    figure.suptitle(
+        "Reconstructed potential, from 0 (dark) to the maximum of each image; +: the conductor",
+        fontsize=11,
+    )
+    save_figure(figure, path)
+
+
+def _image(axes, values: np.ndarray, layout: Layout, top: float, rim: str = "black"):
+    half = 500 * SIDE
+    drawn = axes.imshow(
+        values, extent=(-half, half, -half, half), origin="upper", cmap="viridis", vmin=0, vmax=top
+    )
+    for position in layout.positions:
+        axes.add_patch(
+            Circle(1e3 * position, 1e3 * layout.radius, fill=False, color=rim, linewidth=0.7)
+        )
+    axes.set(xlim=(-half - 6, half + 6), ylim=(-half - 6, half + 6), aspect="equal")
+    return drawn
+
+
+def _label(axes: np.ndarray) -> None:
+    for each in axes[-1]:
+        each.set_xlabel("x / mm")
+    for each in axes[:, 0]:
+        each.set_ylabel("y / mm")
