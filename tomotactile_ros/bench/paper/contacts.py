@@ -9,7 +9,7 @@ from __future__ import annotations
 from tomotactile_ros.bench.layouts import EVEN, Amount, measure, reference
 from tomotactile_ros.layouts.layout import Layout
 
-AMOUNTS = {4: Amount(20, 16, (0.04,)), 8: Amount(8, 8, (0.014,))}
+AMOUNTS = {4: Amount(12, 8, (0.04,)), 8: Amount(6, 4, (0.014,))}
 
 
 def found(layout: Layout, count: int) -> dict:

@@ -82,7 +82,7 @@ def _simulation(runs):
     )
     yield (
         f"<p>With electrodes as single nodes the separate program differs by at most {most:.3f}: its mesh "
-        "has other nodes. Where it has the digits of this page in the two other models, that is no "
+        "may have other nodes. Where it has the digits of this page in the two other models, that is no "
         "check of the mesh, on which these digits depend.</p>"
     )
     yield (
@@ -113,10 +113,10 @@ def _experiment(experiment):
         )
     yield _figure("fig4-images.png", "Images of conductors, and of wide, L-shaped and two contacts")
     yield (
-        "<p>The article measured a real sheet, whose images are wider by wrinkles and uneven joints, as it "
-        "says; this one has 1 mV of noise and 12 bits only. Conductors have a radius of 2.5 mm where "
-        "the images assume 1 mm, so that they are wider than in the maps above. The places of its conductors are read off its "
-        "figure, and it gives no position errors for them.</p>"
+        "<p>The article measured a real sheet, whose images are skewed by wrinkles and uneven joints, as it "
+        "says; this one has 1 mV of noise and 12 bits only. Conductors have a radius of 2.5 mm, and the "
+        "images assume 1 mm. The article shows their places and shapes in a figure only; here they are in "
+        "the middle of regions of the equal grid. It gives no position errors.</p>"
     )
 
 
