@@ -132,7 +132,7 @@ Index contact_of(const Prediction& p, Index i) {
 Vector force_slope(const Prediction& p, Index i, double exponent) {
   const Snapshot& at = p.middle();
   const Touches& t = *at.touches;
-  const auto changes = t.mean_change(contact_of(p, i), t.impedance_change(i));
+  const auto changes = t.mean_change(contact_of(p, i), t.impedance_slope(i));
   Vector out = Vector::Zero(6);
   out[kStrength] = at.conductance[i].by_strength / exponent;
   for (int k = 0; k < 5; ++k) out[kMoving[k]] = at.conductance[i].by_mean * changes[k] / exponent;
@@ -145,7 +145,7 @@ Vector strength_slope(const Prediction& p, Index i) {
   const Snapshot& at = p.middle();
   const Touches& t = *at.touches;
   const double g = at.conductance[contact_of(p, i)].value;
-  const auto changes = t.mean_change(i, t.impedance_change(i));
+  const auto changes = t.mean_change(i, t.impedance_slope(i));
   Vector out = Vector::Zero(6);
   out[kStrength] = at.conductance[i].by_strength / g;
   for (int k = 0; k < 5; ++k) out[kMoving[k]] = at.conductance[i].by_mean * changes[k] / g - changes[k];

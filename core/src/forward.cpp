@@ -60,7 +60,7 @@ Snapshot::Snapshot(std::shared_ptr<const Sheet> on, const Unknowns& u, const std
     : sheet(std::move(on)), touches(std::move(known)), rows(grounded) {
   const Index n = sheet->count(), scan = Index(rows.size());
   if (u.contacts.cols()) {
-    if (!touches) touches = std::make_shared<Touches>(sheet, u.contacts, u.across, u.sheet);
+    if (!touches) touches = std::make_shared<Touches>(sheet, u.contacts, u.across, u.sheet, u.bond.size() > 0);
     const Touches& t = *touches;
     direct_ = Vector::Zero(n);
     Vector root(t.patches());
@@ -156,51 +156,57 @@ Matrix Snapshot::columns(const Mask& free) const {
   Matrix out(n * scan, free.count());
   if (!out.cols()) return out;
   const Touches& t = *touches;
-  Matrix driven, felt;  // what drives each patch in each row, P x L, and what its current does, n x P
-  if (free.row(kStrength).any()) driven = inner_.transpose() * ratio, felt = impedance * inner_;
+  const Matrix driven = inner_.transpose() * ratio, felt = impedance * inner_;  // by and through patches: P x L, n x P
   Index column = 0;
   for (Index i = 0; i < t.count(); ++i) {
     const Index first = t.begin(i), size = t.size(i);
     const double g = conductance[i].value;
-    const auto weight = t.weight.segment(first, size);
+    const auto inner = felt.middleCols(first, size);
+    const auto own = driven.middleRows(first, size);
+    const auto add = [&](Eigen::Map<Matrix>& moved, const Vector& weight, const Vector& direct) {
+      moved.noalias() += (inner * weight.asDiagonal()) * own;
+      for (Index e = 0; e < n; ++e)
+        if (direct[e] != 0) moved.noalias() += (direct[e] * impedance.col(e)) * ratio.row(e);
+      grounded(ratio, rows, moved);
+    };
     bool moves_patches = false;
     for (int which : kMoving) moves_patches |= free(which, i);
-    std::array<Matrix, 5> by_impedance;
     std::array<Points, 5> moves;
-    std::array<Matrix, 2> slopes;
-    Matrix by_weight, by_direct, near;
+    Matrix by_weight, by_direct, grown, fed, seen;
+    std::array<Matrix, 2> sent, drawn;  // H by places, all else as it is, through the sheet and by the rows
     Eigen::Matrix<double, 5, 1> by_mean;
     if (moves_patches) {
-      by_impedance = t.impedance_change(i);
-      by_mean = conductance[i].by_mean * t.mean_change(i, by_impedance);
-      moves = t.moves(i), slopes = t.share_slopes(i);
+      const Slope slope = t.impedance_slope(i);
+      by_mean = conductance[i].by_mean * t.mean_change(i, slope);
+      moves = t.moves(i), drawn = t.share_slopes(i);
       t.covered_change(i, by_weight, by_direct);
-      near = fed_(Eigen::all, t.near(i));
+      const auto around = fed_.middleCols(first, size);
+      const Matrix near = fed_(Eigen::all, t.near(i));
+      drawn[0].noalias() -= near * slope.along_x.transpose();
+      drawn[1].noalias() -= near * slope.along_y.transpose();
+      for (int d = 0; d < 2; ++d) sent[d] = impedance * drawn[d], drawn[d] = (drawn[d].transpose() * ratio).eval();
+      fed = impedance * around, seen = around.transpose() * ratio;
+      if (free(kRadius, i)) grown = slope.grown;
     }
     for (int which = 0; which < 6; ++which) {
       if (!free(which, i)) continue;
+      Eigen::Map<Matrix> moved(out.col(column++).data(), n, scan);
+      moved.setZero();
       if (which == kStrength) {
         const double rate = conductance[i].by_strength * g;
-        Eigen::Map<Matrix> moved(out.col(column).data(), n, scan);
-        moved.noalias() = (felt.middleCols(first, size) * (rate * weight).asDiagonal()) * driven.middleRows(first, size);
-        for (Index e = 0; e < n; ++e)
-          if (t.direct(e, i) != 0) moved.noalias() += impedance.col(e) * (rate * t.direct(e, i) * ratio.row(e));
-        grounded(ratio, rows, moved);
-      } else {
-        int k = 0;
-        while (kMoving[k] != which) ++k;
-        const Vector x = moves[k].row(0), y = moves[k].row(1);
-        Matrix moved = slopes[0] * x.asDiagonal();
-        moved += slopes[1] * y.asDiagonal();
-        moved.noalias() -= near * by_impedance[k].transpose();
-        Matrix change = moved * fed_.middleCols(first, size).transpose();
-        change += change.transpose().eval();
-        const auto inner = inner_.middleCols(first, size);
-        change.noalias() += (inner * (g * (by_mean[k] * weight + by_weight.col(k))).asDiagonal()) * inner.transpose();
-        change.diagonal() += g * (by_mean[k] * t.direct.col(i) + by_direct.col(k));
-        respond(change, out.col(column));
+        add(moved, rate * t.weight.segment(first, size), rate * t.direct.col(i));
+        continue;
       }
-      ++column;
+      int k = 0;
+      while (kMoving[k] != which) ++k;
+      const Vector x = moves[k].row(0), y = moves[k].row(1);
+      Matrix through = sent[0] * x.asDiagonal(), by = x.asDiagonal() * drawn[0];
+      through += sent[1] * y.asDiagonal(), by += y.asDiagonal() * drawn[1];
+      if (which == kRadius) by.noalias() += grown * seen;
+      moved.noalias() += through * seen;
+      moved.noalias() += fed * by;
+      add(moved, g * (by_mean[k] * t.weight.segment(first, size) + by_weight.col(k)),
+          g * (by_mean[k] * t.direct.col(i) + by_direct.col(k)));
     }
   }
   return out;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <numeric>
 
 namespace tomotactile {
 namespace {
@@ -100,28 +101,25 @@ std::vector<int> Charges::there(const Close& close, const std::vector<int>& chos
   return out;
 }
 
-void Charges::add_among(const std::vector<int>& chosen, Matrix& out) const {
-  if (columns_.rows()) {
-    const Matrix columns = columns_(Eigen::all, chosen);
-    out.noalias() -= columns.transpose() * columns;
-  }
+void Charges::add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const {
+  if (columns_.rows()) out.noalias() -= columns_.middleCols(first, count).transpose() * columns_(Eigen::all, others);
   const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
+  std::vector<int> own(count);
+  std::iota(own.begin(), own.end(), int(first));
   for (const Close& close : close_) {
-    const std::vector<int> on = there(close, chosen);
-    if (on.empty()) continue;
-    std::vector<int> mine;
-    for (int i : on) mine.push_back(chosen[i]);
-    const Vector share = close.share(mine).matrix(), weight = close.weight(mine).matrix();
-    const Points image = close.image(Eigen::all, mine);
-    Eigen::ArrayXXd part = share * share.transpose() - turned * (image.transpose() * image);
+    const std::vector<int> here = there(close, own), on = there(close, others);
+    if (here.empty() || on.empty()) continue;
+    std::vector<int> mine, theirs;
+    for (int i : here) mine.push_back(own[i]);
+    for (int j : on) theirs.push_back(others[j]);
+    const Vector share = close.share(mine).matrix(), other = close.share(theirs).matrix();
+    const Vector weight = close.weight(mine).matrix(), other_weight = close.weight(theirs).matrix();
+    const Points image = close.image(Eigen::all, mine), other_image = close.image(Eigen::all, theirs);
+    Eigen::ArrayXXd part = share * other.transpose() - turned * (image.transpose() * other_image);
     part = part.max(kRim - 2).log1p();
-    part *= scale * (weight * weight.transpose()).array();
-    if (on.size() == chosen.size()) {
-      out.array() += part;
-    } else {
-      for (std::size_t j = 0; j < on.size(); ++j)
-        for (std::size_t i = 0; i < on.size(); ++i) out(on[i], on[j]) += part(i, j);
-    }
+    part *= scale * (weight * other_weight.transpose()).array();
+    for (std::size_t j = 0; j < on.size(); ++j)
+      for (std::size_t i = 0; i < here.size(); ++i) out(here[i], on[j]) += part(i, j);
   }
 }
 

@@ -89,8 +89,8 @@ void for_near(const Eigen::ArrayXXd& squared, const Eigen::ArrayXd& radii, const
 
 }  // namespace
 
-Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_)
-    : sheet(std::move(on)), contacts(std::move(parameters)), across(std::move(wide)), coefficients(sheet_) {
+Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_, bool cells)
+    : sheet(std::move(on)), contacts(std::move(parameters)), across(std::move(wide)), coefficients(sheet_), cells_(cells) {
   if (Index(across.size()) != count()) throw BadInput("patches to the width are not given for each contact");
   if (coefficients.size() != sheet->modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
   begin_.push_back(0);
@@ -170,56 +170,63 @@ void Touches::connect() {
   smooth_ = around_.values(t.smooth(around_.nodes, around_.nodes)).transpose();
   const Matrix smooth = around_.values(smooth_);
 
-  group_.resize(count());
-  std::iota(group_.begin(), group_.end(), 0);
-  const double reach = kScreened * t.pitch;
-  for (Index i = 0; i < count(); ++i)
-    for (Index j = 0; j < i; ++j) {
-      const double apart = (contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm();
-      if (group_[i] == group_[j] || !(apart - std::exp(contacts(kRadius, i)) - std::exp(contacts(kRadius, j)) < reach)) continue;
-      const int from = std::max(group_[i], group_[j]), to = std::min(group_[i], group_[j]);
-      for (int& each : group_) if (each == from) each = to;
-    }
-  members_.assign(count(), {});
-  std::vector<int> owner(place_.cols());
-  for (Index i = 0; i < count(); ++i)
-    for (Index p = begin(i); p < begin_[i + 1]; ++p) members_[group_[i]].push_back(int(p)), owner[p] = int(i);
-
-  even_ = Matrix::Zero(place_.cols(), place_.cols());
-  bare_ = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(place_.cols(), false);
+  find_near();
+  even_ = Matrix::Zero(patches(), patches());
+  bare_ = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(patches(), false);
   const double scale = -t.resistance / (4 * kPi);
-  for (const std::vector<int>& chosen : members_) {
-    if (chosen.empty()) continue;
-    const Index size = Index(chosen.size());
-    Matrix block = smooth(chosen, chosen);
-    charges_.add_among(chosen, block);
-    const Matrix mine = potentials(Eigen::all, chosen), solved = solved_(Eigen::all, chosen);
-    block.noalias() -= mine.transpose() * solved;
-    block.rowwise() -= constant(chosen).transpose();
-    const Points at = place_(Eigen::all, chosen);
-    const Eigen::ArrayXd radii = radii_(chosen).array();
-    const auto x = ways(at.row(0), at.row(0), t.outline.size.x(), t.outline.rectangle);
-    const auto y = ways(at.row(1), at.row(1), t.outline.size.y(), t.outline.rectangle);
-    Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(size, size);
+  for (Index i = 0; i < count(); ++i) {
+    const Index first = begin(i), last = begin_[i + 1];
+    std::vector<int> others;  // each pair of contacts once
+    for (int other : near(i))
+      if (other < last) others.push_back(other);
+    Matrix block = smooth(Eigen::seqN(first, size(i)), others);
+    charges_.add_between(first, size(i), others, block);
+    block.noalias() -= potentials.middleCols(first, size(i)).transpose() * solved_(Eigen::all, others);
+    block.rowwise() -= constant(others).transpose();
+    const Points mine = place_.middleCols(first, size(i)), theirs = place_(Eigen::all, others);
+    const Eigen::ArrayXd radii = radii_.segment(first, size(i)).array(), their_radii = radii_(others).array();
+    const auto x = ways(mine.row(0), theirs.row(0), t.outline.size.x(), t.outline.rectangle);
+    const auto y = ways(mine.row(1), theirs.row(1), t.outline.size.y(), t.outline.rectangle);
+    Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(block.rows(), block.cols());
     for (const Eigen::ArrayXXd& across : x)
       for (const Eigen::ArrayXXd& up : y) {
         Eigen::ArrayXXd squared = across.square() + up.square();
-        for_near(squared, radii, radii, [&](Index i, Index j, double mutual) {
-          if (i <= j) squared(i, j) = squared(j, i) = softened(squared(i, j), mutual);
-        });
+        for_near(squared, radii, their_radii,
+                 [&](Index p, Index q, double mutual) { squared(p, q) = softened(squared(p, q), mutual); });
         product *= squared;
       }
     block.array() += scale * product.log();
-    for (Index j = 0; j < size; ++j)
-      for (Index i = 0; i < size; ++i)
-        if (owner[chosen[i]] == owner[chosen[j]]) block(i, j) += (alone[chosen[i]] + alone[chosen[j]]) / 2;
-    block = ((block + block.transpose()) / 2).eval();
-    for (Index i = 0; i < size; ++i) {
-      bare_[chosen[i]] = block(i, i) < 0;
-      block(i, i) = std::max(block(i, i), 0.0);
+    auto own = block.rightCols(size(i));
+    own.colwise() += alone.segment(first, size(i)) / 2;
+    own.rowwise() += alone.segment(first, size(i)).transpose() / 2;
+    own = ((own + own.transpose()) / 2).eval();
+    for (Index p = 0; p < size(i); ++p) {
+      bare_[first + p] = own(p, p) < 0;
+      own(p, p) = std::max(own(p, p), 0.0);
     }
-    even_(chosen, chosen) = block;
+    even_(Eigen::seqN(first, size(i)), others) = block;
+    even_(others, Eigen::seqN(first, size(i))) = block.transpose();
   }
+}
+
+// Which contacts feel each other, and the groups of those that do through others.
+void Touches::find_near() {
+  const double reach = kScreened * sheet->tables().pitch;
+  std::vector<int> group(count());
+  std::iota(group.begin(), group.end(), 0);
+  near_.assign(count(), {}), groups_.assign(count(), {});
+  for (Index i = 0; i < count(); ++i)
+    for (Index j = 0; j < count(); ++j) {
+      const double apart = (contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm();
+      const double gap = apart - std::exp(contacts(kRadius, i)) - std::exp(contacts(kRadius, j));
+      if (i != j && !cells_ && !(gap < reach)) continue;
+      for (Index p = begin(j); p < begin_[j + 1]; ++p) near_[i].push_back(int(p));
+      if (group[i] == group[j]) continue;
+      const int from = std::max(group[i], group[j]), to = std::min(group[i], group[j]);
+      for (int& each : group) if (each == from) each = to;
+    }
+  for (Index i = 0; i < count(); ++i)
+    for (Index p = begin(i); p < begin_[i + 1]; ++p) groups_[group[i]].push_back(int(p));
 }
 
 // What depends on the coefficients of the sheet.
@@ -286,12 +293,16 @@ void Touches::pressure_change(Index i, const Matrix& pressures, Matrix& by_weigh
   }
 }
 
-std::array<Matrix, 5> Touches::impedance_change(Index i) const {
+Slope Touches::impedance_slope(Index i) const {
   const Tables& t = sheet->tables();
   const std::vector<int>& others = near(i);
   const Index first = begin(i), count = size(i), reach = Index(others.size());
   const double scale = t.resistance / (2 * kPi);
-  Matrix slope_x = Matrix::Zero(count, reach), slope_y = slope_x, grown = slope_x;
+  const Index own = std::lower_bound(others.begin(), others.end(), int(first)) - others.begin();
+  Slope out;
+  Matrix &slope_x = out.along_x, &slope_y = out.along_y;
+  slope_x = slope_y = Matrix::Zero(count, reach);
+  out.grown = Matrix::Zero(count, count);
   charges_.add_slope(first, count, others, slope_x, slope_y);
   const Matrix smooth = smooth_(others, Eigen::all);
   slope_x += around_.along_x(smooth, first, count).transpose();
@@ -314,39 +325,35 @@ std::array<Matrix, 5> Touches::impedance_change(Index i) const {
       for_near(squared, radii, their_radii, [&](Index p, Index q, double mutual) {
         const double hidden = std::exp(-squared(p, q) / (kCloud * mutual));
         inverse(p, q) *= 1 - hidden;
-        grown(p, q) += scale * hidden;
+        if (q >= own && q < own + count) out.grown(p, q - own) += scale * hidden;
       });
       by_x += across * inverse, by_y += up * inverse;
     }
   slope_x.array() -= scale * by_x, slope_y.array() -= scale * by_y;
-  const Index own = std::lower_bound(others.begin(), others.end(), int(first)) - others.begin();
   slope_x.middleCols(own, count).colwise() += alone[0] / 2;
   slope_y.middleCols(own, count).colwise() += alone[1] / 2;
   Eigen::ArrayXXd factor = factor_.segment(first, count).matrix() * factor_(others).matrix().transpose();
   for (Index p = 0; p < count; ++p)
     if (bare_[first + p]) factor(p, own + p) = 0.0;
-  slope_x.array() *= factor, slope_y.array() *= factor, grown.array() *= factor;
-  const std::array<Points, 5> moves = this->moves(i);
-  std::array<Matrix, 5> out;
-  for (int k = 0; k < 5; ++k) {
-    const Vector x = moves[k].row(0), y = moves[k].row(1);
-    out[k] = x.asDiagonal() * slope_x;
-    out[k] += y.asDiagonal() * slope_y;
-  }
-  out[2].middleCols(own, count) -= grown.middleCols(own, count) / 2;
+  slope_x.array() *= factor, slope_y.array() *= factor;
+  out.grown.array() *= factor.middleCols(own, count);
   return out;
 }
 
-Eigen::Matrix<double, 5, 1> Touches::mean_change(Index i, const std::array<Matrix, 5>& by_impedance) const {
+Eigen::Matrix<double, 5, 1> Touches::mean_change(Index i, const Slope& slope) const {
   const std::vector<int>& others = near(i);
   const Index own = std::lower_bound(others.begin(), others.end(), int(begin(i))) - others.begin();
   const auto mine = weight.segment(begin(i), size(i));
   Matrix by_weight, by_direct;
   covered_change(i, by_weight, by_direct);
   const Vector felt = impedance.block(begin(i), begin(i), size(i), size(i)) * mine;
+  const Vector x = slope.along_x.middleCols(own, size(i)) * mine, y = slope.along_y.middleCols(own, size(i)) * mine;
+  const std::array<Points, 5> moves = this->moves(i);
   Eigen::Matrix<double, 5, 1> out;
   for (int k = 0; k < 5; ++k) {
-    const double found = 2 * mine.dot(by_impedance[k].middleCols(own, size(i)) * mine) + 2 * by_weight.col(k).dot(felt);
+    double turned = mine.dot((moves[k].row(0).transpose().cwiseProduct(x) + moves[k].row(1).transpose().cwiseProduct(y)));
+    if (kMoving[k] == kRadius) turned -= mine.dot(slope.grown * mine) / 2;
+    const double found = 2 * turned + 2 * by_weight.col(k).dot(felt);
     const double parts = by_weight.col(k).sum() + by_direct.col(k).sum();
     out[k] = found / (covered[i] * covered[i]) - 2 * mean[i] * parts / covered[i];
   }

@@ -42,6 +42,9 @@ _WORTH = 10.0  # times the goal: from there on patches of another size are not w
 # chi-squared per reading above which other starts are tried, and contacts are moved alone first
 MISFIT = 3.0
 _FEW, _COARSE = 3, 5  # discs; patches to the width of each if there are more
+_AT_RIMS = 4  # patches to the width of a disc that the rim of an electrode or of the sheet is near
+_MEETS = 1.1  # of its radius: how far from a disc's centre the rim of an electrode is that it meets
+_RIM = 2.0  # of its radius: how far from a disc's centre the rim of the sheet is that it is near
 _IN_MOTION = 10  # patches to the width of one that moves
 _LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
 
@@ -104,24 +107,44 @@ class Fits:
 
     def _patches(self, unknowns: Unknowns) -> tuple[int, ...]:
         """Patches across each contact as its radius asks for, or what it has where that is near."""
-        most = self._most_across(unknowns)
+        most, least = self._most_across(unknowns), self._least_across(unknowns.contacts)
         return tuple(
-            self._across(each, had, most) for each, had in zip(unknowns.contacts, unknowns.across)
+            self._across(each, had, fewest, most)
+            for each, had, fewest in zip(unknowns.contacts, unknowns.across, least)
         )
 
-    def _across(self, contact: np.ndarray, before: int, most: int) -> int:
-        wanted = min(patches_of(contact, self.operator.pitch), most)
+    def _across(self, contact: np.ndarray, before: int, least: int, most: int) -> int:
+        wanted = patches_of(contact, self.operator.pitch)
+        wanted = min(max(wanted, least) if wanted > 0 else wanted, most)
         if wanted * before < 0:
             return wanted
         more = abs(wanted) - abs(before)
         return wanted if more > 0 or more < -2 else before
 
     def _coarse(self, unknowns: Unknowns) -> Unknowns:
-        """The same with no more patches than so many contacts, or those that move, are allowed."""
-        most = self._most_across(unknowns)
-        if max(unknowns.across, default=0) <= most:
-            return unknowns
-        return replace(unknowns, across=tuple(min(each, most) for each in unknowns.across))
+        """The same with no more patches than so many contacts, or those that move, are allowed, and as
+        many as the rims of electrodes and sheet ask for."""
+        most, least = self._most_across(unknowns), self._least_across(unknowns.contacts)
+        across = tuple(
+            min(had if had < 0 else max(had, int(fewest)), most)
+            for had, fewest in zip(unknowns.across, least)
+        )
+        return unknowns if across == unknowns.across else replace(unknowns, across=across)
+
+    def _least_across(self, contacts: np.ndarray) -> np.ndarray:
+        """(k,) patches to the width of each of contacts (k, 6) at least: where rims are near it."""
+        if not len(contacts):
+            return np.empty(0, int)
+        depth = self.operator.layout.outline.depth(contacts[:, :2])[0]
+        near = depth < _RIM * np.exp(contacts[:, RADIUS])
+        return np.where(near | self.meets_electrode(contacts), _AT_RIMS, 1)
+
+    def meets_electrode(self, contacts: np.ndarray) -> np.ndarray:
+        """(k,) which of contacts (k, 6) cover a part of an electrode, or nearly."""
+        layout, used = self.operator.layout, self.operator.used
+        apart = contacts[:, None, :2] - layout.positions[used]
+        gaps = np.hypot(*apart.transpose(2, 0, 1)).min(axis=1) - layout.radius
+        return gaps < _MEETS * np.exp(contacts[:, RADIUS])
 
     def _settled(self, start: Unknowns, like: Fit) -> Unknowns:
         """Contacts from `start` on, also from other sizes, with the sensor held as it was

@@ -63,7 +63,6 @@ _FORM = 4  # parameters of a disc
 CUT_OFF = (2 * np.pi) ** -0.5
 _OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
-_MEETS = 1.1  # of its radius: how far from a disc's centre the rim of an electrode is that it meets
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
 _NEAR = 1.5
@@ -84,7 +83,6 @@ _AT_LEAST = 0.25
 _LEFT_OVER, _RIGHT = 1.1, 1.05
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
-MOST = 12  # discs
 BOUNDED = 8  # patches to the width of a contact, where `MOST_ACROSS` take too long
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
@@ -118,6 +116,7 @@ class Search(Fits):
         self.detector, self.shapes = Detector(operator), Shapes(operator)
         threshold = float(chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels)))
         super().__init__(operator, across, threshold)
+        self._most = len(operator.used)  # contacts, each of which an electrode is nearest to
         self._refused = 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
         self._reciprocity: Reciprocity | None = None  # that of `reciprocity`
@@ -163,7 +162,7 @@ class Search(Fits):
             fit = self._first(Fit(self.operator, self._told(begun, rows, prior), rows, prior))
         if fit.unknowns.bond is not None:
             return fit
-        while len(fit.unknowns.contacts) < MOST and self._left > 0:
+        while len(fit.unknowns.contacts) < self._most and self._left > 0:
             more = self._one_more(fit)
             if more is None:
                 break
@@ -391,7 +390,7 @@ class Search(Fits):
         """`fit`, of no contacts, with discs of `factor` times the typical radius where contacts were
         seen."""
         discs = fit.unknowns
-        for place, strength in seen[:MOST]:
+        for place, strength in seen[: self._most]:
             discs = self._added(discs, place, strength, factor * fit.prior.radius)
         return discs
 
@@ -412,17 +411,10 @@ class Search(Fits):
                 found.append(tried)
             left, enough = tried.chi_squared / tried.rows.count, MISFIT
             if len(contacts) == 1:
-                enough = _NEAR if self._meets_electrode(contacts) else SUSPECT
+                enough = _NEAR if self.meets_electrode(contacts).any() else SUSPECT
             if left < enough:
                 break
         return found[0] if len(found) == 1 else min(found, key=self._after_a_step)
-
-    def _meets_electrode(self, contacts: np.ndarray) -> bool:
-        """Whether one of contacts (k, 6) covers a part of an electrode, or nearly."""
-        layout, used = self.operator.layout, self.operator.used
-        apart = contacts[:, None, :2] - layout.positions[used]
-        gaps = np.hypot(*apart.transpose(2, 0, 1)).min(axis=1) - layout.radius
-        return bool((gaps < _MEETS * np.exp(contacts[:, RADIUS])).any())
 
     def _together(self, points: list[tuple[np.ndarray, float]]) -> int:
         """How many of `points` are near each other, at the most: three may be one long or wide thing."""
@@ -723,7 +715,7 @@ class Search(Fits):
         sums = np.bincount(group, strengths)
         strong = np.flatnonzero(sums > DYNAMIC * sums.max())
         found = like.unknowns
-        for each in strong[np.argsort(-sums[strong])][:MOST]:
+        for each in strong[np.argsort(-sums[strong])][: self._most]:
             found = one_of(u, group == each, found, self.operator.pitch)
         return self._approached(self._begun(found, like, len(found.contacts)))
 

@@ -33,9 +33,9 @@ class Charges {
   Charges() = default;
   Charges(const InducedCharges& electrodes, const Points& places);
 
-  // Adds what they make of G between the places `chosen`, P x P, ohm.
-  void add_among(const std::vector<int>& chosen, Matrix& out) const;
-  // Adds the change of that with the place of the first, of places `first` ... `first + p` and `others`, p x q, ohm/m.
+  // Adds what they make of G between places `first` ... `first + p` and `others`, p x q, ohm.
+  void add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const;
+  // Adds the change of that with the place of the first, ohm/m.
   void add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x, Matrix& along_y) const;
 
  private:

@@ -8,15 +8,23 @@
 //
 // the charges that it induces on electrodes close by (induced.hpp), a part that is smooth over the sheet, and what is
 // only known of a patch with itself. Contacts two spacings and more apart do not feel each other: electrodes screen.
+// Cells of one shape all do.
 #pragma once
 
 #include "tomotactile/contact.hpp"
 
 namespace tomotactile {
 
+// How D between p patches of a contact and m `near` it changes with places of the former, p x m, ohm/m, and what it
+// falls by among themselves with the logarithm of their radii, p x p, ohm.
+struct Slope {
+  Matrix along_x, along_y, grown;
+};
+
 class Touches {
  public:
-  Touches(std::shared_ptr<const Sheet> sheet, Parameters contacts, std::vector<int> across, const Vector& coefficients);
+  Touches(std::shared_ptr<const Sheet> sheet, Parameters contacts, std::vector<int> across, const Vector& coefficients,
+          bool cells = false);
 
   // The same places on the sheet with other coefficients, and contacts that differ in their conductance only.
   std::shared_ptr<const Touches> on(const Vector& coefficients, const Parameters& contacts) const;
@@ -25,8 +33,8 @@ class Touches {
   Index patches() const { return place_.cols(); }
   Index begin(Index i) const { return begin_[i]; }
   Index size(Index i) const { return begin_[i + 1] - begin_[i]; }
-  const std::vector<int>& near(Index i) const { return members_[group_[i]]; }  // patches that feel those of contact i
-  const std::vector<std::vector<int>>& groups() const { return members_; }
+  const std::vector<int>& near(Index i) const { return near_[i]; }  // patches that feel those of contact i, in order
+  const std::vector<std::vector<int>>& groups() const { return groups_; }  // patches that feel each other, or through others
   const Points& places() const { return place_; }
   const Vector& radii() const { return radii_; }
   const Around& around() const { return around_; }
@@ -36,10 +44,11 @@ class Touches {
   void covered_change(Index i, Matrix& weight, Matrix& direct) const;
   // The same by relative changes of the pressure on its patches, p x Q.
   void pressure_change(Index i, const Matrix& pressures, Matrix& weight, Matrix& direct) const;
-  // E with dD = E + E^T by `kMoving` of contact i, p x m each, ohm: its patches, and those `near`.
-  std::array<Matrix, 5> impedance_change(Index i) const;
+  // Of contact i and the patches `near` it. With E, `moves` times `slope`, less half of `grown` by the radius, D changes
+  // by E + E^T.
+  Slope impedance_slope(Index i) const;
   // Derivatives of `mean` of contact i by `kMoving`, ohm.
-  Eigen::Matrix<double, 5, 1> mean_change(Index i, const std::array<Matrix, 5>& impedance_change) const;
+  Eigen::Matrix<double, 5, 1> mean_change(Index i, const Slope& slope) const;
   std::array<Matrix, 2> share_slopes(Index i) const;  // n x p, 1/m
   Eigen::Vector2d centre(Index i) const;  // of mass of what lies on the sheet, m
   Conductance conductance(Index i) const { return {contacts(kStrength, i), mean[i]}; }
@@ -66,8 +75,8 @@ class Touches {
   std::vector<int> electrode_;       // nearest one, n: not in use
   Eigen::ArrayXd on_, off_, steep_radius_, rising_radius_;
   Eigen::Array2Xd steep_, rising_;
-  std::vector<int> group_;
-  std::vector<std::vector<int>> members_;
+  bool cells_;
+  std::vector<std::vector<int>> near_, groups_;
   Around around_;
   Charges charges_;
   Matrix solved_, even_, field_;     // H and D of the even sheet; k x J
@@ -75,6 +84,7 @@ class Touches {
   Eigen::ArrayXd factor_;            // of D for the local conductance: root of it for each patch
 
   void place(const Vector& area);
+  void find_near();
   void connect();
   void take();
 };
