@@ -18,7 +18,6 @@ ROWS = re.findall(r"^\| `([\w.]+)` \| ([^|]+?) \|", SECTION, re.MULTILINE)
 # block sizes, guards against rounding, keys of files, resolutions of pictures
 INTERNAL = {
     *(
-        "first_look._ROUNDING",
         "shape._ROUNDING",
         "uneven._ISOTROPIC",
         "tables._TINY",

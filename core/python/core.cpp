@@ -10,6 +10,8 @@
 #include <pybind11/stl.h>
 
 #include "tomotactile/equations.hpp"
+#include "tomotactile/first_look.hpp"
+#include "tomotactile/linear_algebra.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -358,6 +360,37 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
              return std::make_shared<Rows>(matrix(readings, "readings"), matrix(weights, "weights"), integers(grounded, "grounded"),
                                            times.is_none() ? Vector() : vector(times.cast<Array>(), "times"));
            }), "readings"_a, "weights"_a, "grounded"_a, "times"_a = py::none());
+
+  const auto seen = [](const Seen& s) { return py::make_tuple(array(s.places), array(s.strengths), s.left); };
+  py::class_<FirstLook>(m, "FirstLook")
+      .def(py::init([](const py::object& operator_, const Array& admittance, std::shared_ptr<Rows> rows, const Array& gain,
+                       const Array& offset, const Array& pixels, const Array& share, double side) {
+             return std::make_unique<FirstLook>(behind<Sheet>(operator_), matrix(admittance, "admittance"), *rows, vector(gain, "gain"),
+                                                vector(offset, "offset"), matrix<Points>(pixels, "pixels", 2),
+                                                matrix(share, "share").transpose(), side);
+           }), "operator"_a, "admittance"_a, "rows"_a, "gain"_a, "offset"_a, "pixels"_a, "share"_a, "side"_a)
+      .def_property_readonly("total", &FirstLook::total)
+      .def("points", [seen](const FirstLook& look, double radius) {
+        Seen found;
+        { Free free; found = look.points(radius); }
+        return seen(found);
+      })
+      .def("contacts", [seen](const FirstLook& look) {
+        Seen found;
+        { Free free; found = look.contacts(); }
+        return seen(found);
+      })
+      .def("image", [](const FirstLook& look, const Array& share) {
+        const Matrix of = matrix(share, "share").transpose();
+        Free free;
+        return look.image(of);
+      });
+  m.def("non_negative", [](const Array& normal, const Array& along) {
+    const Matrix system = matrix(normal, "normal");
+    const Vector right = vector(along, "along");
+    Free free;
+    return non_negative(system, right);
+  }, "normal"_a, "along"_a, "x >= 0 with the least x normal x / 2 - along x.");
 
   py::class_<Prior, std::shared_ptr<Prior>>(m, "Prior")
       .def(py::init([](double radius, double spread, double stretch, const Array& rates, const Array& mean, const Array& deviation,

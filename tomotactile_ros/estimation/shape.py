@@ -17,11 +17,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
+from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.equations import Contacts, Equations, Linear, contact_priors
-from tomotactile_ros.estimation.first_look import FirstLook, not_negative
+from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.one_state import Channels
@@ -268,9 +269,7 @@ def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarr
         own = own - mixed @ cho_solve(factor, mixed.T)
         along = along - mixed @ cho_solve(factor, right[count:])
     own = own + _ROUNDING * np.diag(own.diagonal())
-    root = cholesky(own, lower=True)
-    goal = solve_triangular(root, own @ strengths + along, lower=True)
-    step = not_negative(root, goal) - strengths
+    step = compiled.non_negative(own, own @ strengths + along) - strengths
     if not len(rest):
         return step, np.empty(0)
     return step, cho_solve(factor, right[count:] - mixed.T @ step)

@@ -13,6 +13,10 @@ Matrix inverse_of(const Matrix& system);
 // Solution with the least norm of a symmetric system that rounding leaves without full rank.
 Vector least_squares(const Matrix& system, const Vector& right);
 
+// x >= 0 with the least x^T normal x / 2 - along^T x: active sets (Lawson and Hanson 1974, chapter 23). Throws
+// std::domain_error where no end is found.
+Vector non_negative(const Matrix& normal, const Vector& along);
+
 // A Cholesky factor that is kept. Throws std::domain_error where there is none.
 class Cholesky {
  public:

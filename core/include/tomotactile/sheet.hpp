@@ -86,6 +86,7 @@ class Sheet {
   const Matrix& untouched() const { return untouched_; }
   bool even(const Vector& sheet) const { return !rest_ && sheet.isZero(0.0); }
   bool about_even() const { return !rest_; }
+  const Vector& mean() const { return mean_; }  // coefficients of the sheet that it is right about
 
   Matrix admittance_of(const Vector& sheet) const;                     // n x n, S
   std::vector<Matrix> admittance_change(const Vector& sheet) const;    // J of n x n, S
