@@ -96,7 +96,7 @@ def test_help_names_every_parameter(name, call_main, capfd, monkeypatch):
     monkeypatch.setattr("sys.argv", [name])
     assert import_module(f"tomotactile_ros.nodes.{name}").main(["--help"]) == 0
     said = capfd.readouterr().out
-    assert said.startswith(f"usage: {name} [--ros-args")
+    assert said.startswith(f"usage: {name} [NAME:=VALUE")
     for node in CONFIGURED[name]:
         file = Path(get_package_share_directory("tomotactile_ros"), "config", f"{node}.yaml")
         (settings,) = yaml.safe_load(file.read_text()).values()
@@ -110,7 +110,32 @@ def test_help_names_every_parameter(name, call_main, capfd, monkeypatch):
 def test_a_parameter_that_is_given_like_an_option_is_refused(call_main):
     status, (line,) = call_main("driver", ["--device", "serial"])
     assert status == 2
-    assert line.startswith("driver: '--device' is not known") and "-p NAME:=VALUE" in line
+    assert line.startswith("driver: '--device' is not known") and "NAME:=VALUE" in line
+
+
+@pytest.mark.parametrize(
+    "words, reason",
+    [
+        (["device:=camera"], "device: 'camera' is none of fake, serial, replay"),
+        (["layout:=small-4x4", "rate:=fast"], "rate: 'fast' is not a number"),
+        (["rate:=5", "--ros-args", "-p", "device:=camera"], "device: 'camera'"),
+        (["--ros-args", "-p", "rate"], "what follows --ros-args is not understood"),
+        (["-p", "rate:=5"], "'-p' is not known"),
+    ],
+)
+def test_a_parameter_is_named_without_ceremony(words, reason, call_main):
+    status, (line,) = call_main("driver", words)
+    assert status == 2 and reason in line
+
+
+def test_a_node_starts_without_ros2_in_its_namespace(probe, domain):
+    script = Path(__file__).resolve().parent.parent / "scripts" / "tomotactile"
+    node = Process([str(script), "driver", "layout:=small-4x4", "__ns:=/left"], domain)
+    try:
+        frame = probe.wait_for(VoltageFrame, "/left/voltage_frame")
+        assert frame.layout_id.startswith("small-4x4#")
+    finally:
+        node.kill()
 
 
 def test_a_bad_start_is_the_exit_status_of_the_program(domain):

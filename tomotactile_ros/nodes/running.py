@@ -21,7 +21,7 @@ from rclpy.node import Node
 
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.params_files import files_of, warn_of_keys
-from tomotactile_ros.nodes.usage import asks_for_help, usage
+from tomotactile_ros.nodes.usage import asks_for_help, not_understood, ros_words, usage
 from tomotactile_ros.support.command_line import say_doubts
 from tomotactile_ros.support.errors import InputError
 
@@ -180,19 +180,20 @@ def run(
     """
     nodes: list[Node] = []
     interrupt, started = _Interrupt(), False
+    words = ros_words(sys.argv[1:] if args is None else args)
     say_doubts(_program())
     try:
         for number in (signal.SIGINT, signal.SIGTERM):  # before rclpy's own, which call these
             signal.signal(number, interrupt)
-        if asks_for_help(sys.argv[1:] if args is None else args):
+        if asks_for_help(words):
             print(usage(_program(), about, specs))
             return 0
-        _init(args)
+        _init(words)
         started = True
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = MultiThreadedExecutor(_THREADS)
-        files = files_of(sys.argv[1:] if args is None else args)
+        files = files_of(words)
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
@@ -243,11 +244,11 @@ def _program() -> str:
     return sys.argv[0].rsplit("/", 1)[-1]
 
 
-def _init(args: list[str] | None) -> None:
+def _init(words: list[str]) -> None:
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=words)
     except RuntimeError as error:
-        raise InputError(f"ROS does not start: {_one_line(error)}") from None
+        raise InputError(not_understood(error)) from None
 
 
 @contextmanager

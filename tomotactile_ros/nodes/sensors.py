@@ -1,6 +1,6 @@
 """Several sensors in one process: driver and reconstruction of each, in a namespace of its own.
 
-    ros2 run tomotactile_ros sensors --ros-args -p sensors:="[left, right]" --params-file two.yaml
+    ros2 run tomotactile_ros sensors sensors:="[left, right]" --ros-args --params-file two.yaml
 
 The node `sensors` only holds the list. Frames go from driver to reconstruction without DDS, as in
 `tactile`. Parameters are those of /left/driver, /left/reconstruction and so on.

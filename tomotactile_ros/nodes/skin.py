@@ -36,11 +36,17 @@ SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
     Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True, frame=True),
     Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
-    Spec("timeout", 0.5, "s without contacts until a sensor is silent", low=0.01, high=60.0),
+    Spec(
+        "timeout",
+        0.5,
+        "s without a message of contacts after which a sensor counts as silent",
+        low=0.01,
+        high=60.0,
+    ),
     Spec(
         "max_age",
         2.0,
-        "s; contacts of longer ago, by their stamps, are not known; 0: any age",
+        "s; contacts with older stamps do not count; 0: any age",
         low=0.0,
         high=3600.0,
     ),
@@ -113,12 +119,14 @@ class SkinPart:
         self._conditions.say(troubles)
         if troubles:
             return Report(diagnostics.ERROR, "; ".join(t.text for t in troubles), figures)
-        return Report(diagnostics.OK, "all sensors are felt", figures)
+        return Report(diagnostics.OK, "all sensors have valid contacts", figures)
 
     def _mixed(self) -> dict[str, str]:
         """Sensors whose contacts come from several nodes in turn."""
         found = {name: self._node.count_publishers(t) for name, t in self._topics.items()}
-        return {name: f"{n} publish {self._topics[name]}" for name, n in found.items() if n > 1}
+        return {
+            name: f"{n} publishers of {self._topics[name]}" for name, n in found.items() if n > 1
+        }
 
     def _listen(self, name: str, topic: str) -> None:
         subscription = self._node.create_subscription(
