@@ -290,7 +290,7 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
         ("--parts cellar", "cellar"),
         ("--parts crowd --methods nowhere:none", "'nowhere:none' is no module:function"),
         ("--parts crowd --methods json", "'json' is no module:function"),
-        ("--methods json:loads", "--methods: is of --parts"),
+        ("--methods json:loads", "--methods: belongs to --parts"),
         ("--quick --parts crowd", "not allowed"),
     ],
 )

@@ -139,7 +139,7 @@ def test_the_header_of_the_largest_sensor_is_read_again(tmp_path):
         (lambda data: FORMAT + b"[]\n", "line 2: is no mapping"),
         (lambda data: FORMAT + json.dumps({"port": 3}).encode() + b"\n", "line 2: "),
         (lambda data: data.replace(b"O", b"?", 1), "the device"),
-        (lambda data: data + 13 * b"\xff", "bytes are too many"),
+        (lambda data: data + 13 * b"\xff", "longer than any record"),
         (lambda data: FORMAT + 9000 * b"[" + b"\n", "line 2: is no JSON"),
         (lambda data: data.replace(b'"usual_order": []', b'"usual_order": 3', 1), "list of electr"),
         (lambda data: data.replace(b'"address": 0', b'"address": 999', 1), "is damaged"),
@@ -176,7 +176,7 @@ def test_frames_of_two_orders_are_no_file_of_frames(tmp_path, capsys):
     a_capture(tmp_path / "mixed.raw", act=another_order)
     out = tmp_path / "frames.npz"
     assert main(["replay", "--raw", str(tmp_path / "mixed.raw"), "--out", str(out)]) == 2
-    assert "other ground conditions" in capsys.readouterr().err
+    assert "grounds other electrodes" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mixed.raw"]
 
 

@@ -357,7 +357,9 @@ def test_rows_that_begin_with_a_touched_sheet_wait_for_a_frame():
             said.append(rows.estimate(row, int(ground), DRIVE, time, state))
         seen = rows.look(readings, grounded, DRIVE, ROW_PERIOD, state.frames)
         state.tell(seen.at(64 * frame * ROW_PERIOD, ROW_PERIOD, 64))
-    assert said[127].reason == "it was touched when rows began: the next frame tells"
+    assert said[127].reason == (
+        "something already touched when rows began: contacts follow with the next whole frame"
+    )
     valid = [each for each in said if not each.reason]
     assert len(valid) == 64
     for each in valid:

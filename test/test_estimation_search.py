@@ -197,7 +197,7 @@ def test_noise_that_hides_how_many_contacts_there_are_is_named(said):
     noisy = estimator("4x4", said)
     found = noisy.estimate(frame, np.arange(16), DRIVE, State())
     assert (found.state, found.contacts, found.parts) == ("withheld", [], [])
-    assert "do not tell contacts from each other" in found.reason
+    assert "cannot tell contacts apart" in found.reason
     assert found.noise == pytest.approx(30e-3, rel=0.25)
     idle = noisy.estimate(simulate("4x4", (), 30e-3), np.arange(16), DRIVE, State())
     assert not idle.contacts

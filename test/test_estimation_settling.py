@@ -286,5 +286,5 @@ def test_a_recording_of_it_is_told_so(settling, tmp_path, capsys):
     assert main(["reconstruct", str(frames), *words]) == 0
     said = capsys.readouterr().out
     assert (
-        "of the row before: the multiplexer is read too early; it is taken off" in said
+        "of the row before: the multiplexer is read too early; this is subtracted" in said
     ) == bool(settling)

@@ -91,7 +91,7 @@ def test_frames_that_say_nothing_of_a_law_are_read_with_one_that_is_named(tmp_pa
     contacts, arrays, said = reconstruct(tmp_path, frames, capsys)
     assert contacts[0]["force"] > 0
     assert "conductance" not in contacts[0] and "conductance" not in arrays
-    assert "forces and pressures hold for 0.0001 S/m^2 per Pa" in said
+    assert "forces and pressures assume 0.0001 S/m^2 per Pa" in said
 
 
 def test_a_recording_of_a_sensor_says_that_no_law_is_known(tmp_path, capsys):

@@ -196,10 +196,10 @@ def test_somebody_else_on_the_topic_is_told_by_the_driver(probe, start):
     driver = start("driver", {"scene": "idle"}, remaps={"voltage_frame": "raw"})
     probe.node.create_publisher(VoltageFrame, "/raw", 1)
     ros_checks.check_diagnostics(
-        probe, "driver: device", DiagnosticStatus.ERROR, "1 more publish /raw"
+        probe, "driver: device", DiagnosticStatus.ERROR, "1 other publishers of /raw"
     )
     ends_cleanly(driver)
-    assert "1 more publish /raw" in driver.output
+    assert "1 other publishers of /raw" in driver.output
 
 
 def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, plug):

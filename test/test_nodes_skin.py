@@ -142,7 +142,7 @@ def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
     assert message.state == ContactArray.STALE and not message.contacts
     Sensor(probe, "left", "left_link")
     ros_checks.check_diagnostics(
-        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publish /left/contacts"
+        probe, "skin: sensors", DiagnosticStatus.ERROR, "left: 2 publishers of /left/contacts"
     )
 
 
@@ -298,9 +298,12 @@ def test_each_thing_wrong_with_a_sensor_has_its_own_line(domain, poses, monkeypa
         node = PlainNode(SkinPart)
         part, log = node.part, Lines()
         part._conditions = Conditions(log)
-        monkeypatch.setattr(part, "_mixed", lambda: {"left": "2 publish /left/contacts"})
+        monkeypatch.setattr(part, "_mixed", lambda: {"left": "2 publishers of /left/contacts"})
         assert "no contacts yet" in part.report().message
-        assert sorted(log.new()) == ["left: 2 publish /left/contacts", "left: no contacts yet"]
+        assert sorted(log.new()) == [
+            "left: 2 publishers of /left/contacts",
+            "left: no contacts yet",
+        ]
         member = part._skin.members["left"]
         for reason in ("nothing is grounded", "the driver has ended"):
             member.arrival, member.complaint = time.monotonic() + 1e3, reason

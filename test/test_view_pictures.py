@@ -19,6 +19,7 @@ from tomotactile_ros.view.colours import (
     full_scale,
     palette,
     round_up,
+    scale_bar,
 )
 from tomotactile_ros.view.contact_lines import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
@@ -149,8 +150,8 @@ def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
         .out.splitlines()[0]
         .endswith("contact 1: (  +0.0,   +0.0) mm  off by  0.0 mm")
     )
-    lines = picture(pressed(contact), LAYOUT.outline.bounds, 1e4, 80, 20, calibrated=False)
-    assert "100 %" in lines[0] and not any("Pa" in line for line in lines)
+    lines = picture(pressed(contact), LAYOUT.outline.bounds, 0.5, 80, 20, calibrated=False)
+    assert lines[0].endswith("0.5 S/m²") and not any("Pa" in line for line in lines)
 
 
 def test_a_plot_of_a_result_without_a_contact_law_shows_its_conductance():
@@ -159,7 +160,8 @@ def test_a_plot_of_a_result_without_a_contact_law_shows_its_conductance():
     figure = plot(result.without_law(DEFAULT_LAW), LAYOUT)
     assert "no contact law" in figure.get_supxlabel() and " N" not in figure.get_supxlabel()
     shown = figure.axes[0].images[0].get_array()
-    np.testing.assert_allclose(np.nanmax(shown), 100.0)
+    np.testing.assert_allclose(np.nanmax(shown), 1e-4 * np.nanmax(image))
+    assert figure.axes[0].child_axes[0].get_ylabel() == "conductance / (S/m²)"
     at = np.unravel_index(np.nanargmax(shown), shown.shape)
     assert at == np.unravel_index(np.nanargmax(result.pressure), shown.shape)
 
@@ -176,7 +178,7 @@ def test_a_withheld_result_says_why_and_not_that_there_is_no_contact():
 @pytest.mark.parametrize("force", [None, 2.0])
 def test_a_plot_beside_bare_conductors_has_no_newtons(force):
     image = pressed(UPPER_RIGHT)
-    result = Result(image, image, [UPPER_RIGHT], (), False, 0.0)
+    result = Result(image, image, [ContactEstimate(**vars(UPPER_RIGHT))], (), False, 0.0)
     truth = [{"x": 0.05, "y": 0.07, "force": force, "pressure": 2e4}]
     figure = plot(result, LAYOUT, truth)
     below = figure.get_supxlabel()
@@ -279,6 +281,27 @@ def test_axes_of_a_flat_terminal_picture_name_its_ends():
         ("+30", "50"),
         ("-30", "0"),
     ]
+
+
+@pytest.mark.parametrize("place", [(0.1, 0.1), (-0.1, 0.1), (0.1, -0.1), (0.0, 0.0)])
+def test_the_number_of_a_contact_stands_on_the_sheet_and_has_a_halo(place):
+    contact = SimpleNamespace(**{**vars(UPPER_RIGHT), "id": 123, "x": place[0], "y": place[1]})
+    result = Result(pressed(contact), pressed(contact), [contact], (), False, 0.0)
+    figure = plot(result, LAYOUT)
+    figure.canvas.draw()
+    (number,) = [text for text in figure.axes[0].texts if text.get_text() == "123"]
+    box, sheet = number.get_window_extent(), figure.axes[0].get_window_extent()
+    assert sheet.x0 <= box.x0 and box.x1 <= sheet.x1 and sheet.y0 <= box.y0 and box.y1 <= sheet.y1
+    assert number.get_path_effects()
+
+
+def test_the_scale_beside_a_picture_has_its_colours_and_its_values():
+    bar, other = scale_bar(320, 1e3), scale_bar(320, 5e4)
+    assert bar.shape == other.shape == (320, 77, 3) and (bar != other).any()
+    column = bar[26:-26, 15].astype(int)  # within the bar: brightest at the top
+    assert abs(column[1] - palette()[255]).max() < 20 and abs(column[-2] - palette()[0]).max() < 20
+    letters = (bar[:, 30:] > 200).all(axis=2)
+    assert letters[:40].any() and letters[140:180].any() and letters[280:].any()
 
 
 def test_the_scale_of_a_live_picture_is_steady():

@@ -223,8 +223,8 @@ def _check_sizes(path: str | os.PathLike, file: IO[bytes], most: int) -> None:
         packed = os.fstat(file.fileno()).st_size
         if total > most or total > max(MAX_GROWTH * packed, HARMLESS_BYTES):
             raise InputError(
-                f"{path}: {packed / 1e6:.3g} MB would grow to {total / 1e6:.4g} MB, "
-                f"at most {most / 1e6:.4g} MB and {MAX_GROWTH} times are read"
+                f"{path}: {checks.size(packed)} would grow to {checks.size(total)}; at most "
+                f"{checks.size(min(most, max(MAX_GROWTH * packed, HARMLESS_BYTES)))} is read"
             )
         for member in archive.infolist():
             with archive.open(member) as stream:
@@ -232,8 +232,8 @@ def _check_sizes(path: str | os.PathLike, file: IO[bytes], most: int) -> None:
             declared = _declared_bytes(header)
             if declared is not None and declared > member.file_size:
                 raise InputError(
-                    f"{path}: {checks.show(member.filename)}: {declared / 1e6:.4g} MB are declared, "
-                    f"{member.file_size / 1e6:.4g} MB are there"
+                    f"{path}: {checks.show(member.filename)}: {checks.size(declared)} declared, "
+                    f"{checks.size(member.file_size)} there"
                 )
     file.seek(0)
 
@@ -359,8 +359,8 @@ def doubt_of(stamps: np.ndarray) -> str:
     how = f"{-steps[first]:.3g} s before" if steps[first] < 0 else "at the time of"
     return (
         f"stamps: {falls.size} of {len(stamps)} frames are not later than the one before, the first "
-        f"is frame {first + 1}, {how} frame {first}; numbers and ages of "
-        "contacts are not to be trusted there"
+        f"is frame {first + 1}, {how} frame {first}; ids and ages of "
+        "contacts are wrong there"
     )
 
 

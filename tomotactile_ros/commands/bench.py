@@ -17,7 +17,7 @@ HELP = "measure speed, accuracy and stability on this machine"
 def add_arguments(parser):
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--quick", action="store_true", help="a representative part (the default)")
-    mode.add_argument("--full", action="store_true", help="everything with everything")
+    mode.add_argument("--full", action="store_true", help="all parts with all profiles")
     mode.add_argument("--from", dest="source", help="take this result instead of measuring")
     mode.add_argument(
         "--compare", nargs=2, metavar=("A", "B"), help="are the ratios in two results the same?"
@@ -35,21 +35,23 @@ def add_arguments(parser):
             "wide-channels",
             "stability",
         ),
-        help="only these, of the sensor as it is: ghosts, misses, places and forces, every press; or "
-        "every extreme of stability",
+        help="only these parts on sensors that are not ideal: every press with its ghosts, misses, "
+        "place and force; or the limits of stability",
     )
     parser.add_argument(
         "--methods",
         nargs="+",
         default=[],
         metavar="MODULE:FUNCTION",
-        help="of --parts: other reconstructions beside the profiles; the function makes them for a "
-        "layout, by their names",
+        help="with --parts: other reconstructions beside the profiles: a function that takes a layout "
+        "and returns them by name",
     )
-    parser.add_argument("--markdown", action="store_true", help="of --parts: tables for a document")
+    parser.add_argument(
+        "--markdown", action="store_true", help="with --parts: tables for a document"
+    )
     parser.add_argument(
         "--out",
-        help="file to write, plots beside it (default: out/bench.json, of --parts "
+        help="file to write, plots beside it (default: out/bench.json, with --parts "
         "out/bench-parts.json)",
     )
     parser.add_argument("--readme", help="document whose measured figures are rewritten")
@@ -61,7 +63,7 @@ def run(args):
         return _compare(*map(load, args.compare))
     for option in ("methods", "markdown"):
         if getattr(args, option) and not args.parts:
-            raise InputError(f"--{option}: is of --parts, which is missing")
+            raise InputError(f"--{option}: belongs to --parts, which is missing")
     args.out = args.out or ("out/bench-parts.json" if args.parts else "out/bench.json")
     if args.parts:
         return _measure_parts(args)
@@ -151,7 +153,10 @@ def _measure(args):
             file=sys.stderr,
         )
     elif store.path.exists():
-        print(f"{store.path}: is from other code or another machine, started over", file=sys.stderr)
+        print(
+            f"{store.path}: was measured with other code or on another machine: starting over",
+            file=sys.stderr,
+        )
     store.save()  # a folder that takes no file is told now, not after the first part
     try:
         result = plain(measure(mode, store))

@@ -28,16 +28,22 @@ def add_arguments(parser: ArgumentParser) -> None:
         "presses",
         nargs="+",
         metavar="FRAMES=FORCE",
-        help="frames (.npz or rosbag2) of one contact, its force in N; without '=' its truth",
+        help="frames (.npz or rosbag2) of one contact, and its force in N; without '=' the true force in the file",
     )
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument(
         "--out", required=True, help="file to write (.yaml), parameters of the node"
     )
-    parser.add_argument("--topic", help="of a bag with frames of several sensors")
-    parser.add_argument("--exponent", type=float, help="m, if it is known (default: fitted)")
+    parser.add_argument("--topic", help="topic, for a bag of several sensors")
+    parser.add_argument(
+        "--exponent",
+        type=float,
+        help="exponent m of the contact law, if it is known (default: fitted)",
+    )
     parser.add_argument("--sensor", help="file of 'learn': what is known about this sensor")
-    parser.add_argument("--foot-radius", type=float, help="of the round foot that pressed, m")
+    parser.add_argument(
+        "--foot-radius", type=float, help="radius of the round foot that pressed, m"
+    )
     parser.add_argument("--picture", help="picture (.png) of the fit")
 
 
@@ -102,5 +108,5 @@ def _split(press):
 def _true_force(path, truth):
     forces = [contact["force"] for frame in truth or [] for contact in frame]
     if not forces or None in forces or max(forces) - min(forces) > 1e-9:
-        raise InputError(f"{path}: holds no single true force, write {path}=FORCE")
+        raise InputError(f"{path}: does not say which single force pressed; write {path}=FORCE")
     return forces[0]

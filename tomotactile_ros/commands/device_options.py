@@ -32,9 +32,9 @@ def add_device_arguments(parser: ArgumentParser, layout: str | None = None) -> N
     source.add_argument("--port", help="sensor at /dev/tty..., usb:VID:PID, socket://HOST:PORT")
     source.add_argument("--recording", help="recorded frames (.npz or rosbag2) at their own pace")
     source.add_argument("--scene", help="simulated sensor under this scene (default: default)")
-    parser.add_argument("--baud", type=int, default=2_000_000, help="of a serial port, bit/s")
+    parser.add_argument("--baud", type=int, default=2_000_000, help="speed of a serial port, bit/s")
     parser.add_argument(
-        "--rate", type=positive, default=0.0, help="frames/s (default: as the sensor has it)"
+        "--rate", type=positive, default=0.0, help="frames/s (default: the sensor's own)"
     )
 
 

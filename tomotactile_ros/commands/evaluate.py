@@ -16,7 +16,7 @@ from tomotactile_ros.evaluation.point_spread import (
     REGULARIZATION,
     RESOLUTION,
 )
-from tomotactile_ros.evaluation.posterior import PAIRS_APART, Conditions, expected
+from tomotactile_ros.evaluation.posterior import PAIRS_APART, SEPARATION, Conditions, expected
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layouts.layout import load_layout
@@ -72,13 +72,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--apart",
         type=float,
         default=PAIRS_APART,
-        help=f"of --touch: distance of two contacts, m (default: {PAIRS_APART:g})",
+        help=f"with --touch: distance of two contacts, m (default: {PAIRS_APART:g})",
     )
     parser.add_argument(
         "--touch-radius",
         type=float,
         default=TOUCH_RADIUS,
-        help=f"of --touch: radius of the contacts, m (default: {TOUCH_RADIUS:g})",
+        help=f"with --touch: radius of the contacts, m (default: {TOUCH_RADIUS:g})",
     )
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
@@ -91,7 +91,9 @@ def run(args: Namespace) -> None:
     if args.profile:
         for option in ("regularization", "model"):
             if getattr(args, option) is not None:
-                raise InputError(f"--{option}: is of the one-step image, --profile has its own")
+                raise InputError(
+                    f"--{option}: belongs to the one-step image; a profile has its own"
+                )
         result = evaluate_profile(
             layout,
             args.profile,
@@ -212,7 +214,7 @@ def _touch_lines(touch):
     if pair:
         yield (
             f"  two {1e3 * touch['apart']:g} mm apart: d' {pair['mean']:.4g}, worst tenth "
-            f"{pair['worst_tenth']:.4g} ({touch['pairs']} pairs)"
+            f"{pair['worst_tenth']:.4g} ({touch['pairs']} pairs); {SEPARATION}"
         )
     else:
         yield f"  two {1e3 * touch['apart']:g} mm apart: none of the pairs tried has room on the sheet"

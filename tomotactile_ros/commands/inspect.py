@@ -234,7 +234,7 @@ def _describe_order(content, name):
     try:
         layout = load_layout(name.partition("#")[0])
     except InputError:
-        yield f"{text} (where is it? --layout LAYOUT tells)"
+        yield f"{text} (--layout LAYOUT says where that is)"
         return
     if grounded is None or frames.shape[2] != layout.electrodes:
         yield f"{text}; {layout.name} has {layout.electrodes} electrodes"

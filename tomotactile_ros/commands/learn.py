@@ -32,11 +32,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--picture", help="picture (.png) to write (default: beside the sensor file)"
     )
     parser.add_argument("--sensor", help="sensor file to go on from")
-    parser.add_argument("--noise", type=float, default=0.001, help="of a reading, V rms")
+    parser.add_argument("--noise", type=float, default=0.001, help="noise of a reading, V rms")
     parser.add_argument("--contact-radius", type=float, default=0.005, help="typical, m")
-    parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
     parser.add_argument(
-        "--touches", type=int, default=MOST, help=f"most that are learned from (default: {MOST})"
+        "--drive-voltage", type=float, help="drive voltage, V (default: the frames' own)"
+    )
+    parser.add_argument(
+        "--touches", type=int, default=MOST, help=f"most frames to learn from (default: {MOST})"
     )
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
@@ -82,7 +84,7 @@ def _all_of(paths: list[str], layout: Layout, drive_voltage: float | None) -> Fr
     for path, each in zip(paths, found):
         if not np.array_equal(each.grounded, first.grounded):
             raise InputError(
-                f"{path}: grounded: other rows than in {paths[0]}; learn from them one by one, with --sensor"
+                f"{path}: grounded: its rows are not those of {paths[0]}; learn from one file after the other, with --sensor"
             )
         if each.drive_voltage != first.drive_voltage:
             raise InputError(

@@ -49,19 +49,26 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--regularization", type=float, help="lambda_J^2 of eq. 1 (default: by noise)"
     )
-    parser.add_argument("--noise", type=float, default=0.001, help="of a reading, V rms")
+    parser.add_argument("--noise", type=float, default=0.001, help="noise of a reading, V rms")
     parser.add_argument("--contact-radius", type=float, default=0.005, help="typical, m")
     add_tare_argument(parser)
     parser.add_argument("--calibration", help="file of 'calibrate' (default: the frames' own law)")
     parser.add_argument("--sensor", help="file of 'learn': what is known about this sensor")
-    parser.add_argument("--drive-voltage", type=float, help="V (default: the frames' own)")
+    parser.add_argument(
+        "--drive-voltage", type=float, help="drive voltage, V (default: the frames' own)"
+    )
     parser.add_argument(
         "--every-row",
         action="store_true",
         help="contacts after every row instead of every frame, followed from row to row; no images",
     )
-    parser.add_argument("--topic", help="of a bag with frames of several sensors")
-    parser.add_argument("--deadline", type=float, default=0.05, help="of profile auto, s a frame")
+    parser.add_argument("--topic", help="topic, for a bag of several sensors")
+    parser.add_argument(
+        "--deadline",
+        type=float,
+        default=0.05,
+        help="time that profile auto may take for a frame, s",
+    )
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
 
@@ -117,7 +124,7 @@ def run(args: Namespace) -> None:
     if noise and (doubt := doubt_of_noise(float(np.median(noise)), args.noise)):
         print(f"{doubt}: --noise")
     if doubt := doubt_of_settling(settling):
-        print(f"{doubt}; it is taken off")
+        print(f"{doubt}; this is subtracted")
     if of_law:
         print(of_law)
 
@@ -134,8 +141,8 @@ def _contact_law(calibration: str | None, recorded: FramesFile) -> tuple[Contact
         return None, f"no contact law: places and conductances, but no forces and pressures {hint}"
     law = DEFAULT_LAW
     return law, (
-        "the file says nothing of a contact law: forces and pressures hold for "
-        f"{law.coefficient:g} S/m^2 per Pa, and are wrong by a factor for any other contact {hint}"
+        "the file names no contact law: forces and pressures assume "
+        f"{law.coefficient:g} S/m^2 per Pa, and are off by one factor for other contacts {hint}"
     )
 
 
@@ -171,7 +178,10 @@ def _stamps(recorded) -> tuple[np.ndarray, str]:
         return stamps, doubt_of(stamps)
     period = recorded.row_period or ROW_PERIOD
     frames = np.arange(len(recorded.voltages)) * len(recorded.grounded) * period
-    return frames, f"no stamps: times begin at 0, frames without a pause, {1e3 * period:g} ms a row"
+    return (
+        frames,
+        f"no stamps: frames are taken to begin at 0 s, without a pause between them, {1e3 * period:g} ms a row",
+    )
 
 
 @contextmanager

@@ -47,7 +47,7 @@ def _check_plain(path: Path) -> None:
     as metadata must be YAML of a bag's size; otherwise its reader takes minutes, and cites it."""
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
-            raise InputError(f"{file}: cannot be read: is no plain file")
+            raise InputError(f"{file}: cannot be read: is not a plain file")
     if (path / _METADATA).is_file():
         read_mapping(path / _METADATA)
 

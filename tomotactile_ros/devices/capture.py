@@ -134,7 +134,9 @@ class Capture:
             return
         self._size += len(data)
         if self._size > MAX_BYTES:
-            self.trouble = f"capture: {self.path} has {MAX_BYTES / 1e9:g} GB and goes no further"
+            self.trouble = (
+                f"capture: {self.path} has {MAX_BYTES / 1e9:g} GB: the rest is not captured"
+            )
             self._flush()
             return
         try:
@@ -150,7 +152,7 @@ class Capture:
 
     def _give_up(self, error: Exception) -> None:
         reason = getattr(error, "strerror", None) or error
-        self.trouble = f"capture: {self.path} goes no further: {reason}"
+        self.trouble = f"capture: {self.path} ends here, the rest is not captured: {reason}"
 
 
 class EndOfCapture(Exception):
@@ -281,7 +283,9 @@ def _records(path: str | os.PathLike) -> Iterator[_Record]:
             while len(head := file.read(_RECORD.size)) == _RECORD.size:
                 kind, time, length = _RECORD.unpack(head)
                 if length > _LONGEST_RECORD:
-                    raise InputError(f"{path}: record at byte {at}: {length} bytes are too many")
+                    raise InputError(
+                        f"{path}: record at byte {at}: {length} bytes, longer than any record"
+                    )
                 content = file.read(length)
                 if len(content) < length:
                     return

@@ -99,7 +99,7 @@ def identity_is_told(trial: Trial) -> str:
     if not i.rate <= trial.fastest * (1 + 1e-6):
         raise Broken(f"{i.rate:g} frames/s are more than its fastest rate, {trial.fastest:g}")
     if i.version > 1 and i.address != trial.probe.address:
-        raise Broken(f"address {i.address}, asked was {trial.probe.address}")
+        raise Broken(f"address {i.address}, not {trial.probe.address}, which was asked")
     return f"{i.name} {i.serial}, firmware {i.firmware}, {i.electrodes} electrodes"
 
 
@@ -108,26 +108,26 @@ def stop_is_obeyed(trial: Trial) -> str | None:
     trial.frames(1)
     ack = trial.probe.ask(protocol.Command(protocol.STOP, 0), protocol.ACK)
     if ack.streaming:
-        raise Broken("ACK to STOP says that it streams")
+        raise Broken("the ACK to STOP says that the device still streams")
     at = [h.packet for h in trial.probe.heard].index(ack)
     trial.probe.listen(max(PAUSE, 2.5 / (trial.rate * trial.rows)))
     after = [h for h in trial.probe.heard[at + 1 :] if h.packet.type == protocol.ROW]
     if len(after) > (trial.probe.version == 1):
-        raise Broken(f"{len(after)} rows behind the ACK to STOP")
+        raise Broken(f"{len(after)} rows after the ACK to STOP")
 
 
 def a_delimiter_comes_first(trial: Trial) -> None:
     """A delimiter is sent before the first packet behind START (section 1)"""
     trial.probe.start()
     if trial.probe.bytes[:1] != b"\0":
-        raise Broken(f"the first byte is 0x{trial.probe.bytes[0]:02x}")
+        raise Broken(f"the first byte after START is 0x{trial.probe.bytes[0]:02x}")
 
 
 def frames_are_whole(trial: Trial) -> str:
     """Frames begin with row 0, rows rise, all carry one count, rows and frame_time (section 3)"""
     frames = trial.frames(4)
     if frames[0][0].row != 0:
-        raise Broken(f"behind START comes row {frames[0][0].row}")
+        raise Broken(f"the first row after START is {frames[0][0].row}")
     for frame in frames:
         if len({(row.count, row.rows, row.frame_time, row.scan) for row in frame}) > 1:
             raise Broken(f"rows of frame {frame[0].sequence} differ in what they share")
@@ -182,7 +182,9 @@ def times_make_sense(trial: Trial) -> str:
         step = after[0].frame_time - before[0].frame_time
         apart = (after[0].sequence - before[0].sequence) & 0xFFFFFFFF
         if step < before[-1].row_end - 2 and apart == 1:
-            raise Broken(f"a frame begins {step} µs behind one that takes {before[-1].row_end} µs")
+            raise Broken(
+                f"a frame begins {step} µs after the begin of one that takes {before[-1].row_end} µs"
+            )
     heard = [h for h in probe.heard if h.packet.type == protocol.ROW]
     device = np.array([1e-6 * (h.packet.frame_time + h.packet.row_end) for h in heard])
     host = np.array([h.time for h in heard])
@@ -211,7 +213,7 @@ def the_rate_is_kept(trial: Trial) -> str:
     step = np.median([b[0].frame_time - a[0].frame_time for a, b in pairwise(frames)])
     found = 1e6 / step if step > 0 else math.inf
     if abs(found / trial.rate - 1) > 0.01:
-        raise Broken(f"{found:.4g} frames/s, {trial.rate:.4g} were told")
+        raise Broken(f"{found:.4g} frames/s, the device announced {trial.rate:.4g}")
     return f"{found:.4g} frames/s"
 
 
@@ -234,7 +236,11 @@ def readings_make_sense(trial: Trial) -> str:
     }
     if trial.probe.version == 1 and own != {True}:
         raise Broken("the grounded electrode has a reading in version 1")
-    return "without own readings" if own == {True} else "with own readings"
+    return (
+        "without a reading of the grounded electrode"
+        if own == {True}
+        else "with a reading of the grounded electrode"
+    )
 
 
 def start_twice_changes_nothing(trial: Trial) -> None:
@@ -351,7 +357,7 @@ def acks_tell_the_next_frame(trial: Trial) -> None:
     first = trial.probe.wait_for_rows(1, trial.patience(1))[0]
     if (ack.sequence, ack.rows) != (first.sequence, first.rows):
         raise Broken(
-            f"ACK tells frame {ack.sequence} of {ack.rows} rows, then comes {first.sequence} of "
+            f"the ACK announces frame {ack.sequence} of {ack.rows} rows, then comes {first.sequence} of "
             f"{first.rows}"
         )
 
@@ -374,10 +380,10 @@ def an_order_is_followed(trial: Trial) -> str:
         if new and row.grounded != order[row.row]:
             raise Broken(f"row {row.row} grounds {row.grounded}, not {order[row.row]}")
     if ack.rows != len(order):
-        raise Broken(f"the ACK tells {ack.rows} rows of {len(order)}")
+        raise Broken(f"the ACK announces {ack.rows} rows, the order has {len(order)}")
     told = trial.rate * trial.rows / len(order)
     if abs(ack.rate / told - 1) > 0.02 and ack.rate * len(order) < 0.98 * i.max_row_rate:
-        raise Broken(f"{ack.rate:g} frames/s; with the time of a row as before it is {told:g}")
+        raise Broken(f"{ack.rate:g} frames/s; at the same time per row it would be {told:g}")
     return f"{len(order)} rows, {ack.rate:.4g} frames/s"
 
 
@@ -391,7 +397,7 @@ def the_own_order_comes_back(trial: Trial) -> None:
     if {row.scan for frame in frames for row in frame} != {protocol.OWN_ORDER}:
         raise Broken("rows of the own order carry another scan than 0")
     if ack.rows != len(frames[0]):
-        raise Broken(f"the ACK tells {ack.rows} rows, {len(frames[0])} come")
+        raise Broken(f"the ACK announces {ack.rows} rows, {len(frames[0])} come")
 
 
 def impossible_orders_are_refused(trial: Trial) -> None:
@@ -448,7 +454,7 @@ def it_stops_without_a_host(trial: Trial) -> None:
     probe.forget()
     probe.listen(0.5)
     if probe.rows():
-        raise Broken("it streams on, 1.4 s behind the last command, with a timeout of 0.4 s")
+        raise Broken("it still streams 1.4 s after the last command, with a timeout of 0.4 s")
     status = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.STATUS)
     if status.streaming:
         raise Broken("STATUS says that it streams")

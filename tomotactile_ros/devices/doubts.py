@@ -80,11 +80,11 @@ class Doubts:
             )
             found.append(Trouble("drive", False, text))
         if anew:
-            text = f"device or line have begun anew {anew:.0f} times within 10 s"
+            text = f"the device restarted or the line was interrupted {anew:.0f} times within 10 s"
             found.append(Trouble("anew", anew >= TOO_OFTEN, text))
         if waited:
             text = (
-                f"frames had waited {self._delay:.2g} s on the line, and their times did not tell: the "
+                f"frames had waited {self._delay:.2g} s on the line, and their times did not show it: the "
                 "line is a little slower than the sensor (lower its rate), or the device's clock is fast"
             )
             found.append(Trouble("delay", False, text))

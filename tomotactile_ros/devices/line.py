@@ -35,7 +35,7 @@ class LineFault(Exception):
 def complaint_about(port: str) -> str:
     """Why nothing of this name is ever opened, in one line; empty where it may be."""
     if "\0" in port or not port.isprintable():
-        return f"port: {port[:80]!r} holds characters that no port has"
+        return f"port: {port[:80]!r} has characters that no port's name has"
     if port.lower().startswith("usb:"):
         if not re.fullmatch(r"usb:[0-9a-f]{1,4}:[0-9a-f]{1,4}(:.+)?", port, re.IGNORECASE):
             return f"port: {port[:80]!r} is not usb:VID:PID[:SERIAL] with hexadecimal ids"

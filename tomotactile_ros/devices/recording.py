@@ -203,7 +203,7 @@ def _check_unit(
 def _check_alike(path, frame: Frame, first: Frame, driven_alike: bool = True) -> None:
     where = f"{path}: frame {frame.sequence}"
     if not np.array_equal(frame.grounded, first.grounded):
-        raise InputError(f"{where} has other ground conditions than the first one")
+        raise InputError(f"{where} grounds other electrodes than the first one")
     if driven_alike and frame.drive_voltage != first.drive_voltage:
         raise InputError(
             f"{where} was driven with {frame.drive_voltage:g} V, the first one with "

@@ -57,11 +57,8 @@ from tomotactile_ros.scenes.contact import ContactLaw
 
 # why an electrode is left out
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
-AT_END = (
-    "most readings are at the end of the converter's range, and no contacts explain the others: what presses "
-    "is too much to tell how much"
-)
-CHANGED = "something changed within the last rows, and no contacts explain them"
+AT_END = "most readings are at the end of the converter's range: too much presses to say how much"
+CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
 # resistances to ground below 0, in parts of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
 _IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
@@ -302,7 +299,7 @@ class Estimator:
         if few and followed is not None and (by_rows := followed()) is not None:
             return self._went_on(by_rows, state, search, prior, used, ahead), None
         if rows.count < _FEWEST_READINGS or few:
-            reason = f"it was touched or let go within the last {len(rows.grounded)} rows"
+            reason = f"a touch began or ended within the last {len(rows.grounded)} rows"
             return Estimate([], [], "withheld", reason, left_out, first=begun), None
         if state.used != used:
             state.unknowns = state.sensor = None
@@ -329,7 +326,7 @@ class Estimator:
             return Estimate([], [], "withheld", what.reason, *known), seen if what.scatter else None
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
-            reason = "the readings are none that a sheet with contacts can have"
+            reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
             return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
@@ -736,14 +733,16 @@ class _Contradiction(Exception):
 
 
 def _too_noisy(noise: float, readings: int) -> str:
-    return f"readings scatter by {1e3 * noise:.3g} mV: {readings} of them do not tell contacts from each other"
+    return (
+        f"readings scatter by {1e3 * noise:.3g} mV: {readings} of them cannot tell contacts apart"
+    )
 
 
 def _unexplained(chi_squared: float, rows: Rows) -> str:
     """That so much is left over: the part of the readings that neither a model nor noise explains."""
     signal = float((rows.weights * rows.readings**2).sum())
     left = np.sqrt(max(chi_squared - 1.5 * rows.count, 0.0) / max(signal, 1e-300))
-    return f"no contacts explain the readings, or they changed within the last rows: {left:.1%} of them is left over"
+    return f"no contacts explain the readings ({left:.1%} of them is left over), or something changed in the last rows"
 
 
 def _explains(fit: Fit) -> bool:

@@ -32,8 +32,8 @@ CROWDING = 0.015
 # tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
 BARE, _LEAST_WAY = 0.2, 0.4
 ANYWHERE = (
-    "what is read is too little to tell where it comes from: something that hardly presses, or offsets "
-    "of the channels, which a tare takes off"
+    "the readings are too small to say where they come from: something that hardly presses, or offsets "
+    "of the channels, which a tare removes"
 )
 MOST_RELATIVE = 10.0  # standard deviation of a force in parts of it: more says no more
 

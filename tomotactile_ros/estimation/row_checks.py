@@ -15,7 +15,7 @@ import numpy as np
 from tomotactile_ros.estimation.screening import is_end
 
 IN_TURN = (
-    "rows of a touched sheet and of an untouched one come in turn: some rows are not read (a contact "
+    "rows show the sheet touched and untouched in turn: some rows are not read (a contact "
     "that is loose, the supply, the electronics)"
 )
 OVERDRIVEN = "most readings of some of the last rows are at the end of the converter's range"

@@ -396,13 +396,20 @@ class RowEstimator:
         if rows.unexplained:
             return Followed([], "withheld", "no contacts explain the last row")
         if not rows.read:
-            return Followed([], "withheld", "rows begin anew, with other electrodes than before")
+            return Followed(
+                [],
+                "withheld",
+                "rows have begun anew with other electrodes: contacts follow with the next row",
+            )
         if self._frames and state.confused:
-            begun = "it was touched when rows began" if rows.touched_at_once else ""
+            begun = "something already touched when rows began" if rows.touched_at_once else ""
             said = begun or "rows contradict each other"
-            return Followed([], "withheld", f"{said}: the next frame tells")
+            return Followed([], "withheld", f"{said}: contacts follow with the next whole frame")
         if self._frames and self._may_be_one(state):
-            reason = "a wide contact or several near each other have begun: the next frame tells"
+            reason = (
+                "one wide contact or several near each other have begun: which of them, the next whole "
+                "frame tells"
+            )
             return Followed([], "withheld", reason)
         wide = wide_now(rows)
         found = [(number, max(rows.time - begun, 0.0), each) for number, begun, each in wide]

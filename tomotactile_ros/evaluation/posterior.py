@@ -64,6 +64,7 @@ PRESSURE = 2e4  # Pa: 1.6 N on such a disc
 LAW = ContactLaw(1e-4, 1.0)  # that of the shipped scenes: 2 S/m^2 at this pressure
 PAIRS_APART = 0.04  # m, two fingers
 NOTICED = 50.0  # d' of the distance that is stated; a scale, not measured: no ranking depends on it
+SEPARATION = "d' is the difference between two contacts and one, in parts of the noise"
 MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 

@@ -116,7 +116,7 @@ def lines(learned: Learned) -> Iterator[str]:
     if learned.settling is not None:
         part = learned.settling.part.mean()
         yield (
-            f"settling: readings keep {100 * part:.1f} % of the row before, which is taken off; a longer pause between "
+            f"settling: readings keep {100 * part:.1f} % of the row before, which is subtracted; a longer pause between "
             "switching and reading would be better"
         )
     if learned.asymmetry == np.inf:

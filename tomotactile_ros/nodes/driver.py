@@ -56,7 +56,7 @@ SPECS = (
     Spec(
         "scan",
         (),
-        "Electrodes to ground, row after row, any, as often as wanted; []: as the layout or `order` says",
+        "Electrodes to ground, row after row, also repeatedly; []: as the layout or `order` says",
         low=0,
         high=65534,
     ),
@@ -73,7 +73,7 @@ SPECS = (
         choices=("frames", "rows"),
     ),
     Spec("rows_per_message", 8, "For delivery rows: rows in a message", low=1, high=65535),
-    Spec("streaming", True, "Frames flow; false stops the device until it is true again"),
+    Spec("streaming", True, "false stops the device until it is true again"),
     Spec(
         "max_age",
         1.0,
@@ -82,7 +82,9 @@ SPECS = (
         high=3600.0,
     ),
     Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
-    Spec("address", 0, "For serial: of the device on a bus; 0: it has none", low=0, high=254),
+    Spec(
+        "address", 0, "For serial: address of the device on a bus; 0: it has none", low=0, high=254
+    ),
     Spec(
         "capture",
         "",
@@ -90,9 +92,15 @@ SPECS = (
         path=True,
     ),
     Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
-    Spec("topic", "", "For replay: of a bag with frames of several sensors", path=True),
+    Spec("topic", "", "For replay: topic, for a bag of several sensors", path=True),
     Spec("loop", False, "For replay: start over at the end"),
-    Spec("drive_voltage", 3.3, "For replay: V, where the recording names none", low=1e-3, high=1e3),
+    Spec(
+        "drive_voltage",
+        3.3,
+        "For replay: drive voltage, V, where the recording names none",
+        low=1e-3,
+        high=1e3,
+    ),
     PATH_CHANGES,
 )
 
@@ -207,7 +215,7 @@ class Driver:
             found.append(Trouble("dead", False, text, which=electrodes))
         others = self._node.count_publishers(self._publisher.topic_name) - 1
         if others > 0:
-            text = f"{others} more publish {self._publisher.topic_name}: frames are mixed"
+            text = f"{others} other publishers of {self._publisher.topic_name}: frames are mixed"
             found.append(Trouble("publishers", True, text))
         return found
 

@@ -15,6 +15,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.contact_messages import message_to_contacts
 from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
+from tomotactile_ros.reconstruction.settings import DEFAULT_LAW
 from tomotactile_ros.support.errors import printable
 from tomotactile_ros.view.display import Shot
 
@@ -41,11 +42,13 @@ class Listener(Node):
     ----------
     rate : of the simulated sensor, frames/s: frame k begins k / rate into the scene.
     layout : of the sensor.
+    calibrated : whether pressures are known; otherwise images are turned back into conductances,
+        with the law that the reconstruction has by default.
     """
 
-    def __init__(self, rate: float, layout: Layout):
+    def __init__(self, rate: float, layout: Layout, calibrated: bool = True):
         super().__init__("live")
-        self._layout, self._rate = layout, rate
+        self._layout, self._rate, self._calibrated = layout, rate, calibrated
         self._frames: OrderedDict[float, _Frame] = OrderedDict()
         self._contacts: deque[tuple[float, list, str]] = deque(maxlen=_CONTACTS)
         self._arrivals: deque[float] = deque(maxlen=32)
@@ -76,7 +79,9 @@ class Listener(Node):
         self._put_together()
 
     def _on_pressure(self, message: Image) -> None:
-        self._frame(message.header).pressure = message_to_image(message)
+        image = message_to_image(message)
+        shown = image if self._calibrated else DEFAULT_LAW.conductance(image)
+        self._frame(message.header).pressure = shown
         self._put_together()
 
     def _on_contacts(self, message: ContactArray) -> None:

@@ -108,7 +108,7 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
     problem = ""
     try:
         rclpy.init(args=[])
-        listener = Listener(options.rate, layout)
+        listener = Listener(options.rate, layout, scene.contact_law is not None)
         problem = _show(children, listener, display, options.duration)
     except (KeyboardInterrupt, ExternalShutdownException):
         display.say("stopped")

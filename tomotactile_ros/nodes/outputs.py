@@ -30,9 +30,15 @@ from tomotactile_ros.nodes.contact_messages import (
 from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message, stamp_of
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.spatial import in_space
-from tomotactile_ros.view.colours import Overlay, colour, full_scale, palette
+from tomotactile_ros.view.colours import (
+    LEAST_PRESSURE,
+    Overlay,
+    SteadyScale,
+    colour,
+    palette,
+    scale_bar,
+)
 
-LEAST_SCALE = 1000.0  # Pa, of an automatic range
 _UNKNOWN = np.full(3, np.nan)
 
 
@@ -62,6 +68,7 @@ class Outputs:
         """Prepare for images of this layout and grid, drawn as the parameters say."""
         self._max_age = values["max_age"]
         self._range, self._draw = values["view_range"], values["view_overlay"]
+        self._scale = SteadyScale(LEAST_PRESSURE)
         zoom = max(1, round(values["view_size"] / max(grid.shape)))
         self._overlay = Overlay(grid, zoom, layout.positions, layout.radius)
         palette()  # loads the colours now and not with the first frame
@@ -165,8 +172,12 @@ class Outputs:
         self._layout_markers.publish(layout_markers(self._layout, header))
 
     def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:
-        rgb = colour(pressure, full_scale(pressure, self._range, LEAST_SCALE))
-        return self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
+        """The image in colours, contacts and electrodes in it, and the scale at its right."""
+        peak = float(np.nanmax(pressure, initial=0.0))
+        scale = self._range or self._scale(peak, time.monotonic())
+        rgb = colour(pressure, scale)
+        drawn = self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
+        return np.hstack([drawn, scale_bar(len(drawn), scale)])
 
     def _publisher(self, kind: type, topic: str, latched: bool = False) -> Publisher:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE

@@ -179,7 +179,7 @@ class Reconstruction:
         }
         complaint = self._watch.complaint()
         if complaint and self._lock.locked():  # a thread of its own makes the images
-            complaint = "an image takes seconds: profile or resolution ask too much of this machine"
+            complaint = "one image takes seconds: choose a faster profile or a lower resolution"
         if complaint:
             self._complain(complaint)
             return Report(diagnostics.ERROR, complaint, figures)
@@ -249,7 +249,7 @@ class Reconstruction:
             if not followed:
                 self._outputs.withhold(result.reason, holds)
         elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
-            raise InputError("the voltages are too extreme for an image")
+            raise InputError("the voltages give an image with infinite pressures")
         else:
             if not followed:  # before the pictures, which may take long
                 self._outputs.publish_contacts(result.contacts, holds)

@@ -21,7 +21,7 @@ SPECS = (
     ),
     HARDWARE_ID,
     Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
-    Spec("deadline", 0.05, "For auto: s, what a frame may take", low=1e-4, high=10.0),
+    Spec("deadline", 0.05, "For auto: time that a frame may take, s", low=1e-4, high=10.0),
     Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
     Spec(
         "regularization",
@@ -46,7 +46,13 @@ SPECS = (
     ),
     Spec("contact_exponent", 1.0, "m of the contact law g = c p^m", low=0.1, high=10.0),
     Spec("contact_radius", 0.005, "Typical radius of a contact, m", low=1e-5, high=1.0),
-    Spec("threshold", 3.0, "Idle below this many times the noise", low=0.1, high=1000.0),
+    Spec(
+        "threshold",
+        3.0,
+        "A frame whose readings stay below this many times the noise is untouched",
+        low=0.1,
+        high=1000.0,
+    ),
     Spec(
         "model", "auto", "Of the sheet; auto: the cheapest that the layout allows", choices=MODELS
     ),
@@ -57,13 +63,25 @@ SPECS = (
     Spec(
         "max_age",
         2.0,
-        "s; contacts of older readings are not valid, and none are without new ones; 0: any age",
+        "s; contacts of older readings are stale, and so are the last ones without new readings; 0: any age",
         low=0.0,
         high=3600.0,
     ),
-    Spec("view_range", 0.0, "Brightest colour, Pa; 0: the peak of each image", low=0.0, high=1e9),
+    Spec(
+        "view_range",
+        0.0,
+        "Brightest colour, Pa; 0: as the peaks ask for, in steps of 1, 2, 5",
+        low=0.0,
+        high=1e9,
+    ),
     Spec("view_overlay", True, "Draw electrodes and contacts into pressure_view"),
-    Spec("view_size", 320, "Longer side of pressure_view, pixels", low=4, high=4096),
+    Spec(
+        "view_size",
+        320,
+        "Longer side of the image in pressure_view, pixels; its scale stands beside it",
+        low=4,
+        high=4096,
+    ),
     PATH_CHANGES,
 )
 OF_THE_NODE = {"publish_every", "max_age", "tare_frames", "view_range", "view_overlay", "view_size"}

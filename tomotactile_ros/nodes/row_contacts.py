@@ -27,7 +27,7 @@ SPECS = (
     Spec(
         "publish_every",
         8,
-        "Where rows come: contacts after so many of them; 0: contacts of frames alone",
+        "With rows: contacts after so many of them; 0: contacts come from frames alone",
         low=0,
         high=65535,
     ),

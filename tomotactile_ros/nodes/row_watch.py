@@ -60,15 +60,19 @@ class RowWatch:
         rows, lost, skipped, late = self._recent.sums()
         found = []
         if publishers > 1:
-            text = f"{publishers} publish rows: those of several sensors are mixed"
+            text = f"{publishers} publishers of rows: those of several sensors are mixed"
             found.append(Trouble("rows publishers", True, text))
         if 0 < max_age and (old := self._older_than(max_age)) > _SOME:
             text = f"{100 * old:.0f} % of the rows are older than max_age, {max_age:g} s"
             found.append(Trouble("rows old", old > 0.5, text))
         for name, number, text in (
-            ("rows lost", lost, "are lost on the way"),
-            ("rows skipped", skipped, "are left out: there is no time for all of them"),
-            ("rows late", late, f"are known later than {1e3 * _LATE:g} ms"),
+            ("rows lost", lost, "never arrived"),
+            ("rows skipped", skipped, "were skipped: the processor is too slow for all of them"),
+            (
+                "rows late",
+                late,
+                f"were evaluated later than {1e3 * _LATE:g} ms after they were taken",
+            ),
         ):
             if number > _SOME * (rows + lost + skipped):
                 share = 100 * number / (rows + lost + skipped)

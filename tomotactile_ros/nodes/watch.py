@@ -91,7 +91,7 @@ class FrameWatch:
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
-            text = f"{publishers} publish {self._topic}: frames are mixed"
+            text = f"{publishers} publishers of {self._topic}: frames are mixed"
             found.append(Trouble("publishers", True, text))
         if refused > _SOME * (processed + refused):
             share = 100 * refused / (processed + refused)
@@ -100,15 +100,15 @@ class FrameWatch:
         if missed > _MANY * (processed + missed):
             share = 100 * missed / (processed + missed)
             text = (
-                f"{share:.0f} % of the frames are missed, {processed / self._span():.3g} of "
+                f"{share:.0f} % of the frames were not used: {processed / self._span():.3g} of "
                 f"{(processed + missed) / self._span():.3g} images/s are made: images or network "
                 "are too slow"
             )
             found.append(Trouble("missed", False, text))
         if back:
             text = (
-                f"the stamps of {back:.0f} frames lie before those of the frames before them, numbers and "
-                "ages of contacts are not to be trusted there: a clock was set, a recording starts "
+                f"the stamps of {back:.0f} frames lie before those of the frames before them, ids and "
+                "ages of contacts are wrong there: a clock was set, a recording starts "
                 "over, or several publish"
             )
             found.append(Trouble("stamps", back > _MANY * processed, text))
@@ -121,7 +121,7 @@ class FrameWatch:
             found.append(Trouble("row period", True, text))
         age, work = self._age()
         if age > (min(_OLD, max_age) if max_age > 0 else _OLD):
-            why = "clocks differ, or messages take long"
+            why = "clocks differ, or messages are slow"
             if work > _MOSTLY * age:
                 why = f"an image takes {work:.3g} s"
             text = f"frames are {age:.3g} s old: {why}"

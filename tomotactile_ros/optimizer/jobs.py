@@ -18,7 +18,7 @@ import numpy as np
 
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, SEPARATION, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.checkpoint import state_file_of
@@ -332,6 +332,8 @@ def _note(step):
 def _summary(start, best):
     if best.posterior is not None:
         yield from _expected(start.posterior, best.posterior)
+        if best is start:
+            yield "no step was better: the layout to start from is as good"
         yield "images of eq. 1, which this method does not optimize:"
     for label, group, key in (
         ("mean HWHM", "hwhm", "mean"),
@@ -357,3 +359,5 @@ def _expected(before, after):
             continue
         old, new = (scale * each.metrics[group][key] for each in (before, after))
         yield f"{label:26} {old:7.2f} -> {new:7.2f} {unit:2}  x {ratio(old, new):.3f}"
+    better = ratio(before.score, after.score)
+    yield f"{'both place errors and pairs':47}  x {better:.3f} (1: the start is as good); {SEPARATION}"

@@ -242,7 +242,7 @@ SEARCH = (
     Option(
         "resume",
         bool,
-        "Go on where a search of touch, free or equalize that was stopped has been",
+        "Go on with a search of touch, free or equalize that was stopped",
         False,
         methods=METHODS,
     ),
@@ -264,7 +264,7 @@ SEARCH = (
     Option(
         "starts",
         int,
-        "Layouts to start from: of touch (default: 2), of free (8)",
+        "Number of layouts to start from (default: 2 of touch, 8 of free)",
         high=10_000,
         methods=_MOVING,
     ),

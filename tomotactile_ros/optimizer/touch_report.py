@@ -9,17 +9,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.evaluation.posterior import Posterior
+from tomotactile_ros.evaluation.posterior import SEPARATION, Posterior
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.explore import Choice
 from tomotactile_ros.optimizer.step import Step
 from tomotactile_ros.support.files import save_figure
 
 _LARGEST = 0.6  # of the spacing of contacts: semi-axis of an ellipse of the worst tenth
-_WORDS = "mean place error", "place, worst tenth", "pairs told apart from"
+_WORDS = "mean place error", "place, worst tenth", "distance of pairs with the same d'"
 _LEGEND = (
     "Ellipses: one standard deviation of the place of a contact there, magnified, by the estimator's own "
-    "model; red: the worst tenth. Grey: electrodes, to scale"
+    f"model; red: the worst tenth. Grey: electrodes, to scale.\n{SEPARATION}"
 )
 
 

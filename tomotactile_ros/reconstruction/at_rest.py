@@ -68,7 +68,7 @@ def at_rest(frames, drive_voltage: float) -> Rest:
     if median > ASKED * drive_voltage:
         doubt = (
             f"{median:.3f} V is much for a sheet that nothing touches: whatever "
-            "presses on it now is taken off all that follows"
+            "presses on it now is subtracted from all that follows"
         )
     noise = np.sqrt((left**2).sum() / max(valid.sum() - np.count_nonzero(counts), 1))
     return Rest(mean, median, float(noise), doubt)

@@ -74,7 +74,7 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
-CONTRADICTS = "its couplings contradict all others"  # why a channel is left out
+CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 _KEPT = 8  # regularised inverses for patterns of missing readings
 

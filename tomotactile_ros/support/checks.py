@@ -28,6 +28,14 @@ def show(value: object, width: int = 40) -> str:
     return text if len(text) <= width else text[: width - 1] + "…"
 
 
+def size(count: float) -> str:
+    """An amount of bytes as a person says it: 3 bytes, 40 kB, 1.5 GB."""
+    for unit, least in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= least:
+            return f"{count / least:.3g} {unit}"
+    return f"{count:.0f} bytes"
+
+
 def number(value: object, key: str, kind: str) -> float:
     """A finite number, at most `LARGEST` either way."""
     result = math.nan

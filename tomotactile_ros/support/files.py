@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from tomotactile_ros.support.checks import show
+from tomotactile_ros.support.checks import show, size
 from tomotactile_ros.support.errors import InputError
 
 YAML = (".yaml", ".yml")  # endings of layouts and other settings
@@ -51,9 +51,9 @@ def open_regular(path: str | os.PathLike, most: int) -> int:
     if stat.S_ISDIR(found.st_mode):
         complaint = f"cannot be read: {os.strerror(errno.EISDIR)}"
     elif not stat.S_ISREG(found.st_mode):
-        complaint = "cannot be read: is no plain file"
+        complaint = "cannot be read: is not a plain file"
     elif found.st_size > most:
-        complaint = f"the file is larger than {most / 1e6:g} MB"
+        complaint = f"the file is larger than {size(most)}"
     if complaint:
         os.close(number)
         raise InputError(f"{path}: {complaint}")
@@ -70,7 +70,7 @@ def read_limited(path: str | os.PathLike, most: int) -> bytes:
                 pieces.append(piece)
                 length += len(piece)
                 if length > most:
-                    raise InputError(f"{path}: the file is larger than {most / 1e6:g} MB")
+                    raise InputError(f"{path}: the file is larger than {size(most)}")
                 if time.monotonic() > deadline:
                     raise InputError(f"{path}: cannot be read within {READ_TIME:g} s")
         except OSError as error:

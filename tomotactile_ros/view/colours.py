@@ -12,8 +12,10 @@ import numpy as np
 from tomotactile_ros.layouts.grid import Grid
 
 OUTSIDE = (60, 60, 60)  # cells outside the outline
+LEAST_PRESSURE, LEAST_CONDUCTANCE = 1000.0, 0.1  # Pa, S/m²: noise alone is not blown up beyond
 _WHITE = (255, 255, 255)
 _RED = (255, 64, 64)
+_BAR_WIDTH = 0.24  # of the height of the picture beside which the scale stands
 
 
 @lru_cache(maxsize=1)
@@ -67,6 +69,33 @@ def colour(pressure: np.ndarray, scale: float) -> np.ndarray:
     rgb = palette()[np.rint(level).astype(np.uint8)]
     rgb[outside] = OUTSIDE
     return rgb
+
+
+def named(value: float, calibrated: bool) -> str:
+    """A pressure, Pa, or without a contact law a conductance, S/m², as people say it."""
+    return f"{value / 1e3:.3g} kPa" if calibrated else f"{value:.3g} S/m²"
+
+
+@lru_cache(maxsize=8)
+def scale_bar(height: int, scale: float) -> np.ndarray:
+    """(H, W, 3) uint8 picture of the colours from 0 to `scale`, Pa, with their values in kPa."""
+    from matplotlib import colormaps
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    width = max(1, round(_BAR_WIDTH * height))
+    figure = Figure((width / 100, height / 100), dpi=100, facecolor=np.array(OUTSIDE) / 255)
+    canvas = FigureCanvasAgg(figure)
+    size = 0.045 * height * 0.72  # of letters, points
+    bar = figure.add_axes((0.12, 0.08, 0.2, 0.84))
+    levels = ScalarMappable(Normalize(0.0, scale / 1e3), colormaps["viridis"])
+    figure.colorbar(levels, cax=bar, ticks=[0.0, scale / 2e3, scale / 1e3], format="%.3g")
+    bar.tick_params(labelsize=size, colors="white", length=0.2 * size, pad=0.2 * size)
+    bar.set_title("kPa", fontsize=size, color="white", loc="left", pad=0.4 * size)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 class Overlay:

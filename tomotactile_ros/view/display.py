@@ -13,13 +13,12 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.scene import Scene
-from tomotactile_ros.view.colours import SteadyScale, full_scale
+from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale, full_scale
 from tomotactile_ros.view.contact_lines import contact_lines, fitting, number_of, withheld_line
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 from tomotactile_ros.view.trails import Trails
 
-_LEAST_SCALE = 1000.0  # Pa
 _UNCALIBRATED = "no contact law: forces and pressures are not known"
 _PERIOD = {True: 0.1, False: 0.5}  # s between two pictures, and between two plain reports
 
@@ -30,7 +29,7 @@ class Shot:
 
     Attributes
     ----------
-    pressure : (H, W) Pa; without a contact law whatever is shown for it, `Result.image`.
+    pressure : (H, W) Pa; without a contact law conductance, S/m², as `Result.image`.
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
@@ -69,7 +68,7 @@ class Display:
         if calibrated is None:
             calibrated = scene is None or scene.contact_law is not None
         self._calibrated = calibrated
-        self._scale = SteadyScale(_LEAST_SCALE)
+        self._scale = SteadyScale(LEAST_PRESSURE if calibrated else LEAST_CONDUCTANCE)
         self._trails = Trails()
         self._out = sys.stdout
         self._pictures = _shows_pictures(self._out)
@@ -149,8 +148,7 @@ class Display:
         if not self._calibrated:
             contacts.append(fitting([_UNCALIBRATED], width))
         peak = full_scale(shot.pressure, 0.0, 0.0)
-        # without a contact law each picture is shown for itself
-        scale = self._scale(peak, time.monotonic()) if self._calibrated else peak or 1.0
+        scale = self._scale(peak, time.monotonic())
         placed = zip(shot.contacts, _places(shot.contacts), strict=True)
         image = picture(
             shot.pressure,

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.reconstruction.settings import Result
+from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, Result
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import save_figure
+from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE
 from tomotactile_ros.view.contact_lines import contact_lines, number_of, withheld_line
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_LINES = 6  # about contacts, below the picture
-_LEAST_SCALE = 1.0  # kPa; noise alone is not blown up
 _TITLE = 62  # characters of a line of the title
 _LINE_WIDTH = 88  # characters of a line about a contact
 
@@ -43,13 +43,15 @@ def plot(
     layout : gives the frame and the electrodes.
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
-    calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+    calibrated : whether a contact law gives pressures; otherwise colours are conductances.
         By default as the result says, but not where `truth` has contacts of which none has a
-        force: bare conductors.
+        force: bare conductors, which were estimated with the law that settings have by default.
     """
     if calibrated is None:
         forces = [contact.get("force") is not None for contact in truth or ()]
         calibrated = result.calibrated and (any(forces) or not forces)
+    if result.calibrated and not calibrated:
+        result = result.without_law(DEFAULT_LAW)
     shown = result.image, layout, result.contacts, truth, title, calibrated
     figure = pressure_figure(*shown, reason=result.reason)
     vars(figure)["_repr_png_"] = partial(_png, figure)  # what IPython asks for
@@ -105,7 +107,7 @@ def pressure_figure(
     contacts : estimates, strongest first, drawn as rings of their radius.
     truth : what `Scene.truth` says, drawn as crosses; None where it is not known.
     title : above the picture.
-    calibrated : whether a contact law gives pressures; otherwise colours are parts of the peak.
+    calibrated : whether a contact law gives pressures; otherwise colours are conductances, S/m².
     reason : why contacts are withheld, below the title; empty: they are not.
     trails : (M, 2) m each, where contacts have been of late.
     """
@@ -116,10 +118,9 @@ def pressure_figure(
     figure = Figure(figsize=_size(xmax - xmin, ymax - ymin), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    values, least, label = pressure / 1e3, _LEAST_SCALE, "pressure / kPa"
+    values, least, label = pressure / 1e3, LEAST_PRESSURE / 1e3, "pressure / kPa"
     if not calibrated:
-        peak = float(np.nanmax(pressure, initial=0.0))
-        values, least, label = 100 * pressure / (peak or 1.0), 100.0, "conductance / % of the peak"
+        values, least, label = pressure, LEAST_CONDUCTANCE, "conductance / (S/m²)"
     image = axes.imshow(
         values,
         cmap="viridis",
@@ -163,13 +164,22 @@ def _size(width: float, height: float) -> tuple[float, float]:
 
 def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict]) -> None:
     from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
 
+    halo = [withStroke(linewidth=3, foreground="white")]  # legible on every colour
+    middle = [sum(limits) / 2 for limits in (axes.get_xlim(), axes.get_ylim())]
     if contacts:  # patches have boxes in a legend, this has a ring
         axes.plot([], [], "o", color="red", fillstyle="none", label="contact")
     for number, contact in enumerate(contacts, 1):
         x, y, radius = 1e3 * contact.x, 1e3 * contact.y, 1e3 * contact.radius
         axes.add_patch(Circle((x, y), radius, fill=False, color="red"))
-        axes.annotate(str(number_of(contact, number)), (x + radius, y + radius), color="red")
+        right, upper = x > middle[0], y > middle[1]  # the number stands towards the middle
+        axes.annotate(
+            str(number_of(contact, number)),
+            (x - radius if right else x + radius, y - radius if upper else y + radius),
+            ha="right" if right else "left", va="top" if upper else "bottom",
+            color="red", weight="bold", path_effects=halo,
+        )  # fmt: skip
     if truth:
         x, y = np.array([(t["x"], t["y"]) for t in truth]).T * 1e3
         axes.plot(x, y, "x", color="orange", label="true position")

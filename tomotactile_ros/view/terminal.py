@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tomotactile_ros.view.colours import OUTSIDE, colour
+from tomotactile_ros.view.colours import OUTSIDE, colour, named
 
 HALF_BLOCK = "▀"
 _RESET = "\x1b[0m"
@@ -28,16 +28,16 @@ def picture(
     trails: Sequence[np.ndarray] = (),
     names: Sequence[tuple[np.ndarray, str]] = (),
 ) -> list[str]:
-    """Lines of text that show an image with its axes in mm and its colours in kPa.
+    """Lines of text that show an image with its axes in mm and its colours in kPa or S/m².
 
     Parameters
     ----------
-    pressure : (H, W) Pa, NaN outside the outline; any unit where it is not calibrated.
+    pressure : (H, W) Pa, NaN outside the outline; S/m² where it is not calibrated.
     bounds : xmin, ymin, xmax, ymax of the image, m.
-    scale : pressure of the brightest colour, Pa.
+    scale : value of the brightest colour.
     columns, lines : room on the terminal; larger images are shown coarser.
     electrodes : (E, 2) positions to mark with lighter cells, m.
-    calibrated : whether pressures are known; otherwise colours are parts of the full scale.
+    calibrated : whether pressures are known; otherwise colours are conductances.
     trails : (M, 2) m each, drawn as reddish lines of cells.
     names : places (2,), m, and words to write there.
     """
@@ -59,10 +59,7 @@ def picture(
     blocks = [_blocks(upper, lower, words.get(k, {})) for k, (upper, lower) in pairs]
     heights = bounds[3], 0.5 * (bounds[1] + bounds[3]), bounds[1]
     labels = _spread([_millimetres(y) for y in heights], len(blocks))
-    levels = ["100 %", "50 %", "0"]
-    if calibrated:
-        levels = [f"{p / 1e3:.3g} kPa" for p in (scale, scale / 2, 0.0)]
-    keys = _spread(levels, len(blocks))
+    keys = _spread([named(p, calibrated) for p in (scale, scale / 2, 0.0)], len(blocks))
     shades = colour(np.linspace(scale, 0.0, 2 * len(blocks))[:, None], scale)
     bar = [_blocks(upper, lower, {}) * 2 for upper, lower in _lines_of(shades)]
     text = [
