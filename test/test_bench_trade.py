@@ -14,7 +14,6 @@ from tomotactile_ros.bench import (
     accuracy,
     cases,
     compare,
-    greit,
     growth,
     libraries,
     pace,
@@ -36,7 +35,7 @@ from tomotactile_ros.bench.sensor.trial import Trial, judge, presses, profiles
 from tomotactile_ros.commands import bench
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.optimizer.grounding import scans
-from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction import Pipeline, comparison
 from tomotactile_ros.reconstruction.profiles import MEASURED
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import plain
@@ -214,22 +213,33 @@ def test_peaks_of_images_are_scored_as_contacts():
 def test_greit_is_the_matrix_of_least_mean_squared_error(made):
     """Against its normal equations, and on contacts that it was not trained with."""
     grid = Pipeline(made.layout, CASE.settings).grid
-    trained = greit.Greit(made.layout, grid)
-    readings, wanted = trained._readings[trained._read], trained._wanted
+    trained = comparison.Greit(made.layout, grid)
+    readings, wanted = trained._readings[trained.read], trained._wanted
     size = np.sqrt(np.mean(readings**2, axis=0))
-    data, noise = readings / size, 10.0 * (trials.NOISE / trials.DRIVE) ** 2 * np.mean(size**-2.0)
+    data, noise = readings / size, 10.0 * 3e-4**2 * np.mean(size**-2.0)
     normal = data @ data.T / data.shape[1] + noise * np.eye(len(data))
-    expected = np.linalg.solve(normal, data @ wanted.T / data.shape[1]).T / trials.DRIVE
-    matrix = trained._matrix(trained._read, 10.0)
+    expected = np.linalg.solve(normal, data @ wanted.T / data.shape[1]).T
+    matrix = trained.matrix(trained.read, 10.0)
     np.testing.assert_allclose(matrix, expected, atol=1e-5 * np.abs(expected).max())
     images = trained.images(made.singles.frames, 10.0)
     merit = accuracy.merit(images, made.singles, grid)
     assert merit["position_error"]["mean"] < 0.012  # electrodes are 67 mm apart
     assert merit["hwhm"]["mean"] < 0.05
     assert trained.images(made.worn.frames, 10.0).shape == images.shape  # a channel has no readings
+
+
+def test_jac_is_the_damped_least_squares_image(made):
+    """Against a stack of both sums of squares, and on contacts."""
+    grid = Pipeline(made.layout, CASE.settings).grid
+    step = comparison.Jac(made.layout, grid)
+    sensitivity = step._sensitivity[step.read]
     frame = made.singles.frames[0]
-    image = trained.images(frame[None], greit.WEIGHTS[0])[0]
-    np.testing.assert_allclose(trained.solver(frame)(), image, atol=2e-3 * np.abs(image).max())
+    damped = np.diag(np.sqrt(0.3) * np.linalg.norm(sensitivity, axis=0))
+    wanted = np.concatenate([frame[step.read], np.zeros(len(damped))])
+    expected = np.linalg.lstsq(np.vstack([sensitivity, damped]), wanted, rcond=None)[0]
+    np.testing.assert_allclose(step.images(frame[None], 0.3)[0], expected, atol=1e-6)
+    merit = accuracy.merit(step.images(made.singles.frames, comparison.DAMPING), made.singles, grid)
+    assert merit["position_error"]["mean"] < 0.02
 
 
 def test_a_table_for_a_narrow_terminal_loses_nothing():

@@ -78,6 +78,40 @@ def test_own_frames_with_an_offset_show_the_finger_and_nothing_else(tmp_path):
     assert "contacts.png" in last and is_picture(tmp_path / "contacts.png")
 
 
+def test_every_method_shows_the_two_discs_of_the_sample(tmp_path):
+    done = run(tmp_path, "gallery.py")
+    assert done.returncode == 0, done.stderr
+    said = dict(line.split(": ", 1) for line in done.stdout.splitlines()[:-1])
+    assert list(said) == ["fast", "balanced", "accurate", "paper", "greit", "jac"]
+    assert all(said[name].endswith("2 contacts") for name in list(said)[:3])
+    assert is_picture(tmp_path / "gallery.png")
+
+
+def test_the_frame_that_is_worked_step_by_step_ends_at_its_contact(tmp_path):
+    """Its numbers stand in docs/estimation.md."""
+    done = run(tmp_path, "one_frame.py")
+    assert done.returncode == 0, done.stderr
+    said = done.stdout
+    page = (ROOT / "docs" / "estimation.md").read_text(encoding="utf-8")
+    x, y = (float(each) for each in re.search(r"6\. report: x (\S+) .*? y (\S+) ", said).groups())
+    assert np.hypot(x - 30, y - 20) < 0.15 and f"({x:.2f} ± 0.02, {y:.2f} ± 0.01) mm" in page
+    for step, *numbers_ in re.findall(
+        r"step (\d): x +(\S+) mm  y +(\S+) mm  c +(\S+) uS  radius +(\S+) mm  chi\^2 +(\S+)", said
+    ):
+        x, y, c, radius, chi_squared = numbers_
+        assert f"| {step} | {x}, {y} | {c} | {radius} | {chi_squared} |" in page
+    assert is_picture(tmp_path / "one_frame.png")
+
+
+def test_the_citation_is_of_this_version_and_of_the_article():
+    import yaml
+
+    told = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert told["version"] == tt.__version__ and told["license"] == "Apache-2.0"
+    assert "10:1157911" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert told["references"][0]["doi"].endswith("2023.1157911")
+
+
 def test_learned_gains_and_two_known_forces_give_the_force_of_another_place(tmp_path):
     done = run(tmp_path, "learn_and_calibrate.py")
     assert done.returncode == 0, done.stderr

@@ -29,6 +29,8 @@ _MODULES = {
     "Simulator": "simulation",
     "best_of": "optimizer.step",
     "equal_grid": "layouts.layout",
+    "greit": "reconstruction.comparison",
+    "jac": "reconstruction.comparison",
     "load_calibration": "reconstruction.calibration",
     "load_frames": "frames_file",
     "load_layout": "layouts.layout",
@@ -48,6 +50,8 @@ __all__ = [
     "Simulator",
     "best_of",
     "equal_grid",
+    "greit",
+    "jac",
     "load_calibration",
     "load_frames",
     "load_layout",
@@ -62,6 +66,7 @@ if TYPE_CHECKING:
     from tomotactile_ros.optimizer.request import Request
     from tomotactile_ros.optimizer.step import best_of
     from tomotactile_ros.reconstruction.calibration import load_calibration
+    from tomotactile_ros.reconstruction.comparison import greit, jac
     from tomotactile_ros.reconstruction.pipeline import Pipeline
     from tomotactile_ros.reconstruction.settings import Result, Settings
     from tomotactile_ros.scenes.scene import Scene, load_scene
