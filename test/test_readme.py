@@ -8,8 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import tomotactile_ros as tt
 from tomotactile_ros.cli import COMMANDS
 from tomotactile_ros.support.command_line import Parser
 
@@ -58,6 +60,13 @@ def test_every_file_and_heading_that_is_linked_is_there(page):
             assert anchor in slugs, target
 
 
+def test_every_file_that_a_recipe_names_is_there():
+    recipes = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Recipes")[1]
+    named = set(re.findall(r"`((?:\w+/)[\w./]*|\w+\.(?:txt|md))`", recipes.split("## Types")[0]))
+    assert len(named) > 20
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 def test_every_command_that_is_printed_has_the_options_that_it_names():
     """Parsed, not run: `scripts/run_documented` runs them."""
     listed = subprocess.run(
@@ -72,6 +81,20 @@ def test_every_command_that_is_printed_has_the_options_that_it_names():
         parser = Parser(prog=command)
         importlib.import_module(f"tomotactile_ros.commands.{name}").add_arguments(parser)
         parser.parse_args([word for word in words if word != "..."])  # SystemExit for a wrong one
+
+
+@pytest.mark.parametrize(
+    "layout, scene", [("equal-4x4", "wire"), ("equal-8x8", "wire"), ("equal-8x8", "press")]
+)
+def test_the_voltages_of_a_sensor_that_is_built_are_those_of_the_simulator(layout, scene):
+    page = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")
+    voltages = tt.Simulator(tt.load_layout(layout), tt.load_scene(scene)).frame(0.0)
+    written = [
+        tuple(map(float, found)) for found in re.findall(r"(\d\.\d\d) to (\d\.\d\d) V", page)
+    ]
+    assert (round(np.nanmin(voltages), 2), round(np.nanmax(voltages), 2)) in [
+        pytest.approx(each, abs=0.015) for each in written
+    ]
 
 
 def test_only_commands_that_say_that_they_take_minutes_are_left_out_for_it(tmp_path):

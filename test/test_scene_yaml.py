@@ -225,6 +225,13 @@ def test_default_contacts_stay_inside_and_apart_for_a_minute():
         assert max(abs(c[axis]) for c in (first, second) for axis in "xy") < 0.075
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_contacts_of_installed_scenes_stay_on_their_sheet(name):
+    scene = load_scene(name)
+    places = [(c["x"], c["y"]) for t in np.arange(0, 600, 0.37) for c in scene.truth(t)]
+    assert not places or np.abs(places).max() <= 0.1
+
+
 @pytest.mark.parametrize("name", ["experiment-centre", "experiment-side", "experiment-corner"])
 def test_experiment_is_a_bare_5_mm_contact_at_5_volt(name):
     scene = load_scene(name)

@@ -86,7 +86,7 @@ def scale_bar(height: int, scale: float) -> np.ndarray:
     from matplotlib.figure import Figure
 
     width = max(1, round(_BAR_WIDTH * height))
-    figure = Figure((width / 100, height / 100), dpi=100, facecolor=np.array(OUTSIDE) / 255)
+    figure = Figure((width / 100, height / 100), dpi=100, facecolor="#" + bytes(OUTSIDE).hex())
     canvas = FigureCanvasAgg(figure)
     size = 0.045 * height * 0.72  # of letters, points
     bar = figure.add_axes((0.12, 0.08, 0.2, 0.84))

@@ -10,8 +10,12 @@
 
 #include "tt_config.h"
 
+#ifndef ELECTRODES
 #define ELECTRODES 64u
+#endif
+#ifndef TICK_US
 #define TICK_US 14u /* settling of one reading, with its conversion of 2 µs */
+#endif
 
 #define ADDRESS 0x3Fu
 #define GROUND_SHIFT 6u
