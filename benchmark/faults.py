@@ -8,7 +8,7 @@
     scripts/setup python3 benchmark/faults.py qemu --minutes 10
 
 The sensor is sensor.c, written from docs/protocol.md alone; every reading is a hash of sequence,
-row and electrode, so that any wrong value is seen. The tables of docs/faults.md come from here.
+row and electrode, so that any wrong value is seen. The figures of docs/faults.md come from here.
 
 line      what a bad line does to the bytes: frames published, wrong readings, level, counters
 loss      share of packets lost against the level of the diagnostics
