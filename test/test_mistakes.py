@@ -160,13 +160,6 @@ def test_electrodes_numbered_from_one(own_frames, capsys):
     assert "electrodes are numbered from 0, not from 1" in complaint(capsys, words)
 
 
-def test_an_array_alone(own_frames, tmp_path, capsys):
-    words = own_frames(frames_of(WIDE, "default"))
-    np.save(tmp_path / "own.npy", frames_of(WIDE, "default"))
-    words[1] = str(tmp_path / "own.npy")
-    assert "an array alone; put it into a .npz" in complaint(capsys, words)
-
-
 def layout_file(tmp_path, **changes):
     content = {
         "format": "tomotactile-layout/1",

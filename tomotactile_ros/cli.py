@@ -22,6 +22,7 @@ COMMANDS = (
     "replay",
     "conform",
     "emulate",
+    "import",
     "reconstruct",
     "calibrate",
     "learn",

@@ -33,6 +33,7 @@ from tomotactile_ros.support.npz_writer import npz_writer
 
 _ABOVE, _OFTEN = 1.1, 0.1  # times the drive voltage; of the readings
 _BELOW = 0.1  # times the drive voltage: no offset, hum or drift of a working input is that large
+_TO_IMPORT = (".csv", ".tsv", ".txt", ".dat", ".mat", ".npy")  # files of other programs
 _WRONG_DRIVE = 10.0  # times the drive voltage, up to which that is what is wrong
 
 
@@ -67,9 +68,10 @@ def read_frames(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
-    if path.suffix == ".npy":
+    if path.suffix.lower() in _TO_IMPORT:
         raise InputError(
-            f"{path}: an array alone; put it into a .npz with numpy.savez(voltages=..., grounded=...)"
+            f"{path}: is no recording yet: 'tomotactile import {path} --layout LAYOUT --out frames.npz' makes "
+            "one of it"
         )
     if path.suffix != ".npz":
         return _checked(path, _bag_frames(path, layout_id, topic), electrodes)
@@ -129,7 +131,7 @@ def _driven(path, found: FramesFile, drive_voltage: float | None) -> FramesFile:
     if drive_voltage is None:
         drive_voltage = found.drive_voltage or DEFAULT_DRIVE
     checks.positive(drive_voltage, f"{path}: drive_voltage", "voltage in V")
-    _check_unit(path, found.voltages, drive_voltage)
+    check_unit(f"{path}: ", found.voltages, drive_voltage)
     return replace(found, drive_voltage=drive_voltage)
 
 
@@ -163,11 +165,9 @@ def _checked(path: Path, frames: Iterator[Frame], electrodes: int | None) -> Ite
         raise InputError(f"{path}: holds no frame")
 
 
-def _check_unit(
-    path: str | os.PathLike[str], frames: Iterable[np.ndarray], drive_voltage: float
-) -> None:
+def check_unit(place: str, frames: Iterable[np.ndarray], drive_voltage: float) -> None:
     """Refuse readings that are not in V: many are above what drives them, most below zero, or none
-    is valid."""
+    is valid. `place` is the start of the complaint."""
     count, above, below, highest, whole = 0, 0, 0, 0.0, True
     for frame in frames:
         valid = frame[np.isfinite(frame)]
@@ -178,10 +178,10 @@ def _check_unit(
         highest = max(highest, float(valid.max(initial=0.0)))
         whole = whole and bool((valid == np.round(valid)).all())
     if not count:
-        raise InputError(f"{path}: voltages: none is a valid reading, all are NaN")
+        raise InputError(f"{place}voltages: none is a valid reading, all are NaN")
     if below > count / 2:
         raise InputError(
-            f"{path}: voltages: most are far below 0 V, and nothing drives the sheet below it: "
+            f"{place}voltages: most are far below 0 V, and nothing drives the sheet below it: "
             "are two inputs exchanged?"
         )
     if above <= _OFTEN * count:
@@ -195,7 +195,7 @@ def _check_unit(
     else:
         meant = "are they in V?"
     raise InputError(
-        f"{path}: voltages: readings up to {highest:.4g} V at a drive voltage of {drive_voltage:g} V: "
+        f"{place}voltages: readings up to {highest:.4g} V at a drive voltage of {drive_voltage:g} V: "
         f"{meant}"
     )
 

@@ -31,6 +31,10 @@ _BACK, _FORTH = 0.05, 0.01  # part of the current that flows back: clearly, and 
 _UNEVEN = 5.0
 _FAR, _NEAR = 0.3, 0.12  # coupling of distant electrodes, as in `channels`: clearly, and hardly any
 _MOST = 0.75  # of the electrodes, that couple with distant ones: none is where the layout has it
+EXCHANGED = (
+    "voltages: rows and columns look exchanged: row l holds what all electrodes read while electrode l is "
+    "grounded; was voltages.transpose(0, 2, 1) meant?"
+)
 
 
 def refuse_mistakes(
@@ -40,14 +44,33 @@ def refuse_mistakes(
 
     `noise` of a reading, V rms. Only frames in which something presses tell anything.
     """
-    grounded = np.asarray(grounded)
+    square = _strongest(layout, frames, grounded)
+    if square and (mistake := _doubts(layout, noise).mistake(square, drive_voltage)):
+        raise InputError(mistake)
+
+
+def are_exchanged(
+    layout: Layout, frames: Iterable, grounded: np.ndarray, drive_voltage: float, noise: float
+) -> bool:
+    """Whether rows and columns of frames (E, E), V, in which all electrodes are grounded in turn, are
+    exchanged; arguments as of `refuse_mistakes`."""
+    if not np.array_equal(grounded, np.arange(layout.electrodes)):
+        return False
+    square = _strongest(layout, frames, grounded)
+    return bool(square) and _doubts(layout, noise).mistake(square, drive_voltage) == EXCHANGED
+
+
+def _strongest(layout: Layout, frames: Iterable, grounded: np.ndarray) -> list[np.ndarray]:
+    """(E, E) V, the frames in which most is read."""
     strongest = heapq.nlargest(_FRAMES, frames, key=_mean)
     if not strongest or strongest[0].shape[-1] != layout.electrodes:
-        return
+        return []
+    return [ordered(layout, frame, np.asarray(grounded)) for frame in strongest]
+
+
+def _doubts(layout: Layout, noise: float) -> Doubts:
     transfer = make_sheet(layout, "auto").transfer(layout.positions[:1], layout.radius)
-    square = [ordered(layout, frame, grounded) for frame in strongest]
-    if mistake := Doubts(layout, transfer, noise).mistake(square, drive_voltage):
-        raise InputError(mistake)
+    return Doubts(layout, transfer, noise)
 
 
 def _mean(frame: np.ndarray) -> float:
@@ -85,10 +108,7 @@ class Doubts:
         if even and np.median([_back(measured) for _, measured in seen]) > _BACK:
             turned = [self._look(frame.T, good, as_listed, drive_voltage) for frame, good in clear]
             if np.median([_back(measured) for _, measured in turned]) < _FORTH:
-                return (
-                    "voltages: rows and columns look exchanged: row l holds what all electrodes read "
-                    "while electrode l is grounded; was voltages.transpose(0, 2, 1) meant?"
-                )
+                return EXCHANGED
         if _excess(seen) < _FAR:
             return ""
         return self._other_order(clear, drive_voltage) or (self._no_order(seen) if even else "")

@@ -1,0 +1,227 @@
+"""One importer: whatever holds the readings of a layout becomes frames, and what was guessed is
+told, a line each, with the option that says otherwise."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tomotactile_ros.devices.recording import check_unit
+from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, save_arrays
+from tomotactile_ros.importer.axes import (
+    USUAL,
+    arrange,
+    grounded_where_missing,
+    named,
+    rows_of_a_frame,
+)
+from tomotactile_ros.importer.leading import Columns, take_off
+from tomotactile_ros.importer.orders import in_order
+from tomotactile_ros.importer.tables import Table, read_table
+from tomotactile_ros.importer.units import in_volts
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.reconstruction.mistakes import are_exchanged, refuse_mistakes
+from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError, complaints_at
+
+_SHOWN = 16  # electrodes of a list
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """frames, and told : what they were taken for, one line each."""
+
+    frames: FramesFile
+    told: list[str]
+    layout: Layout
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write `frames.npz`."""
+        frames = self.frames
+        content = {
+            "voltages": np.asarray(frames.voltages, np.float32),
+            "grounded": frames.grounded,
+            "drive_voltage": frames.drive_voltage,
+            "row_period": frames.row_period,
+            "contact_law": np.empty(0),
+            "layout_id": self.layout.id,
+        }
+        if frames.stamps is not None:
+            content["stamps"] = frames.stamps
+        save_arrays(path, content)
+
+
+def import_frames(
+    source: str | os.PathLike | np.ndarray,
+    layout: Layout,
+    *,
+    axes: str | None = None,
+    grounded: Sequence[int] | None = None,
+    order: str | None = None,
+    rotated: bool = False,
+    unit: str | None = None,
+    bits: int | None = None,
+    full_scale: float | None = None,
+    missing: Sequence[str] = (),
+    variable: str | None = None,
+    drive_voltage: float = DEFAULT_DRIVE,
+    row_period: float | None = None,
+    rate: float | None = None,
+    time_unit: str | None = None,
+) -> Imported:
+    """Frames of `layout` from a file (CSV, TSV, .mat, .npy) or an array of another program.
+
+    Parameters
+    ----------
+    source : path, or numbers of any shape
+    axes : N (frames), L (rows) and E (electrodes) in the order of the indices, slowest first, `NLE`
+        for rows of electrodes one below the other; None: from the shape, and from where the grounded
+        electrodes' own readings lie
+    grounded : (L,) electrode of each row, from 0; None: from a column, from which readings are
+        missing, or as the layout scans
+    order : `pyeit` or `eidors`, of whose measurements the readings are; rotated : their `rotate_meas`
+    unit : `V`, `mV`, `uV` or `counts`; None: guessed; bits : of counts; full_scale : V of the highest
+    missing : what stands for a missing reading; variable : name of an array in a file of several
+    drive_voltage : V
+    row_period : s from row to row; rate : frames a second; None: from a column of times, or not known
+    time_unit : `s`, `ms` or `us` of that column; None: from its name
+
+    Raises InputError for what is no such file, or no frame of the layout, and says what would be
+    right.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        place, table = f"{source}: ", read_table(source, variable, [str(each) for each in missing])
+    else:
+        place, table = "", Table(np.array(source, float))
+        for each in missing:
+            np.copyto(table.values, np.nan, where=table.values == float(each))
+    with complaints_at(place):
+        checks.positive(drive_voltage, "drive_voltage", "voltage in V")
+        columns = _columns(table, layout, order, time_unit)
+        told = [*table.told, *columns.told]
+        chosen, how = _grounded(columns, layout, grounded)
+        voltages, line = _arranged(columns.values, chosen, layout, axes, order, rotated)
+        told.append(line)
+        chosen, how = _checked_ground(voltages, chosen, how)
+        told.append(f"grounded {how}: {_listed(chosen)}")
+        voltages, line = in_volts(voltages, drive_voltage, unit, bits, full_scale)
+        told.append(line)
+        voltages[:, np.arange(len(chosen)), chosen] = np.nan
+        check_unit("", voltages, drive_voltage)
+        if (
+            axes is None
+            and order is None
+            and are_exchanged(layout, voltages, chosen, drive_voltage, Settings().noise)
+        ):
+            voltages = voltages.transpose(0, 2, 1)
+            told.append("rows and columns exchanged: currents would flow back otherwise (--axes)")
+        refuse_mistakes(layout, voltages, chosen, drive_voltage, Settings().noise)
+        period, stamps, line = _times(columns.times, len(voltages), len(chosen), row_period, rate)
+        told.append(line)
+    frames = FramesFile(
+        voltages, chosen.astype(np.uint16), drive_voltage, stamps, row_period=period, lawless=True
+    )
+    return Imported(frames, told, layout)
+
+
+def _columns(table: Table, layout: Layout, order: str | None, time_unit: str | None) -> Columns:
+    """The readings without columns of something else."""
+    if not table.has_columns:
+        return Columns(np.atleast_1d(np.squeeze(table.values)))
+    each, rows = layout.electrodes, {layout.electrodes, len(layout.grounded)}
+    widths = [each, *(each * count for count in rows)]
+    if order is not None:
+        widths += [each - 1, *((each - 1) * count for count in rows)]
+    columns = take_off(table.values, table.names, tuple(widths), each, time_unit)
+    columns.values = np.atleast_1d(np.squeeze(columns.values))
+    return columns
+
+
+def _grounded(
+    columns: Columns, layout: Layout, given: Sequence[int] | None
+) -> tuple[np.ndarray, str]:
+    """(L,) electrode of each row of a frame, and where that is known from."""
+    if given is not None:
+        return checks.order(given, "grounded", layout.electrodes), "as given"
+    if columns.grounded is not None:
+        order = rows_of_a_frame(columns.grounded)
+        if order is None:
+            raise InputError(
+                "grounded: the column does not repeat from frame to frame; are rows left out?"
+            )
+        return checks.order(order, "grounded", layout.electrodes), "from their column"
+    values = columns.values
+    if values.shape[-1] == layout.electrodes:
+        seen = grounded_where_missing(values.reshape(-1, layout.electrodes))
+        order = None if seen is None else rows_of_a_frame(seen)
+        if order is not None:
+            return order, "where readings are missing"
+    whole = values.size % (len(layout.grounded) * layout.electrodes) == 0
+    order = layout.grounded if whole else np.arange(layout.electrodes)
+    return order, f"assumed as {layout.name} scans (--grounded)"
+
+
+def _checked_ground(voltages: np.ndarray, grounded: np.ndarray, how: str) -> tuple[np.ndarray, str]:
+    """The same, from readings that are missing in all frames where it was assumed so far."""
+    if not how.startswith("assumed"):
+        return grounded, how
+    seen = grounded_where_missing(np.where(np.isnan(voltages).all(axis=0), np.nan, 0.0))
+    return (grounded, how) if seen is None else (seen, "where readings are missing")
+
+
+def _arranged(
+    values: np.ndarray,
+    grounded: np.ndarray,
+    layout: Layout,
+    axes: str | None,
+    order: str | None,
+    rotated: bool,
+) -> tuple[np.ndarray, str]:
+    """(N, L, E) readings, and how they lay."""
+    if order is not None:
+        return in_order(values, grounded, layout.electrodes, order, rotated)
+    if rotated:
+        raise InputError("rotated: only readings in the order of pyeit or eidors are (--order)")
+    found = arrange(values, grounded, layout.electrodes, axes)
+    line = f"{len(found.voltages)} frames of {len(grounded)} rows, axes {named(found.axes)}"
+    if axes is None and (found.axes != USUAL or found.others):
+        others = f"; {', '.join(found.others)} fits as well" if found.others else ""
+        line += f" (--axes {found.axes}{others})"
+    return found.voltages.copy(), line
+
+
+def _times(
+    lines: np.ndarray | None, frames: int, rows: int, row_period: float | None, rate: float | None
+) -> tuple[float, np.ndarray | None, str]:
+    """Row period, s, and (N,) stamps, s, of frames, and what is known of them."""
+    stamps = None
+    if lines is not None and len(lines) == frames * rows and rows > 1:
+        each = lines.reshape(frames, rows)
+        stamps = each[:, 0]
+        if row_period is None:
+            row_period = float(np.median(np.diff(each, axis=1)))
+    elif lines is not None and len(lines) == frames:
+        stamps = lines
+    if rate is not None:
+        stamps = np.arange(frames) / checks.positive(rate, "rate", "number of frames per second")
+    period = (
+        0.0 if row_period is None else checks.not_negative(row_period, "row_period", "time in s")
+    )
+    rows_told = f"{1e3 * period:.4g} ms apart" if period else "taken for all at once (--row-period)"
+    told = (
+        "of unknown times (--rate)"
+        if stamps is None
+        else f"from {stamps[0]:.6g} to {stamps[-1]:.6g} s"
+    )
+    return period, stamps, f"rows {rows_told}, frames {told}"
+
+
+def _listed(grounded: np.ndarray) -> str:
+    if np.array_equal(grounded, np.arange(len(grounded))):
+        return f"0 to {len(grounded) - 1} in turn"
+    shown = " ".join(map(str, grounded[:_SHOWN].tolist()))
+    return shown + (" ..." if len(grounded) > _SHOWN else "")

@@ -1,0 +1,227 @@
+"""Numbers in files of other programs: text (CSV, TSV), MATLAB's and numpy's arrays.
+
+What is guessed of a file is told with it, a line each.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tomotactile_ros.frames_file import MAX_BYTES, load_arrays
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import open_regular, read_limited
+
+ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".mat", ".npy", ".npz")
+_MOST_TEXT = 500_000_000  # bytes
+_NOTHING = ("", "nan", "na", "n/a", "null", "none", "-")  # a cell that holds no reading
+_COMMENTS = "#%"
+_SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "spaces"}
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+_LOOKED_AT = 50  # lines, for the separator
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Numbers of a file.
+
+    values : float64, of any shape; NaN where there is none
+    names : of the columns, where a text has a header
+    told : what was found out about the file
+    has_columns : it is a text, which may hold more than readings
+    """
+
+    values: np.ndarray
+    names: tuple[str, ...] = ()
+    told: list[str] = field(default_factory=list)
+    has_columns: bool = False
+
+
+def read_table(
+    path: str | os.PathLike, variable: str | None = None, missing: Sequence[str] = ()
+) -> Table:
+    """The numbers of a file; InputError for one that is none of `ENDINGS`, or damaged.
+
+    variable : of a file that holds several arrays
+    missing : what stands where there is no reading, beside nothing and `nan`
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(
+            f"{path}: is none of {', '.join(ENDINGS)}; save the readings as one of them"
+        )
+    if ending == ".mat":
+        table = _chosen(path, _matlab(path), variable)
+    elif ending == ".npy":
+        table = Table(_numbers(path, "the array", _numpy(path)))
+    elif ending == ".npz":
+        table = _chosen(path, load_arrays(path), variable)
+    else:
+        table = _text(path, missing)
+    for number in filter(None, map(_as_number, missing)):
+        np.copyto(table.values, np.nan, where=table.values == number)
+    return table
+
+
+def _as_number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _text(path: Path, missing: Sequence[str]) -> Table:
+    data = read_limited(path, _MOST_TEXT)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text in UTF-8") from None
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and line.strip()[0] not in _COMMENTS
+    ]
+    if not lines:
+        raise InputError(f"{path}: holds no numbers")
+    separator = _separator([line for _, line in lines[:_LOOKED_AT]])
+    rows = [
+        (number, [cell.strip().strip('"') for cell in line.split(separator)])
+        for number, line in lines
+    ]
+    nothing = {*_NOTHING, *(each.lower() for each in missing)}
+    comma = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, rows[-1][1]))
+    first = rows[0][1]
+    header = any(_value(cell, nothing, comma) is None for cell in first)
+    names = tuple(first) if header else ()
+    rows = rows[header:]
+    if not rows:
+        raise InputError(f"{path}: holds a header and no numbers")
+    width = len(rows[0][1])
+    if not rows[0][1][-1] and all(not cells[-1] for _, cells in rows):
+        width -= 1  # each line ends with a separator
+    values = np.empty((len(rows), width))
+    for place, (number, cells) in enumerate(rows):
+        if len(cells) != width and (len(cells) != width + 1 or cells[-1]):
+            raise InputError(
+                f"{path}: line {number} has {len(cells)} values, line {rows[0][0]} has {width}"
+            )
+        values[place] = _line(path, number, cells[:width], nothing, comma)
+    told = f"{len(rows)} lines of {width} numbers, separated by {_SEPARATORS[separator]}"
+    told += ", decimal commas" if comma else ""
+    told += ", below a header" if header else ", no header"
+    return Table(values, names, [told], has_columns=True)
+
+
+def _separator(lines: list[str]) -> str | None:
+    """What splits the lines into equally many cells, and most of them."""
+    found: list[tuple[int, str | None]] = []
+    for mark in _SEPARATORS:
+        counts = [len(line.split(mark)) for line in lines]
+        usual = max(set(counts), key=counts.count)
+        if usual > 1 and counts.count(usual) >= len(counts) / 2:
+            found.append((usual, mark))
+    if any(mark in ("\t", ";") for _, mark in found):  # commas may be those of decimals
+        found = [(count, mark) for count, mark in found if mark != ","]
+    return max(found, key=lambda each: each[0])[1] if found else None
+
+
+def _line(path: Path, number: int, cells: list[str], nothing: set[str], comma: bool) -> list[float]:
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError:
+        pass
+    found = [_value(cell, nothing, comma) for cell in cells]
+    if None in found:
+        cell = cells[found.index(None)]
+        raise InputError(
+            f"{path}: line {number}: {checks.show(cell)} is not a number; if it marks a missing reading: "
+            f"--missing {checks.show(cell)}"
+        )
+    return found  # type: ignore[return-value] # None was refused
+
+
+def _value(cell: str, nothing: set[str], comma: bool) -> float | None:
+    if cell.lower() in nothing:
+        return np.nan
+    return _as_number(cell.replace(",", ".") if comma else cell)
+
+
+def _numpy(path: Path) -> np.ndarray:
+    os.close(open_regular(path, MAX_BYTES))
+    try:
+        return np.load(
+            path, mmap_mode="r", allow_pickle=False
+        )  # a map is never larger than its file
+    except (ValueError, EOFError, OSError, SyntaxError):
+        raise InputError(f"{path}: is not a plain array (.npy)") from None
+
+
+def _matlab(path: Path) -> dict[str, object]:
+    from scipy import io
+
+    os.close(open_regular(path, MAX_BYTES))
+    try:
+        size = sum(8 * float(np.prod(shape)) for _, shape, _ in io.whosmat(path))
+        if size > MAX_BYTES:
+            raise InputError(
+                f"{path}: its arrays have {size / 1e6:.4g} MB, at most {MAX_BYTES / 1e6:g}"
+            )
+        found = io.loadmat(path, struct_as_record=True)
+    except NotImplementedError:
+        raise InputError(
+            f"{path}: is of MATLAB's version 7.3, which is HDF5; save it with save(..., '-v7')"
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a damaged file ends in errors of many kinds
+        raise InputError(f"{path}: is not a file of MATLAB ({type(error).__name__})") from None
+    found = {name: value for name, value in found.items() if not name.startswith("__")}
+    structs = {
+        name: np.hstack([np.atleast_2d(one["meas"]) for one in value.ravel()])
+        for name, value in found.items()
+        if value.dtype.names and "meas" in value.dtype.names  # data of EIDORS
+    }
+    return {**found, **structs}
+
+
+def _chosen(path: Path, arrays: dict, variable: str | None) -> Table:
+    """The array that is named, or the only one with numbers for a frame."""
+    if variable is not None and variable not in arrays:
+        raise InputError(
+            f"{path}: variable: there is no {checks.show(variable)}, {_listed(arrays)}"
+        )
+    if variable is None:
+        likely = [
+            name
+            for name, value in arrays.items()
+            if value.dtype.kind in "fiuc" and np.squeeze(value).ndim > 0 and value.size > 3
+        ]
+        likely = [name for name in likely if name in ("voltages", "meas")] or likely
+        if len(likely) != 1:
+            raise InputError(
+                f"{path}: say which array holds the readings (--variable): {_listed(arrays)}"
+            )
+        variable = likely[0]
+    value = _numbers(path, variable, arrays[variable])
+    shape = " x ".join(map(str, value.shape))
+    return Table(value, told=[f"array {checks.show(variable).strip(chr(39))}, {shape}"])
+
+
+def _listed(arrays: dict) -> str:
+    each = (f"{name} ({'x'.join(map(str, np.shape(value)))})" for name, value in arrays.items())
+    return f"it holds {', '.join(each) or 'nothing'}"
+
+
+def _numbers(path: Path, name: str, value: np.ndarray) -> np.ndarray:
+    if value.dtype.kind == "c":
+        raise InputError(f"{path}: {name} is complex; the sheet is resistive: save its real part")
+    if value.dtype.kind not in "fiub" or not value.size:
+        raise InputError(f"{path}: {name} holds no real numbers ({value.dtype}, {value.shape})")
+    return np.array(value, float)
