@@ -5,13 +5,14 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run test bench paper fuzz sanitize faults protocol lock clean
+.PHONY: help setup run test bench paper docs fuzz sanitize faults protocol lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
+	@echo "make docs     pages of the Python library, in build/api/index.html"
 	@echo "make fuzz     random bytes against the wire protocol"
 	@echo "make sanitize the compiled core under sanitizers, with random arrays"
 	@echo "make faults   everything that can go wrong with a sensor, on purpose (FAULTS_ARGS=)"
@@ -36,6 +37,9 @@ bench:
 
 paper:
 	@$(SETUP) tomotactile paper $(PAPER_ARGS)
+
+docs:
+	@scripts/check api
 
 fuzz:
 	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \

@@ -12,23 +12,18 @@ import argparse
 import numpy as np
 
 import tomotactile_ros as tt
-from tomotactile_ros.learning.recorded import learn
-from tomotactile_ros.reconstruction.calibration import fit_contact_law, measure_conductance
-from tomotactile_ros.scenes.channels import Channels, Rms
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Defects, Noise
 
 DRIVE = 3.3  # V, of the driving layer
 NOISE = 0.001  # V rms, of a reading
 FOOT = 0.008  # m, radius of the foot that presses with known force
-LAW = ContactLaw(1e-4, 1.0)  # S/m² and Pa: what is to be found
+LAW = tt.ContactLaw(1e-4, 1.0)  # S/m² and Pa: what is to be found
 
 
 def recorded(layout: tt.Layout, place: tuple[float, float], force: float) -> np.ndarray:
     """(4, L, E) V: a foot presses at `place` (m) with `force` (N); channels differ by 3 %."""
-    foot = Contact(shape="disc", center=place, radius=FOOT, force=force)
-    channels = Defects(channels=Channels(gain=Rms(0.03, seed=5)))
-    scene = tt.Scene("foot", DRIVE, (foot,), LAW, Noise(NOISE), defects=channels)
+    foot = tt.Contact(shape="disc", center=place, radius=FOOT, force=force)
+    channels = tt.Defects(channels=tt.Channels(gain=tt.Rms(0.03, seed=5)))
+    scene = tt.Scene("foot", DRIVE, (foot,), LAW, tt.Noise(NOISE), defects=channels)
     simulator = tt.Simulator(layout, scene, row_period=0.0)
     return np.stack([simulator.frame(0.0, sequence) for sequence in range(4)])
 
@@ -41,15 +36,15 @@ def main() -> None:
     rng = np.random.default_rng(1)
     places = rng.uniform(-0.08, 0.08, (12, 2))  # m; nobody tells them to `learn`, nor the forces
     touches = np.concatenate([recorded(layout, tuple(p), rng.uniform(1, 4)) for p in places])
-    learned = learn(layout, touches, grounded, DRIVE, noise=NOISE, radius=FOOT)
+    learned = tt.learn(layout, touches, grounded, DRIVE, noise=NOISE, radius=FOOT)
     gains = learned.state["gain"]
     print(f"gains from {gains.min():.3f} to {gains.max():.3f}")
 
     forces = (1.0, 4.0)  # N
     presses = [recorded(layout, (0.03, 0.02), force) for force in forces]
     sensor = learned.state
-    found = [measure_conductance(layout, p, grounded, DRIVE, sensor, FOOT) for p in presses]
-    fit = fit_contact_law(forces, *zip(*found))
+    found = [tt.measure_conductance(layout, p, grounded, DRIVE, sensor, FOOT) for p in presses]
+    fit = tt.fit_contact_law(forces, *zip(*found))
     print(f"law: {fit.law.coefficient:.3g} S/m² at 1 Pa, exponent {fit.law.exponent:.3f}")
 
     settings = tt.Settings("balanced", noise=NOISE, contact_law=fit.law, contact_radius=FOOT)

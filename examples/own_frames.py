@@ -35,11 +35,8 @@ def measured_frames(layout: tt.Layout) -> tuple[np.ndarray, np.ndarray, np.ndarr
     (N, L, E), (L, E) and (L,): reading [l, n] is that of electrode n while grounded[l] was
     grounded. NaN marks what was not read. Here they are simulated.
     """
-    from tomotactile_ros.scenes.contact import Contact
-    from tomotactile_ros.scenes.scene import Noise
-
-    finger = Contact(shape="disc", center=(0.08, -0.03), radius=0.006)  # a bare conductor
-    noise = Noise(rms=0.001)
+    finger = tt.Contact(shape="disc", center=(0.08, -0.03), radius=0.006)  # a bare conductor
+    noise = tt.Noise(rms=0.001)
     grounded = np.arange(layout.electrodes)
     idle = tt.Simulator(layout, tt.Scene("idle", DRIVE, noise=noise))
     pressed = tt.Simulator(layout, tt.Scene("finger", DRIVE, (finger,), noise=noise))

@@ -1,8 +1,10 @@
 """The examples that need no ROS, and the names of `import tomotactile_ros as tt`."""
 
+import inspect
 import json
 import os
 import re
+import rlcompleter
 import subprocess
 import sys
 from pathlib import Path
@@ -36,9 +38,57 @@ def is_picture(path):
     return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
 
 
-def test_every_name_is_there_and_none_loads_anything_before_it_is_used():
+def test_what_is_shown_is_what_is_public():
+    """Also after everything was used, and in tab completion, which goes by `dir`."""
     assert [name for name in tt.__all__ if getattr(tt, name, None) is None] == []
-    assert set(tt.__all__) == set(tt._MODULES) <= set(dir(tt))
+    assert dir(tt) == sorted([*tt.__all__, "__version__"])
+    completer = rlcompleter.Completer({"tt": tt})
+    completed = {completer.complete("tt.", i) for i in range(100)}
+    assert {name.strip("(). ").removeprefix("tt.") for name in completed if name} == set(tt.__all__)
+    helpers = {name for name in vars(tt) if not name.startswith("_")} - set(tt.__all__)
+    assert {name for name in helpers if not inspect.ismodule(getattr(tt, name))} == set()
+    for name in ("Contact", "ContactLaw", "Noise", "learn", "fit_contact_law", "import_frames"):
+        assert name in tt.__all__
+
+
+def parts(thing):
+    """A public class with its public methods and properties, or a function."""
+    yield thing
+    for name, member in vars(thing).items() if inspect.isclass(thing) else ():
+        inner = getattr(member, "fget", None) or getattr(member, "func", None)
+        inner = inner or getattr(member, "__func__", member)
+        if inspect.isfunction(inner) and not name.startswith("_"):
+            yield inner
+
+
+@pytest.mark.parametrize("name", tt.__all__)
+def test_what_is_public_is_documented_and_typed(name):
+    for part in parts(getattr(tt, name)):
+        assert inspect.getdoc(part), part
+        signature = inspect.signature(part)
+        if not inspect.isclass(part):
+            assert signature.return_annotation is not signature.empty, part
+        for parameter in list(signature.parameters.values()):
+            typed = parameter.annotation is not parameter.empty
+            assert typed or parameter.name in ("self", "cls"), f"{part}: {parameter}"
+
+
+def test_contacts_print_readably():
+    contact = tt.ContactEstimate(
+        *np.array([0.0301, -0.0202, 2.0, 2.5e4, 7.9e-5, 0.005]),
+        (1e-8, 0.0, 0.0, 4e-8),
+        np.float64(0.03),
+        id=3,
+    )
+    assert str([contact]) == (
+        "[<contact at (30.1, -20.2) mm ± 0.2 mm, 2 N ± 0.03 N, radius 5.0 mm, id 3, 0.00 s old>]"
+    )
+    assert type(contact.x) is float and repr([contact.force]) == "[2.0]"
+    bare = tt.ContactEstimate(0, 0, np.nan, np.nan, 1e-4, 0.005, conductance=np.float64(1.5e-4))
+    assert str(bare) == "<contact at (0.0, 0.0) mm, 150 µS, radius 5.0 mm>"
+
+
+def test_no_name_loads_anything_before_it_is_used():
     with pytest.raises(AttributeError, match="no attribute 'pipeline_'"):
         tt.pipeline_  # noqa: B018
     code = f"import tomotactile_ros, sys; sys.exit(any(m in sys.modules for m in {HEAVY}))"

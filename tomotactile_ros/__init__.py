@@ -8,81 +8,35 @@ The names that a program usually needs, for ``import tomotactile_ros as tt``:
     result = pipeline.process(simulator.frame(0.0), simulator.grounded, scene.drive_voltage)
     tt.plot(result, layout).savefig("pressure.png")
 
-Each is imported when it is first used: this package also holds the generated ROS messages, which
-must load without numpy's relatives.
+They are listed in ``__init__.pyi``. Each is imported when it is first used: this package also holds the
+generated ROS messages, which must load without numpy's relatives.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+import re as _re
+from importlib import import_module as _import_module
+from pathlib import Path as _Path
 
 __version__ = "0.1.0"
 
 _MODULES = {
-    "InputError": "support.errors",
-    "Layout": "layouts.layout",
-    "Outline": "layouts.outline",
-    "Pipeline": "reconstruction.pipeline",
-    "Request": "optimizer.request",
-    "Result": "reconstruction.settings",
-    "Scene": "scenes.scene",
-    "Settings": "reconstruction.settings",
-    "Simulator": "simulation",
-    "best_of": "optimizer.step",
-    "equal_grid": "layouts.layout",
-    "greit": "reconstruction.comparison",
-    "jac": "reconstruction.comparison",
-    "load_calibration": "reconstruction.calibration",
-    "load_frames": "frames_file",
-    "load_layout": "layouts.layout",
-    "load_scene": "scenes.scene",
-    "plot": "view.figure",
+    name: module
+    for module, name in _re.findall(
+        r"^from ([\w.]+) import \w+ as (\w+)$",
+        _Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"),
+        _re.MULTILINE,
+    )
 }
-
-__all__ = [
-    "InputError",
-    "Layout",
-    "Outline",
-    "Pipeline",
-    "Request",
-    "Result",
-    "Scene",
-    "Settings",
-    "Simulator",
-    "best_of",
-    "equal_grid",
-    "greit",
-    "jac",
-    "load_calibration",
-    "load_frames",
-    "load_layout",
-    "load_scene",
-    "plot",
-]
-
-if TYPE_CHECKING:
-    from tomotactile_ros.frames_file import load_frames
-    from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
-    from tomotactile_ros.layouts.outline import Outline
-    from tomotactile_ros.optimizer.request import Request
-    from tomotactile_ros.optimizer.step import best_of
-    from tomotactile_ros.reconstruction.calibration import load_calibration
-    from tomotactile_ros.reconstruction.comparison import greit, jac
-    from tomotactile_ros.reconstruction.pipeline import Pipeline
-    from tomotactile_ros.reconstruction.settings import Result, Settings
-    from tomotactile_ros.scenes.scene import Scene, load_scene
-    from tomotactile_ros.simulation import Simulator
-    from tomotactile_ros.support.errors import InputError
-    from tomotactile_ros.view.figure import plot
+__all__ = sorted(_MODULES)  # noqa: PLE0605 - read from the stub
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import what is asked for (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    value = getattr(_import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

@@ -134,7 +134,9 @@ class Simulator:
         """
         return self._measure(t, self.grounded, self.grounded[-1], sequence)
 
-    def row(self, t: float, electrode: int, sequence: int = 0, before: int | None = None):
+    def row(
+        self, t: float, electrode: int, sequence: int = 0, before: int | None = None
+    ) -> np.ndarray:
         """(E,) voltages, V, of a single row that is taken at `t` (s) with `electrode` grounded.
 
         Parameters

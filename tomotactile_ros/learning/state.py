@@ -67,6 +67,7 @@ class SensorState:
 
     @property
     def electrodes(self) -> int:
+        """Number of electrodes E."""
         return (len(self.mean) - self.modes) // KINDS
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,7 +94,9 @@ def after_resuming(total: int, done: int) -> list[float]:
     return [1.0, *(float(number >= done) for number in range(1, total + 1))]
 
 
-def best_of(steps: Iterator[Step], watch=None) -> tuple[list[Step], Step]:
+def best_of(
+    steps: Iterator[Step], watch: Callable[[Step], object] | None = None
+) -> tuple[list[Step], Step]:
     """Run an optimization; Ctrl-C after the first step ends it and keeps what is there.
 
     Parameters

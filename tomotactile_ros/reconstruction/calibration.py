@@ -7,10 +7,12 @@ the radius of the foot, if they are known, leave less to it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.layouts.layout import Layout
@@ -38,8 +40,8 @@ class Fit:
 
 def measure_conductance(
     layout: Layout,
-    frames,
-    grounded,
+    frames: Iterable[ArrayLike],
+    grounded: ArrayLike,
     drive_voltage: float,
     sensor: SensorState | None = None,
     foot_radius: float | None = None,
@@ -73,7 +75,9 @@ def _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius):
     return [estimator.estimate(f, grounded, drive_voltage, state).contacts for f in frames]
 
 
-def fit_contact_law(forces, conductances, areas, exponent: float | None = None) -> Fit:
+def fit_contact_law(
+    forces: ArrayLike, conductances: ArrayLike, areas: ArrayLike, exponent: float | None = None
+) -> Fit:
     """Least squares in logarithms.
 
     Parameters

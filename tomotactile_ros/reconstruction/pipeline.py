@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.changing import Changing
 from tomotactile_ros.estimation.estimator import Estimator, State
@@ -221,8 +222,8 @@ class Pipeline:
 
     def process(
         self,
-        voltages,
-        grounded,
+        voltages: ArrayLike,
+        grounded: ArrayLike,
         drive_voltage: float,
         row_period: float = 0.0,
         stamp: float | None = None,
@@ -339,7 +340,12 @@ class Pipeline:
         return RowsState(waits=waits, last=last)
 
     def process_row(
-        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+        self,
+        voltages: ArrayLike,
+        grounded: int,
+        drive_voltage: float,
+        time: float,
+        state: RowsState,
     ) -> Result:
         """Contacts at the time of one row, s, whatever the profile; without images.
 
@@ -356,7 +362,12 @@ class Pipeline:
         return self.after_row(state)
 
     def follow_row(
-        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+        self,
+        voltages: ArrayLike,
+        grounded: int,
+        drive_voltage: float,
+        time: float,
+        state: RowsState,
     ) -> None:
         """Take a row into `state` and ask for nothing; see `process_row`."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
@@ -398,10 +409,10 @@ class Pipeline:
     def correct(
         self,
         state: RowsState,
-        voltages,
-        grounded,
+        voltages: ArrayLike,
+        grounded: ArrayLike,
         drive_voltage: float,
-        row_period,
+        row_period: float,
         stamp: float,
         clear: bool | None = None,
     ) -> None:
@@ -651,7 +662,9 @@ class Pipeline:
             return {}
         return why_left_out(frame, bad, self._excluded, self.settings.noise)
 
-    def strengths(self, voltages, grounded, drive_voltage: float) -> list[Strength]:
+    def strengths(
+        self, voltages: ArrayLike, grounded: ArrayLike, drive_voltage: float
+    ) -> list[Strength]:
         """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
         as for `process`."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)

@@ -90,6 +90,10 @@ class Settings:
         return self.regularization
 
 
+def _plus_minus(spread: float, unit: str) -> str:
+    return f" ± {spread:.2g} {unit}" if math.isfinite(spread) else ""
+
+
 @dataclass(frozen=True)
 class ContactEstimate:
     """One contact: centre x, y (m), force (N), peak pressure (Pa), area on the sheet (m²), radius of
@@ -118,6 +122,21 @@ class ContactEstimate:
     age: float = 0.0
     velocity: tuple[float, float] = (0.0, 0.0)
     conductance: float = math.nan
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "force", "pressure", "area", "radius", "force_std", "conductance"):
+            object.__setattr__(self, name, float(getattr(self, name)))  # numpy's print their type
+
+    def __repr__(self) -> str:
+        """What people ask of a contact, in their units; each number is there under its name."""
+        spread = math.sqrt(max(self.position_covariance[0], self.position_covariance[3], 0.0))
+        place = f"({1e3 * self.x:.1f}, {1e3 * self.y:.1f}) mm" + _plus_minus(1e3 * spread, "mm")
+        if math.isnan(self.force):
+            strength = f"{1e6 * self.conductance:.3g} µS"
+        else:
+            strength = f"{self.force:.3g} N" + _plus_minus(self.force_std, "N")
+        known = f", id {self.id}, {self.age:.2f} s old" if self.id else ""
+        return f"<contact at {place}, {strength}, radius {1e3 * self.radius:.1f} mm{known}>"
 
 
 @dataclass
