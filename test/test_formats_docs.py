@@ -15,14 +15,8 @@ import yaml
 from tomotactile_ros import frames_file
 from tomotactile_ros.commands.reconstruct import contact_entry, results_writer
 from tomotactile_ros.frames_file import load_frames, save_frames
-from tomotactile_ros.layouts.layout import (
-    FORMAT,
-    LARGEST,
-    LOW_RESISTANCE,
-    SMALLEST,
-    equal_grid,
-    load_layout,
-)
+from tomotactile_ros.layouts.layout import FORMAT, LOW_RESISTANCE, equal_grid, load_layout
+from tomotactile_ros.layouts.outline import LARGEST, SMALLEST
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene

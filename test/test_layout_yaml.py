@@ -177,11 +177,13 @@ def outlines():
         return [np.array(hole) * a / 2 for hole in holes]
 
     rectangles = st.tuples(size, st.floats(0.01, 1.0), holes).map(
-        lambda v: Outline.rectangle(v[0], v[0] * v[1], scaled((v[0] * v[1], v[2])))
+        lambda v: Outline.rectangle(v[0], v[0] * v[1], scaled((v[0] * v[1], v[2])), True)
     )
-    circles = st.tuples(size, holes).map(lambda v: Outline.circle(v[0], scaled(v)))
+    circles = st.tuples(size, holes).map(lambda v: Outline.circle(v[0], scaled(v), True))
     hexagon = np.array([[-2, -1], [0, -2], [2, -1], [2, 1], [0.5, 2], [-2, 1]])
-    polygons = st.tuples(size, holes).map(lambda v: Outline.polygon(hexagon * v[0], scaled(v)))
+    polygons = st.tuples(size, holes).map(
+        lambda v: Outline.polygon(hexagon * v[0], scaled(v), True)
+    )
     return st.one_of(rectangles, circles, polygons)
 
 

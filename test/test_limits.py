@@ -142,7 +142,7 @@ def test_a_contact_over_the_rim(exponent):
 
 
 @pytest.mark.parametrize("settings, layout, complaint", [
-    ({"contact_radius": 1.0}, SMALL, "contact_radius: 1 m: such a contact is wider than the sheet"),
+    ({"contact_radius": 1.0}, SMALL, "contact_radius: a radius of 1 m is wider than the sheet.*was 1 mm meant"),
     ({}, equal_grid(50, 50, (0.5, 0.5), 0.002, 1e4), "has 2500 electrodes, at most 1024"),
 ])  # fmt: skip
 def test_too_large_for_a_pipeline(settings, layout, complaint):

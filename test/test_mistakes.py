@@ -8,8 +8,12 @@ import yaml
 
 from tomotactile_ros import cli
 from tomotactile_ros.frames_file import save_arrays
+from tomotactile_ros.layouts.arrangements import electrode_ring, hexagonal_grid
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.calibration import measure_conductance
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -175,7 +179,9 @@ def layout_file(tmp_path, **changes):
 
 def test_millimetres(tmp_path, capsys):
     in_mm = {"rectangle": [300.0, 180.0]}
-    with pytest.raises(InputError, match="was 0.3 m x 0.18 m meant.*unusual_size: true"):
+    with pytest.raises(
+        InputError, match="outline.rectangle: a sheet.*was 0.3 m x 0.18 m meant.*unusual_size"
+    ):
         load_layout(layout_file(tmp_path, outline=in_mm))
     with pytest.raises(InputError, match="was another unit meant"):
         load_layout(layout_file(tmp_path, outline={"circle": 0.001}))
@@ -185,7 +191,7 @@ def test_millimetres(tmp_path, capsys):
         load_layout(layout_file(tmp_path, electrodes=positions))
     words = ["layout", "--rows", "2", "--cols", "3", "--size", "300", "180"]
     words += ["--out", str(tmp_path / "large.yaml")]
-    assert "--size: a sheet of 300 m x 180 m" in complaint(capsys, words)
+    assert "a sheet of 300 m x 180 m" in complaint(capsys, words)
     assert cli.main([*words, "--unusual-size"]) == 0
     assert load_layout(tmp_path / "large.yaml").outline.size == (300.0, 180.0)
     contact = {"shape": "disc", "center": [30.0, -20.0], "radius": 0.005}
@@ -193,6 +199,30 @@ def test_millimetres(tmp_path, capsys):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
     with pytest.raises(InputError, match=r"contacts\[0\]: never touches .*; is it in mm?"):
         load_scene(tmp_path / "scene.yaml").check(WIDE)
+
+
+def test_millimetres_in_python():
+    """Constructors and files share one check; what was meant is kept in the file."""
+    makers = [
+        lambda **how: Outline.rectangle(200, 200, **how),
+        lambda **how: Outline.circle(100, **how),
+        lambda **how: Outline.polygon([[-100, -100], [100, -100], [0, 100]], **how),
+        lambda **how: equal_grid(4, 4, (200, 200), 5, 1e4, **how).outline,
+        lambda **how: hexagonal_grid(4, 4, (200, 200), 5, 1e4, **how).outline,
+        lambda **how: electrode_ring(8, 100, 5, 1e4, **how).outline,
+    ]
+    for make in makers:
+        with pytest.raises(InputError, match="was 0.2 m x 0.2 m meant.*set unusual_size"):
+            make()
+        assert make(unusual_size=True).size == pytest.approx((200, 200), rel=1e-3)
+    with pytest.raises(InputError, match="contact_radius.*was 5 mm meant. That is 0.005"):
+        Pipeline(WIDE, Settings(contact_radius=5.0))
+    with pytest.raises(InputError, match="radius.*was 5 mm meant"):
+        learn(WIDE, np.zeros((1, 60, 60)), np.arange(60), 3.3, noise=1e-3, radius=5.0)
+    with pytest.raises(InputError, match="foot_radius.*was 8 mm meant"):
+        measure_conductance(WIDE, np.zeros((1, 60, 60)), np.arange(60), 3.3, foot_radius=8.0)
+    with pytest.warns(Doubt, match="was 10 kohm/sq meant"):
+        equal_grid(4, 4, (0.2, 0.2), 0.005, 10.0)
 
 
 def test_positions_from_a_corner(tmp_path):

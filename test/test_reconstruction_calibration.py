@@ -157,7 +157,7 @@ def test_a_learned_sensor_and_a_known_foot_make_one_press_enough(tmp_path):
         laws.append(load_calibration(out).coefficient / TRUE.coefficient - 1)
     assert abs(laws[0]) < 0.15 and abs(laws[1]) < 0.02  # one press alone hardly tells its width
     assert drawn.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(InputError, match="--foot-radius"):
+    with pytest.raises(InputError, match="foot_radius"):
         run(calibrate, *words, "--foot-radius", "-1")
 
 

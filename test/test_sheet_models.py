@@ -171,7 +171,9 @@ def test_points_see_the_symmetries_of_the_square():
 def test_impedances_scale_with_resistance_and_not_with_length(model):
     def impedances(scale, resistance):
         size = (0.2 * scale, 0.14 * scale)
-        layout = equal_grid(3, 3, size, 0.004 * scale, resistance, margin=0.02 * scale)
+        layout = equal_grid(
+            3, 3, size, 0.004 * scale, resistance, margin=0.02 * scale, unusual_size=True
+        )
         return transfer_impedances(make_sheet(layout, model).electrode_electrode)
 
     plain = impedances(1.0, 1e4)

@@ -52,13 +52,6 @@ def run(args: Namespace) -> None:
     check_out(args.out, *YAML)
     if args.picture:
         check_picture(args.picture)
-    if args.foot_radius is not None:
-        checks.length(args.foot_radius, "--foot-radius")
-        if 2 * args.foot_radius > max(layout.outline.size):
-            raise InputError(
-                f"--foot-radius: {args.foot_radius:g} m is wider than the sheet: lengths are in m, "
-                f"was {args.foot_radius:g} mm meant? That is {args.foot_radius / 1e3:g}"
-            )
     sensor = load_sensor(args.sensor, layout) if args.sensor else None
     forces, conductances, areas = [], [], []
     for press in args.presses:

@@ -15,12 +15,7 @@ from tomotactile_ros.layouts.arrangements import (
     hexagonal_grid,
     usual_radius,
 )
-from tomotactile_ros.layouts.layout import (
-    Layout,
-    check_usual_size,
-    doubt_low_resistance,
-    equal_grid,
-)
+from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import YAML, check_out
@@ -71,9 +66,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     name = args.name or Path(args.out).stem
     layout = _ring(args, name) if args.ring is not None else _grid(args, name)
-    option = "--size" if args.ring is None else "--circle"
-    check_usual_size(layout.outline.size, option, "add --unusual-size", args.unusual_size)
-    doubt_low_resistance(layout.sheet_resistance, "--sheet-resistance")
     check_out(args.out, *YAML)
     provenance = {
         "algorithm": _algorithm(args),
@@ -109,7 +101,8 @@ def _grid(args: Namespace, name: str) -> Layout:
     size = args.size or USUAL_SIZE
     radius = _grid_radius(args, size) if args.radius is None else args.radius
     make = hexagonal_grid if args.hex else equal_grid
-    return make(args.rows, args.cols, size, radius, args.sheet_resistance, args.margin, name)
+    sheet = size, radius, args.sheet_resistance, args.margin
+    return make(args.rows, args.cols, *sheet, name, args.unusual_size)
 
 
 def _grid_radius(args, size):
@@ -133,7 +126,8 @@ def _ring(args: Namespace, name: str) -> Layout:
     if radius is None:
         pitch = 2 * math.sin(math.pi / args.ring) * (args.circle - args.margin)
         radius = usual_radius(pitch, args.ring <= _FEW**2) if pitch > 0 else 1e-3
-    return electrode_ring(args.ring, args.circle, radius, args.sheet_resistance, args.margin, name)
+    sheet = args.circle, radius, args.sheet_resistance, args.margin
+    return electrode_ring(args.ring, *sheet, name, args.unusual_size)
 
 
 def _algorithm(args):

@@ -31,6 +31,7 @@ def hexagonal_grid(
     sheet_resistance: float,
     margin: float = 0.0,
     name: str | None = None,
+    unusual_size: bool = False,
 ) -> Layout:
     """Rows of ``cols - 1`` and of ``cols`` electrodes in turn over a rectangle, in each other's
     gaps.
@@ -41,6 +42,7 @@ def hexagonal_grid(
     size : width (x) and height (y) of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
     margin : distance of the outermost centres from the rim, m.
+    unusual_size : as of :class:`Outline`.
 
     The first row is a shorter one. The order is row by row from the lower left. Every electrode is
     as far from all its neighbours where the rows are 0.866 times as far apart as the electrodes
@@ -49,7 +51,7 @@ def hexagonal_grid(
     rows = checks.integer(rows, "rows", 2, 256)
     cols = checks.integer(cols, "cols", 2, 256)
     width, height = checks.pair(size, "size", "length in m")
-    outline = Outline.rectangle(width, height)
+    outline = Outline.rectangle(width, height, unusual_size=unusual_size)
     half_width, half_height = half_sides(outline, margin)
     y = np.arange(1 - rows, rows, 2) / (rows - 1) * half_height
     lines = []
@@ -68,6 +70,7 @@ def electrode_ring(
     sheet_resistance: float,
     margin: float = 0.0,
     name: str | None = None,
+    unusual_size: bool = False,
 ) -> Layout:
     """Equally spaced electrodes on a circle around the centre of a round sheet.
 
@@ -77,11 +80,12 @@ def electrode_ring(
     circle : radius of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
     margin : distance of the centres from the rim, m.
+    unusual_size : as of :class:`Outline`.
 
     Electrode 0 lies on the +x axis, the others follow counter-clockwise.
     """
     count = checks.integer(count, "ring", 3, MAX_ELECTRODES)
-    outline = Outline.circle(checks.length(circle, "circle"))
+    outline = Outline.circle(circle, unusual_size=unusual_size)
     reach, _ = half_sides(outline, margin)
     angle = 2 * np.pi * np.arange(count) / count
     positions = np.round(reach * np.column_stack([np.cos(angle), np.sin(angle)]), _DECIMALS)

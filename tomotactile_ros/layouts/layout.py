@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout_ids import make_id
-from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.outline import Outline, is_usual_size
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, complaints_at, doubt
 from tomotactile_ros.support.files import find_config
@@ -19,7 +19,6 @@ from tomotactile_ros.surfaces import Cylinder, Flat, Mesh, PointGrid, Surface
 FORMAT = "tomotactile-layout/1"
 MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
 MAX_ROWS = 65535  # of a frame: rows are counted by a uint16
-SMALLEST, LARGEST = 0.005, 5.0  # m, longer sides of sheets that people build
 LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
 FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
 _ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
@@ -57,6 +56,7 @@ class Layout:
         if not self.name.isprintable():
             raise InputError(f"name: {checks.show(self.name)} has characters that nothing shows")
         checks.positive(self.sheet_resistance, "sheet_resistance", "number in ohm/sq")
+        _doubt_low_resistance(self.sheet_resistance, f"{self.name}: sheet_resistance")
         checks.length(self.radius, "electrodes.radius")
         positions = checks.points(self.positions, "electrodes.positions", least=2)
         object.__setattr__(self, "positions", positions)
@@ -165,24 +165,16 @@ class Layout:
             )
 
 
-def is_usual_size(size: tuple[float, float]) -> bool:
-    """Whether a sheet of this width and height, m, is of a size that people build."""
-    return SMALLEST <= max(size) <= LARGEST
+def check_on_sheet(layout: Layout, radius: float, key: str) -> None:
+    """Refuse what is wider than the sheet, a `radius` in m that was probably given in mm."""
+    if 2 * radius > max(layout.outline.size):
+        raise InputError(
+            f"{key}: a radius of {radius:g} m is wider than the sheet: lengths are in m, was {radius:g} mm "
+            f"meant? That is {radius / 1e3:g}"
+        )
 
 
-def check_usual_size(size: tuple[float, float], key: str, remedy: str, meant: bool = False) -> None:
-    """Refuse a size, m, that was probably given in another unit, unless it is `meant`; `remedy`
-    says how to insist."""
-    if meant or is_usual_size(size):
-        return
-    a, b = size
-    instead = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
-    raise InputError(
-        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {instead} meant? If not, {remedy}"
-    )
-
-
-def doubt_low_resistance(sheet_resistance: float, key: str) -> None:
+def _doubt_low_resistance(sheet_resistance: float, key: str) -> None:
     """Doubt a resistance, ohm/sq, that was probably given in kilohm."""
     if 0 < sheet_resistance < LOW_RESISTANCE:
         doubt(
@@ -211,7 +203,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     )
     electrodes = reader.section("electrodes")
     electrodes.only("radius", "positions")
-    outline = _read_outline(reader.section("outline"))
+    outline = _read_outline(reader.section("outline"), reader.flag("unusual_size"))
     surface: Surface = Flat()
     if "surface" in reader:
         surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
@@ -222,15 +214,11 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
         scan = section.integers("order")
         if not scan:
             section.refuse("order", [], "names no electrode; without scan all are grounded in turn")
-    if not reader.flag("unusual_size"):
-        check_usual_size(outline.size, f"{reader.place}outline", "write unusual_size: true")
-    sheet_resistance = reader.number("sheet_resistance")
-    doubt_low_resistance(sheet_resistance, f"{reader.place}sheet_resistance")
     return reader.build(
         Layout,
         name=reader.text("name"),
         outline=outline,
-        sheet_resistance=sheet_resistance,
+        sheet_resistance=reader.number("sheet_resistance"),
         radius=electrodes.number("radius"),
         positions=electrodes.points("positions"),
         provenance=reader.free("provenance"),
@@ -247,6 +235,7 @@ def equal_grid(
     sheet_resistance: float,
     margin: float = 0.0,
     name: str | None = None,
+    unusual_size: bool = False,
 ) -> Layout:
     """Electrodes on an equally spaced grid over a rectangle.
 
@@ -256,6 +245,7 @@ def equal_grid(
     size : width (x) and height (y) of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
     margin : distance of the outermost centres from the rim, m.
+    unusual_size : as of :class:`Outline`.
 
     The order is row by row from the lower left: electrode ``r * cols + c`` is in row ``r`` from
     below and column ``c`` from the left.
@@ -263,7 +253,7 @@ def equal_grid(
     rows = checks.integer(rows, "rows", 2, 256)
     cols = checks.integer(cols, "cols", 2, 256)
     width, height = checks.pair(size, "size", "length in m")
-    outline = Outline.rectangle(width, height)
+    outline = Outline.rectangle(width, height, unusual_size=unusual_size)
     half_width, half_height = half_sides(outline, margin)
     x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
     positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
@@ -286,7 +276,7 @@ def _equal_steps(count: int) -> np.ndarray:
     return (2 * np.arange(count) - (count - 1)) / (count - 1)
 
 
-def _read_outline(reader: Reader) -> Outline:
+def _read_outline(reader: Reader, unusual_size: bool) -> Outline:
     reader.only("rectangle", "circle", "polygon", "holes")
     kinds = [kind for kind in ("rectangle", "circle", "polygon") if kind in reader]
     if len(kinds) != 1:
@@ -297,10 +287,13 @@ def _read_outline(reader: Reader) -> Outline:
         )
     holes = [entry.points(key) for key, entry in reader.entries("holes")]
     if kinds == ["rectangle"]:
-        return reader.build(Outline.rectangle, *reader.numbers("rectangle", 2), holes=holes)
+        sides = reader.numbers("rectangle", 2)
+        return reader.build(Outline.rectangle, *sides, holes=holes, unusual_size=unusual_size)
     if kinds == ["circle"]:
-        return reader.build(Outline.circle, reader.number("circle"), holes=holes)
-    return reader.build(Outline.polygon, reader.points("polygon"), holes=holes)
+        radius = reader.number("circle")
+        return reader.build(Outline.circle, radius, holes=holes, unusual_size=unusual_size)
+    points = reader.points("polygon")
+    return reader.build(Outline.polygon, points, holes=holes, unusual_size=unusual_size)
 
 
 def _read_surface(reader: Reader, folder: Path, size: tuple[float, float]) -> Surface:

@@ -11,6 +11,7 @@ from tomotactile_ros.support.errors import InputError
 
 _SLOPE = 1e-6  # of the size: differences of the depth are taken over this length
 _CROSS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+SMALLEST, LARGEST = 0.005, 5.0  # m, longer sides of sheets that people build
 _CENTRED = 1e-6  # how far the middle of a polygon's bounding box may be off, in parts of its size
 
 
@@ -31,23 +32,34 @@ class Outline(Region):
     radius: float = 0.0
 
     @classmethod
-    def rectangle(cls, a: float, b: float, holes: Sequence = ()) -> "Outline":
-        """``a`` wide (x) and ``b`` high (y), m."""
+    def rectangle(
+        cls, a: float, b: float, holes: Sequence = (), unusual_size: bool = False
+    ) -> "Outline":
+        """``a`` wide (x) and ``b`` high (y), m.
+
+        Here and below, ``unusual_size`` says that a sheet really is below 5 mm or above 5 m; such a
+        length is refused otherwise: it was probably not given in m.
+        """
         a = checks.length(a, "rectangle[0]")
         b = checks.length(b, "rectangle[1]")
+        _check_usual_size((a, b), "rectangle", unusual_size)
         shell = np.array([[-a, -b], [a, -b], [a, b], [-a, b]]) / 2
         return cls(shell, tuple(holes), "rectangle")
 
     @classmethod
-    def circle(cls, radius: float, holes: Sequence = ()) -> "Outline":
+    def circle(cls, radius: float, holes: Sequence = (), unusual_size: bool = False) -> "Outline":
         """A disc of the given radius, m."""
         radius = checks.length(radius, "circle")
+        _check_usual_size((2 * radius, 2 * radius), "circle", unusual_size)
         return cls(regular_polygon(radius), tuple(holes), "circle", radius)
 
     @classmethod
-    def polygon(cls, points: Sequence | np.ndarray, holes: Sequence = ()) -> "Outline":
+    def polygon(
+        cls, points: Sequence | np.ndarray, holes: Sequence = (), unusual_size: bool = False
+    ) -> "Outline":
         """A simple polygon (V, 2), m, whose bounding box is centred on the origin."""
         outline = cls(points, tuple(holes), "polygon")  # type: ignore[arg-type] # checked there
+        _check_usual_size(outline.size, "polygon", unusual_size)
         xmin, ymin, xmax, ymax = outline.bounds
         shift = np.array([-(xmin + xmax) / 2, -(ymin + ymax) / 2])
         if np.any(np.abs(shift) > _CENTRED * max(outline.size)):
@@ -115,3 +127,20 @@ class Outline(Region):
         if self.holes:
             content["holes"] = list(self.holes)
         return content
+
+
+def is_usual_size(size: tuple[float, float]) -> bool:
+    """Whether a sheet of this width and height, m, is of a size that people build."""
+    return SMALLEST <= max(size) <= LARGEST
+
+
+def _check_usual_size(size: tuple[float, float], key: str, meant: bool) -> None:
+    """Refuse a size, m, that was probably given in another unit, unless it is `meant`."""
+    if meant or is_usual_size(size):
+        return
+    a, b = size
+    instead = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
+    raise InputError(
+        f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {instead} meant? If not, set "
+        "unusual_size"
+    )

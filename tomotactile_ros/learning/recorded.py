@@ -22,7 +22,7 @@ from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
     EXPLAINED,
@@ -39,6 +39,7 @@ from tomotactile_ros.learning.readings import (
     square,
 )
 from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
 WIDE = ChannelPrior(
@@ -121,6 +122,8 @@ def learn(
     before : (N, L, E) V, potentials in the row before each; None: rows are in the order of time, and
         the last one was before the first
     """
+    check_on_sheet(layout, checks.length(radius, "radius"), "radius")
+    checks.positive(noise, "noise", "voltage in V")
     frames, grounded = np.asarray(frames, float), np.asarray(grounded, int)
     given = len(frames)
     kept = np.flatnonzero(_read(frames, grounded))

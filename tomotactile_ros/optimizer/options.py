@@ -23,8 +23,6 @@ from tomotactile_ros.layouts.arrangements import (
 )
 from tomotactile_ros.layouts.layout import (
     Layout,
-    check_usual_size,
-    doubt_low_resistance,
     equal_grid,
     load_layout,
 )
@@ -311,6 +309,7 @@ def start_layout(
     radius: float | None = None,
     sheet_resistance: float = 1e4,
     inset: float = 0.0,
+    unusual_size: bool = False,
 ) -> Layout:
     """The equal grid, its outermost centres `inset` (m) from the rim.
 
@@ -325,7 +324,8 @@ def start_layout(
             checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
         )
         radius = usual_radius(pitch, max(rows, cols) <= 4)
-    return equal_grid(rows, cols, size, radius, sheet_resistance, inset)
+    grid = rows, cols, size, radius, sheet_resistance, inset
+    return equal_grid(*grid, unusual_size=unusual_size)
 
 
 def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
@@ -339,14 +339,7 @@ def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
                 )
         layout = load_layout(values["layout"])
         return _spread(values, mark, layout) if anew else layout
-    if values["electrodes"] is not None:
-        layout = _spread(values, mark)
-    else:
-        layout = _grid(values, mark)
-    remedy = "add --unusual-size" if mark else "set unusual_size"
-    key = "size" if values["circle"] is None else "circle"
-    check_usual_size(layout.outline.size, mark + key, remedy, values["unusual_size"])
-    return layout
+    return _grid(values, mark) if values["electrodes"] is None else _spread(values, mark)
 
 
 def _grid(values, mark):
@@ -354,7 +347,6 @@ def _grid(values, mark):
         raise InputError(
             f"{mark}rows and {mark}cols, or {mark}layout, or {mark}electrodes, are needed"
         )
-    doubt_low_resistance(values["sheet_resistance"], f"{mark}sheet_resistance")
     if values["circle"] is not None:
         raise InputError(f"{mark}circle: has no rows and columns, give {mark}electrodes")
     return start_layout(
@@ -364,6 +356,7 @@ def _grid(values, mark):
         values["radius"],
         values["sheet_resistance"],
         values["inset"],
+        values["unusual_size"],
     )
 
 
@@ -376,11 +369,11 @@ def _spread(values, mark, layout: Layout | None = None):
         outline, radius, resistance = layout.outline, layout.radius, layout.sheet_resistance
     else:
         radius, resistance = values["radius"], values["sheet_resistance"]
-        doubt_low_resistance(resistance, f"{mark}sheet_resistance")
+        unusual = {"unusual_size": values["unusual_size"]}
         if values["circle"] is None:
-            outline = Outline.rectangle(*(values["size"] or USUAL_SIZE))
+            outline = Outline.rectangle(*(values["size"] or USUAL_SIZE), **unusual)
         elif values["size"] is None:
-            outline = Outline.circle(values["circle"])
+            outline = Outline.circle(values["circle"], **unusual)
         else:
             raise InputError(f"{mark}circle: the sheet has a {mark}size, give only one")
     spread = spread_electrodes(values["electrodes"], outline, radius, resistance, values["inset"])

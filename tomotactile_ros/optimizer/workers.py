@@ -11,11 +11,13 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children, get_context
 
+from tomotactile_ros.support.errors import Doubt
 from tomotactile_ros.support.processes import die_with_parent
 
 _ENVIRONMENT = {  # of processes that search
@@ -118,6 +120,7 @@ def _prepare(parent: int) -> None:
     signal.signal(signal.SIGALRM, _stop)
     signal.signal(_STOP, _stop)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {_STOP, signal.SIGINT})
+    warnings.simplefilter("ignore", Doubt)  # the parent has said it
     die_with_parent(parent)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.estimator import Estimator, State
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -51,6 +51,8 @@ def measure_conductance(
 
     sensor : what was learned of it; foot_radius : of a round foot, m
     """
+    if foot_radius is not None:
+        check_on_sheet(layout, checks.length(foot_radius, "foot_radius"), "foot_radius")
     found = _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius)
     found = [contacts[0] for contacts in found if contacts]
     if not found:

@@ -31,7 +31,7 @@ from tomotactile_ros.estimation.settling import with_ground
 from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.estimate import (
     EVEN_DISC,
@@ -783,11 +783,7 @@ def _check_size(layout: Layout, settings: Settings) -> None:
         raise InputError(
             f"layout: {layout.name} has {count} electrodes, at most {MOST_ELECTRODES} are reconstructed"
         )
-    if 2 * settings.contact_radius > max(layout.outline.size):
-        raise InputError(
-            f"contact_radius: {settings.contact_radius:g} m: such a contact is wider than the sheet, "
-            f"{max(layout.outline.size):g} m"
-        )
+    check_on_sheet(layout, settings.contact_radius, "contact_radius")
     needed = 8.0 * count * (18.0 * resolution**2 + 100.0 * count)
     memory.check(needed, f"layout: {count} electrodes at resolution {resolution}")
 
