@@ -70,7 +70,7 @@ def test_simulate_writes_when_rows_were_taken(frames, tmp_path):
         stamps, last = file["stamps"], json.loads(str(file["truth_last"]))
     scene = load_scene("default")
     assert last == [scene.truth(t + 15e-3) for t in stamps]
-    assert "row i of a frame at its stamp + i x 0.001 s" in run("inspect", frames).stdout
+    assert "row i of a frame at its stamp + i x 1 ms" in run("inspect", frames).stdout
     out, common = tmp_path / "x.npz", ("simulate", "--layout", "equal-4x4", "--scene", "default")
     for options, row_period, distance in [
         (("--row-period", 0), 0.0, 0.016),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tomotactile_ros.cli import main
 from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device, protocol
 from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.fake import FakeDevice
@@ -239,6 +240,16 @@ def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change
     path = write_bag(tmp_path / "bag", "mcap", third=change)
     with pytest.raises(InputError, match=complaint):
         load_recording(path, LAYOUT)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_inspect_shows_a_bag(tmp_path, storage, capsys):
+    folder = write_bag(tmp_path / "bag", storage)
+    for path in (folder, *folder.glob("*.mcap"), *folder.glob("*.db3")):
+        assert main(["inspect", str(path)]) == 0
+        shown = capsys.readouterr().out
+        assert f"frames of {len(a_recording()['grounded'])} ground conditions" in shown
+        assert "at its stamp + i x 2.5 ms" in shown
 
 
 def forget_definitions(file: Path) -> None:

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,15 @@ import pytest
 import yaml
 
 from tomotactile_ros import frames_file
+from tomotactile_ros.cli import main
 from tomotactile_ros.commands.reconstruct import contact_entry, results_writer
 from tomotactile_ros.frames_file import load_frames, save_frames
 from tomotactile_ros.layouts.layout import FORMAT, LOW_RESISTANCE, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import LARGEST, SMALLEST
+from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
+from tomotactile_ros.reconstruction.tare_file import Tare
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.support.errors import InputError
 
@@ -141,3 +145,66 @@ def test_every_array_of_a_result_is_explained(tmp_path):
     assert contact == contact_entry(result.contacts[0])
     assert contact["force"] is contact["pressure"] is contact["force_std"] is None
     assert set(contact) <= set(re.findall(r"`(\w+)`", rows("Result")["contacts"][-1]))
+
+
+@pytest.fixture(scope="module")
+def every_file(tmp_path_factory):
+    """A file of each row of the page's first table, made by the commands that it names."""
+    folder = tmp_path_factory.mktemp("files")
+    made = {name: folder / f"{name}.npz" for name in ("frames", "tare", "result", "kept")}
+    made |= {name: folder / f"{name}.yaml" for name in ("layout", "scene", "sensor", "calibration")}
+    made["state"] = folder / "better.search.json"
+    layout = ["--layout", made["layout"]]
+    scene = load_scene("default")
+    one = replace(scene.contacts[0], center=(0.02, -0.03), radius=0.008, force=2.0, pressure=None)
+    replace(scene, contacts=(one,)).save(made["scene"])
+    simulated = ["simulate", *layout, "--row-period", "0.000999999"]
+    learned = ["learn", made["frames"], *layout, "--contact-radius", "0.008"]
+    pressed = ["calibrate", f"{made['frames']}=2", *layout, "--exponent", "1"]
+    idle = ["--recording", folder / "idle.npz"]
+    for command, name in (
+        (["layout", "--rows", 4, "--cols", 4], "layout"),
+        ([*simulated, "--scene", made["scene"], "--frames", 4], "frames"),
+        ([*simulated, "--scene", "idle", "--frames", 4], "idle"),
+        (["tare", *layout, *idle], "tare"),
+        (learned, "sensor"),
+        (pressed, "calibration"),
+        (["reconstruct", made["frames"], *layout], "result"),
+    ):
+        out = made.get(name, folder / f"{name}.npz")
+        assert main([*map(str, command), "--out", str(out)]) == 0
+    grid = load_layout(made["layout"])
+    state = Trial(grid.positions, grid.radius, 1.25)
+    Checkpoint(made["state"], {"method": "free", "start": grid.id, "steps": 20}).keep(
+        3, [state], state
+    )
+    Tare(grid.id, np.full((16, 16), 0.0021), 32, 1.8e9, "").save(made["kept"])
+    return made
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("layout", ["16 electrodes, rectangle"]),
+        ("scene", ["2 N"]),
+        ("frames", ["4 frames of 16 ground conditions", "at its stamp + i x 1 ms"]),
+        ("tare", ["1 frame of 16 ground conditions"]),
+        ("sensor", ["sensor learned with layout", "learned from 1 distinct touch", "offsets: "]),
+        ("calibration", ["contact law g = ", "10 N on a disc of 5 mm radius: 127 kPa"]),
+        ("result", ["last image, peak", "contacts of the last frame"]),
+        ("state", ["search free, from layout#", "3 of 20 steps done", "score 1.25"]),
+        ("kept", ["mean of 32 frames, 2027-01-15 08:00 UTC", "readings 2.1 to 2.1 mV"]),
+    ],
+)
+def test_inspect_shows_every_file_of_the_page(every_file, capsys, name, told):
+    assert main(["inspect", str(every_file[name]), "--layout", str(every_file["layout"])]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for part in told:
+        assert part in shown
+    assert not re.search(r"\.\d{8}|99999|e[-+]0\d", shown)  # numbers as people write them
+
+
+def test_every_row_of_the_first_table_is_among_the_files_that_are_shown(every_file):
+    table = TEXT.split("| file | written by")[1].split("\n\n")[0]
+    first = {re.search(r"\w+", line).group() for line in table.splitlines()[2:]}
+    assert first == set(every_file) - {"kept"}

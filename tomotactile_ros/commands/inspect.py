@@ -1,4 +1,4 @@
-"""`tomotactile inspect`: what a layout, scene, frames or result file holds, with a picture."""
+"""`tomotactile inspect`: what any file of docs/formats.md holds, with a picture."""
 
 from __future__ import annotations
 
@@ -11,13 +11,26 @@ from pathlib import Path
 
 import numpy as np
 
+from tomotactile_ros.commands.describe import (
+    describe_calibration,
+    describe_search,
+    describe_sensor,
+    describe_tare,
+    known_layout,
+)
+from tomotactile_ros.devices.recording import BAGS, read_frames
 from tomotactile_ros.frames_file import DEFAULT_DRIVE, contacts_of, doubt_of, load_arrays
 from tomotactile_ros.layouts.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.learning.file import FORMAT as SENSOR_FORMAT
+from tomotactile_ros.learning.file import MAX_BYTES as SENSOR_BYTES
+from tomotactile_ros.learning.findings import count
+from tomotactile_ros.reconstruction.calibration import NODE
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.reconstruction.tare_file import ARRAYS as TARE
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import course_to_dict
 from tomotactile_ros.scenes.defects import named_defects
@@ -28,7 +41,7 @@ from tomotactile_ros.support.errors import InputError, printable
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import read_mapping
 
-HELP = "show what a layout, scene, frames or result file holds"
+HELP = "show what a file holds: layout, scene, frames, result, tare, sensor, calibration, search"
 _WIDTH = 79  # of a line; longer ones go on in the next, between words
 _LONGEST = 400  # characters of a value
 _SHOWN = 16  # rows of a scan, entries of a provenance, contacts of a scene
@@ -48,21 +61,31 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     path = _find(args.file)
+    if path.is_dir() or path.suffix in BAGS:
+        _show(_describe_frames(path, _of_bag(path), args.layout))
+        return
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
         _show(_describe_arrays(path, args.layout))
         return
-    content = read_mapping(path)
+    if path.suffix == ".json":
+        _show(describe_search(path))
+        return
+    content = read_mapping(path, SENSOR_BYTES)
     kind = content.get("format")
     if kind == LAYOUT_FORMAT:
         _show(describe_layout(load_layout(path, content)))
     elif kind == SCENE_FORMAT:
         scene = load_scene(path, content)
         _show(_describe_scene(scene, load_layout(scene.layout or args.layout or "equal-8x8")))
+    elif kind == SENSOR_FORMAT:
+        _show(describe_sensor(path, content, args.layout))
+    elif kind is None and NODE in content:
+        _show(describe_calibration(path))
     else:
         found = show(kind) if str(kind).startswith("tomotactile-") else "what it names"
         raise InputError(
-            f"{path}: format: {found} is neither {LAYOUT_FORMAT} nor {SCENE_FORMAT}, "
-            "and the file is no .npz"
+            f"{path}: format: {found} is none of {LAYOUT_FORMAT}, {SCENE_FORMAT} and {SENSOR_FORMAT}, and "
+            f"the file is no calibration ({NODE}) and no .npz"
         )
 
 
@@ -76,6 +99,8 @@ def _show(lines):
 
 
 def _find(name):
+    if Path(name, "metadata.yaml").is_file():  # of a bag
+        return Path(name)
     for kind in ("layouts", "scenes"):
         try:
             return find_config(kind, name)
@@ -163,6 +188,29 @@ def _describe_contact(contact: Contact):
 
 def _describe_arrays(path, layout):
     content = load_arrays(path)
+    if content.keys() >= TARE:
+        yield from describe_tare(path, content)
+        yield "  a row for each grounded electrode, dark = 0 V:"
+        yield from _shade(content["baseline"])
+        return
+    yield from _describe_frames(path, content, layout)
+
+
+def _of_bag(path):
+    """Arrays as in a file of frames."""
+    frames = list(read_frames(path))
+    if any(not np.array_equal(frame.grounded, frames[0].grounded) for frame in frames):
+        raise InputError(f"{path}: its frames differ in their ground conditions")
+    return {
+        "voltages": np.array([frame.voltages for frame in frames]),
+        "grounded": frames[0].grounded,
+        "stamps": np.array([frame.stamp for frame in frames]),
+        "drive_voltage": np.array(frames[0].drive_voltage),
+        "row_period": np.median([frame.row_period for frame in frames]),
+    }
+
+
+def _describe_frames(path, content, layout):
     yield f"{Path(path).name}:"
     for key, value in content.items():
         yield f"  {key:14} {value.dtype.name if value.dtype.kind != 'U' else 'text'} {value.shape}"
@@ -200,7 +248,10 @@ def _row_times(row_period):
     """What a file of frames says about the times of its rows."""
     if row_period is None or not np.any(row_period):
         return "rows of a frame all at once, or their times are not known"
-    return f"row i of a frame at its stamp + i x {show(np.ravel(row_period).tolist()[0])} s"
+    (period,) = np.ravel(row_period)[:1]
+    if not isinstance(period, np.number) or not np.isreal(period):
+        return f"row_period: {show(period)} is no number"
+    return f"row i of a frame at its stamp + i x {1e3 * float(period):.4g} ms"
 
 
 def _is_stack(array):
@@ -211,7 +262,7 @@ def _is_stack(array):
 def _describe_voltages(voltages):
     valid = ~np.isnan(voltages)
     dead = np.flatnonzero(~valid.any(axis=(0, 1)))
-    yield f"  {len(voltages)} frames of {voltages.shape[1]} ground conditions"
+    yield f"  {count(len(voltages), 'frame')} of {voltages.shape[1]} ground conditions"
     if valid.any():
         yield f"  readings {np.nanmin(voltages):.4g} to {np.nanmax(voltages):.4g} V"
     else:
@@ -231,9 +282,8 @@ def _describe_order(content, name):
         yield "  nothing seems to touch in any frame"
         return
     text = f"  electrode {highest.argmax()} reads most"
-    try:
-        layout = load_layout(name.partition("#")[0])
-    except InputError:
+    layout = known_layout(name, None)
+    if layout is None:
         yield f"{text} (--layout LAYOUT says where that is)"
         return
     if grounded is None or frames.shape[2] != layout.electrodes:

@@ -31,6 +31,7 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.npz_writer import npz_writer
 
+BAGS = (".mcap", ".db3")  # files of rosbag2; it may also be a folder
 _ABOVE, _OFTEN = 1.1, 0.1  # times the drive voltage; of the readings
 _BELOW = 0.1  # times the drive voltage: no offset, hum or drift of a working input is that large
 _TO_IMPORT = (".csv", ".tsv", ".txt", ".dat", ".mat", ".npy")  # files of other programs

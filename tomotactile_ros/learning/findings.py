@@ -85,10 +85,7 @@ def deviation(state: SensorState, operator: SheetOperator, part: str) -> np.ndar
 def lines(learned: Learned) -> Iterator[str]:
     """The whole report."""
     state = learned.state
-    yield (
-        f"learned from {count(state.touches, 'distinct touch', 'es')} in {count(state.frames, 'frame')} "
-        f"and {count(learned.untouched, 'untouched frame')}"
-    )
+    yield _counted(state, learned.untouched)
     if learned.alike:
         yield f"  {count(learned.alike, 'frame')} like others, which add nothing"
     if learned.exchanged:
@@ -124,15 +121,32 @@ def lines(learned: Learned) -> Iterator[str]:
     elif learned.asymmetry is not None:
         yield f"reciprocity: {learned.asymmetry:.2f} times what noise explains, with the gains found"
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
+    yield from _parts(state, learned.operator, good)
+    yield from _undetermined(learned, good)
+
+
+def of_state(state: SensorState, operator: SheetOperator, good: np.ndarray) -> Iterator[str]:
+    """What is known of a sensor, whose electrodes `good` were read."""
+    yield _counted(state, state.idle)
+    yield from _parts(state, operator, good)
+
+
+def _counted(state, untouched):
+    return (
+        f"learned from {count(state.touches, 'distinct touch', 'es')} in {count(state.frames, 'frame')} "
+        f"and {count(untouched, 'untouched frame')}"
+    )
+
+
+def _parts(state, operator, good):
     if _is_told(state, "gain", good):
         yield from _gains(state, good)
     if _is_told(state, "offset", good):
         yield from _offsets(state, good)
     if state.touches:
-        yield from _resistances(state, learned.operator, good)
+        yield from _resistances(state, operator, good)
         yield from _places(state, good)
-        yield from _sheet(state, learned.operator)
-    yield from _undetermined(learned, good)
+        yield from _sheet(state, operator)
 
 
 def _is_told(state, part, good):

@@ -42,6 +42,9 @@ class Tare:
         save_arrays(path, vars(self))
 
 
+ARRAYS = frozenset(each.name for each in fields(Tare))  # of the file
+
+
 def this_boot() -> str:
     """Names the present run of the machine; empty where it does not say."""
     try:
@@ -53,7 +56,7 @@ def this_boot() -> str:
 def is_tare(path: str | os.PathLike) -> bool:
     """Whether it is a file of a tare, of whatever layout."""
     try:
-        return {each.name for each in fields(Tare)} <= load_arrays(path).keys()
+        return load_arrays(path).keys() >= ARRAYS
     except InputError:
         return False
 

@@ -1,0 +1,102 @@
+"""What stands in files that hold neither frames nor images: sensors, contact laws, tares, searches."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.file import load_sensor
+from tomotactile_ros.optimizer.checkpoint import FORMAT as SEARCH_FORMAT
+from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.tare_file import load_tare
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import read_limited
+
+_FOOT = 0.005  # m, radius of the contact that a law is shown for
+_FORCES = 1.0, 10.0  # N, of it
+_MOST = 100_000_000  # bytes of a search
+_LEFT_OUT = ("method", "start", "steps")  # of what a search was asked for: shown before
+
+
+def known_layout(layout_id: str, layout: str | None) -> Layout | None:
+    """The layout that is named, or an installed one or a file of the name in `layout_id`."""
+    if layout is not None:
+        return load_layout(layout)
+    try:
+        return load_layout(layout_id.partition("#")[0])
+    except InputError:
+        return None
+
+
+def describe_sensor(path: Path, content: Mapping, layout: str | None) -> Iterator[str]:
+    """Lines: what was learned of a sensor."""
+    name = checks.show(content.get("layout")).strip("'")
+    yield f"sensor learned with layout {name}"
+    found = known_layout(str(content.get("layout")), layout)
+    if found is None:
+        yield "  which layout is that? --layout LAYOUT shows what was learned"
+        return
+    state = load_sensor(path, found)
+    if state.time > 0:
+        yield f"  last touch {_when(state.time)}"
+    operator = SheetOperator(found)
+    for line in findings.of_state(state, operator, np.arange(found.electrodes)):
+        yield f"  {line}"
+
+
+def describe_calibration(path: Path) -> Iterator[str]:
+    """Lines: the contact law, and what it makes of a force."""
+    law = load_calibration(path)
+    yield f"contact law g = {law.coefficient:.4g} S/m2 (p / Pa)^{law.exponent:.4g}"
+    area = np.pi * _FOOT**2
+    for force in _FORCES:
+        conductance = area * float(law.conductance(force / area))
+        yield (
+            f"  {force:g} N on a disc of {1e3 * _FOOT:g} mm radius: {force / area / 1e3:.3g} kPa, "
+            f"{1e3 * conductance:.3g} mS"
+        )
+
+
+def describe_tare(path: Path, arrays: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Lines: what a node keeps of an untouched sheet; its picture follows."""
+    layout_id, electrodes = str(arrays["layout_id"]), arrays["baseline"].shape[-1]
+    tare = load_tare(path, layout_id, electrodes)
+    valid = 1e3 * tare.baseline[np.isfinite(tare.baseline)]
+    yield f"tare of {layout_id}: mean of {tare.frames} frames, {_when(tare.stamp)}"
+    if valid.size:
+        yield f"  readings {valid.min():.3g} to {valid.max():.3g} mV, median {np.median(valid):.3g} mV"
+
+
+def describe_search(path: Path) -> Iterator[str]:
+    """Lines: how far a search for a layout has come."""
+    try:
+        content = json.loads(read_limited(path, _MOST))
+        kind, asked = content["format"], content["asked"]
+        done, best = content["done"], content["best"]
+        score = float(best["score"])
+        positions = checks.points(best["positions"], f"{path}: best.positions", least=1)
+        asked_for = {key: value for key, value in asked.items() if key not in _LEFT_OUT}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is no state of a search") from None
+    if kind != SEARCH_FORMAT:
+        raise InputError(f"{path}: format: {checks.show(kind)} is not {SEARCH_FORMAT}")
+    method, start = (checks.show(asked.get(key)).strip("'") for key in ("method", "start"))
+    yield f"search {method}, from {start}: {done} of {checks.show(asked.get('steps'))} steps done"
+    yield f"  best of them: score {score:.4g}, {len(positions)} electrodes"
+    for key, value in asked_for.items():
+        yield f"  {key:17} {checks.show(value, 100)}"
+    yield "  the same 'tomotactile optimize' with --resume goes on from here"
+
+
+def _when(stamp: float) -> str:
+    return datetime.fromtimestamp(stamp, timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
