@@ -184,7 +184,7 @@ class Subscriber:
 def make_layout(folder: str, side: int) -> str:
     """File of a side x side layout."""
     path = Path(folder, "layout.yaml")
-    equal_grid(side, side, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.005).save(path)
+    equal_grid(side, side, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, inset=0.005).save(path)
     return str(path)
 
 

@@ -29,7 +29,7 @@ except (ImportError, OSError) as error:
     pytest.skip(f"no Gmsh: {error}", allow_module_level=True)
 
 DRIVE = 3.3
-GRID = equal_grid(3, 3, (0.1, 0.1), 0.0025, 1e4, margin=0.01)
+GRID = equal_grid(3, 3, (0.1, 0.1), 0.0025, 1e4, inset=0.01)
 PLACE = (0.013, 0.021)
 
 
@@ -134,7 +134,7 @@ import os, signal
 from tomotactile_ros.bench.reference import ReferenceSheet, disc
 from tomotactile_ros.layouts.layout import equal_grid
 
-ReferenceSheet(equal_grid(2, 2, (0.1, 0.1), 0.0025, 1e4, margin=0.01)).solve(
+ReferenceSheet(equal_grid(2, 2, (0.1, 0.1), 0.0025, 1e4, inset=0.01)).solve(
     [(disc((0.013, 0.021), 0.005), 2.0)]
 )
 for provoke in (lambda: os.write(write, b"x"), lambda: os.kill(os.getpid(), signal.SIGINT)):

@@ -176,7 +176,7 @@ def test_a_scene_file_names_them_and_is_written_back(tmp_path):
     scene.save(tmp_path / "again.yaml")
     again = load_scene(tmp_path / "again.yaml")
     assert again.defects == scene.defects and again.own_reading
-    small = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, margin=0.02)
+    small = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, inset=0.02)
     Simulator(small, scene, "closed_form").frame(0.0)
     with pytest.raises(InputError, match="defects.offset: a list of 4 numbers, the layout has 16"):
         scene.check(LAYOUT)

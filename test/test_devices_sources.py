@@ -24,7 +24,7 @@ from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE = 30.0
-LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.02)
+LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, inset=0.02)
 SCENE = Scene(
     name="push", drive_voltage=3.3, contacts=(Contact("disc", center=(0.01, 0.02), radius=0.005),)
 )
@@ -219,7 +219,7 @@ def test_the_commands_take_a_bag_of_their_layout(tmp_path):
         InputError, match=f"bag: frame 10 is of layout '{LAYOUT.id}', not of 'other#"
     ):
         load_recording(path, replace(LAYOUT, name="other"))
-    larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.02, name=LAYOUT.name)
+    larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.02, name=LAYOUT.name)
     with pytest.raises(InputError, match=f"is of layout '{LAYOUT.id}', not of '{larger.id}'"):
         load_recording(path, larger)
 

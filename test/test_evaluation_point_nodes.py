@@ -11,7 +11,7 @@ from tomotactile_ros.sheet import make_sheet
 
 
 def test_potentials_far_from_the_source_are_those_of_the_closed_form():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.001, 1.0, margin=0.02)
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.001, 1.0, inset=0.02)
     grid = Grid.for_outline(layout.outline, 40)
     found = point_nodes_transfer(layout, grid).impedance(0)
     right = make_sheet(layout, "closed_form", shunting=False).transfer(grid.pixels, 0.001)

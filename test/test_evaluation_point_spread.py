@@ -18,7 +18,7 @@ from tomotactile_ros.support.errors import InputError
 
 def warped(rows, cols, size=(0.2, 0.2), move=(0.0, 0.0)):
     """A grid with its electrodes drawn to the middle, then all moved."""
-    layout = equal_grid(rows, cols, size, 0.002, 1e4, margin=0.01)
+    layout = equal_grid(rows, cols, size, 0.002, 1e4, inset=0.01)
     half = np.array(size) / 2
     positions = half * np.sin(1.3 * layout.positions / half) / np.sin(1.3) * 0.95 + move
     return Layout("warped", layout.outline, 1e4, 0.002, positions)

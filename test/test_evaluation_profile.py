@@ -20,7 +20,7 @@ CORNERS = [[-0.1, -0.1], [0.1, -0.1], [0.1, -0.03], [-0.03, -0.03], [-0.03, 0.1]
 @pytest.fixture(scope="module")
 def ell():
     outline = Outline.polygon(CORNERS)
-    every = equal_grid(6, 6, (0.2, 0.2), 0.0025, 1e4, margin=0.01).positions
+    every = equal_grid(6, 6, (0.2, 0.2), 0.0025, 1e4, inset=0.01).positions
     return Layout("ell", outline, 1e4, 0.0025, every[outline.contains(every)])
 
 

@@ -18,7 +18,7 @@ def test_regions_of_a_grid():
 
 
 def test_points_outside_all_regions_belong_to_the_nearest():
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4, margin=0.03)
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4, inset=0.03)
     regions = layout_regions(layout)
     assert regions.of([[-0.09, -0.09], [0.09, 0.02], [0.01, 0.099]]).tolist() == [0, 3, 3]
 

@@ -19,7 +19,7 @@ from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 
 COUNT = 5  # frames
-LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, margin=0.02)
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, inset=0.02)
 E = LAYOUT.electrodes
 PLACE = (0.031, -0.022)  # m
 

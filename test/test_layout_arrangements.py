@@ -22,7 +22,7 @@ def neighbours(layout, reach):
 def test_a_hexagonal_grid_gives_every_inner_electrode_six_neighbours_at_one_distance():
     pitch = 0.02
     size = 6 * pitch + 0.03, 4 * pitch * np.sqrt(3) / 2 + 0.03
-    layout = hexagonal_grid(5, 7, size, 0.002, 1e4, margin=0.015)
+    layout = hexagonal_grid(5, 7, size, 0.002, 1e4, inset=0.015)
     assert layout.electrodes == 6 + 7 + 6 + 7 + 6
     inner = layout.outline.rim_distance(layout.positions) > 0.015 + 0.75 * pitch
     assert inner.sum() == 5 + 4 + 5 and layout.pitches == pytest.approx(pitch)
@@ -38,7 +38,7 @@ def test_order_is_row_by_row_from_the_lower_left():
 
 
 def test_a_ring_begins_on_the_x_axis_and_goes_counter_clockwise():
-    layout = electrode_ring(8, 0.1, 0.002, 1e4, margin=0.02)
+    layout = electrode_ring(8, 0.1, 0.002, 1e4, inset=0.02)
     angle = np.arctan2(*layout.positions.T[::-1]) % (2 * np.pi)
     assert angle == pytest.approx(np.arange(8) * np.pi / 4)
     assert np.linalg.norm(layout.positions, axis=1) == pytest.approx(0.08)
@@ -79,9 +79,9 @@ def test_the_picture_and_the_name_of_the_file_are_said(tmp_path, capsys):
         ("--rows 4", "--rows and --cols"),
         ("--rows 1 --cols 4", "rows: 1 is not a whole number from 2 to 256"),
         ("--rows 1 --cols 4 --hex", "rows: 1 is not a whole number from 2"),
-        ("--rows 4 --cols 4 --margin 0.1", "margin: 0.1 leaves no room, it must be below 0.1"),
-        ("--rows 4 --cols 4 --margin -1", "margin: -1.0 is negative"),
-        ("--rows 4 --cols 4 --margin nan", "margin: nan is not a finite"),
+        ("--rows 4 --cols 4 --inset 0.1", "inset: 0.1 leaves no room, it must be below 0.1"),
+        ("--rows 4 --cols 4 --inset -1", "inset: -1.0 is negative"),
+        ("--rows 4 --cols 4 --inset nan", "inset: nan is not a finite"),
         ("--rows 4 --cols 4 --size 0 1", "rectangle[0]: 0.0 is not a positive length"),
         ("--rows 4 --cols 4 --radius 0.04", "overlap: 66.67 mm apart, they need more than 80 mm"),
         ("--rows 200 --cols 4 --hex --radius 0.002", "overlap"),
@@ -90,7 +90,7 @@ def test_the_picture_and_the_name_of_the_file_are_said(tmp_path, capsys):
         ("--ring 16", "--circle: is missing"),
         ("--ring 2 --circle 0.1", "ring: 2 is not a whole number from 3"),
         ("--ring 16 --circle -0.1", "circle: -0.1 is not a positive length"),
-        ("--ring 16 --circle 0.1 --margin 0.2", "margin: 0.2 leaves no room"),
+        ("--ring 16 --circle 0.1 --inset 0.2", "inset: 0.2 leaves no room"),
         ("--ring 16 --circle 0.1 --rows 4", "--rows: is of a grid"),
         ("--ring 16 --circle 0.1 --hex", "--hex: is of a grid"),
         ("--ring 16 --circle 0.1 --radius 0.05", "overlap"),

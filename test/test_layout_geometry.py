@@ -21,8 +21,8 @@ def test_equal_grid_counts_row_by_row_from_the_lower_left():
     )
 
 
-def test_margin_moves_the_outer_electrodes_inwards():
-    positions = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, margin=0.02).positions
+def test_inset_moves_the_outer_electrodes_inwards():
+    positions = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, inset=0.02).positions
     assert np.abs(positions).max() == pytest.approx(0.08)
 
 
@@ -43,8 +43,8 @@ def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspe
         ({"cols": 2.5}, "cols: 2.5 is not"),
         ({"size": (0.2, -1)}, r"rectangle\[1\]: -1.0 is not a positive length in m"),
         ({"size": 0.2}, "size: 0.2 is not a pair"),
-        ({"margin": 0.1}, "margin: 0.1 leaves no room"),
-        ({"margin": -0.1}, "margin: -0.1 is negative"),
+        ({"inset": 0.1}, "inset: 0.1 leaves no room"),
+        ({"inset": -0.1}, "inset: -0.1 is negative"),
         ({"radius": 0.1}, "overlap: 200 mm apart, they need more than 200 mm"),
         ({"radius": float("nan")}, "electrodes.radius: nan is not a finite length"),
     ],

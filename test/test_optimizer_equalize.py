@@ -74,7 +74,7 @@ def test_figures_of_the_paper():
 
 
 def test_the_step_of_the_best_mean_is_taken_and_electrodes_stay_inset():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, margin=0.005)
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, inset=0.005)
     steps = list(equalize(layout, 2, resolution=20))
     assert [step.score for step in steps] == [step.metrics["hwhm"]["mean"] for step in steps]
     for step in steps:
@@ -127,7 +127,7 @@ def test_layouts_that_cannot_be_equalized():
     bent = grid * np.where(np.abs(grid).max(axis=1) == np.abs(grid).min(axis=1), 0.9, 1)[:, None]
     with pytest.raises(InputError, match="straight rows and columns"):
         next(equalize(Layout("bent", square, 1e4, 0.002, bent)))
-    moved = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4, margin=0.02).positions + [0.01, 0]
+    moved = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4, inset=0.02).positions + [0.01, 0]
     with pytest.raises(InputError, match="symmetric under the mirrors"):
         next(equalize(Layout("moved", square, 1e4, 0.002, moved)))
 

@@ -40,7 +40,7 @@ SHORT = Effort(starts=2, rounds=2, descents=3, probes=2)
 def test_gradient_through_symmetries_and_green_function(rows, size, move, noise_gain, scenes):
     """Noise gain and scenes are smooth: their gradient must be that of differences, along every
     parameter."""
-    reference = equal_grid(rows, 4, size, 0.003, 1e4, margin=0.02)
+    reference = equal_grid(rows, 4, size, 0.003, 1e4, inset=0.02)
     aims = Aims((1e9, 1e9, 1e9), (1e9, 1e9, 1e9), noise_gain, scenes)
     objective = Objective(reference, 200.0, aims, resolution=14)
     positions = reference.positions * 0.93 + [move, move / 2]
@@ -142,7 +142,7 @@ def test_projection_ends_inside_or_nowhere(seed, count, kind):
 
 
 def test_projection_keeps_what_obeys_and_its_symmetries():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4, margin=0.01)
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4, inset=0.01)
     constraints = Constraints(SQUARE, 0.02, 0.005)
     assert np.array_equal(constraints.project(layout.positions), layout.positions)
     squeezed = constraints.project(0.2 * layout.positions)

@@ -14,7 +14,7 @@ from tomotactile_ros.optimizer.scenes import SceneBlur, Scenes
 from tomotactile_ros.optimizer.search import Effort
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 
-LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, margin=0.02)
+LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, inset=0.02)
 GRID = Grid.for_outline(LAYOUT.outline, 16)
 
 
@@ -41,8 +41,8 @@ def test_blur_is_that_of_sums_of_point_spreads():
 
 def test_fewer_electrodes_and_more_regularization_blur():
     assert scene_blur(LAYOUT, 10.0).value < 0.9 * scene_blur(LAYOUT, 1000.0).value
-    few = equal_grid(2, 2, (0.2, 0.2), 0.004, 1e4, margin=0.05)
-    many = equal_grid(8, 8, (0.2, 0.2), 0.004, 1e4, margin=0.01)
+    few = equal_grid(2, 2, (0.2, 0.2), 0.004, 1e4, inset=0.05)
+    many = equal_grid(8, 8, (0.2, 0.2), 0.004, 1e4, inset=0.01)
     two, four, eight = (scene_blur(each, count=16).value for each in (few, LAYOUT, many))
     assert eight < 0.9 * four < 0.8 * two
 

@@ -138,7 +138,7 @@ def test_images_too_small_for_nine_pixels_still_give_forces():
 @pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
 def test_noise_as_large_as_the_drive_gives_finite_forces(profile):
     """Its currents can cancel: then a disc conducts nothing and is not moved."""
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.05)
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.05)
     pipeline = Pipeline(layout, Settings(profile, resolution=12))
     for noise in np.random.default_rng(0).standard_normal((3, 9, 9)):
         contacts = pipeline.process(noise, np.arange(9), 3.3).contacts

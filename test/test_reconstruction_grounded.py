@@ -18,7 +18,7 @@ PLACES = [100, 137, 290]
 
 @pytest.fixture(scope="module")
 def setting():
-    layout = equal_grid(6, 6, (0.15, 0.15), 0.0025, RESISTANCE, margin=0.005)
+    layout = equal_grid(6, 6, (0.15, 0.15), 0.0025, RESISTANCE, inset=0.005)
     grid = Grid.for_outline(layout.outline, 20)
     transfer = make_sheet(layout).transfer(grid.pixels, 0.002)
     sheet = GroundedSheet(transfer)

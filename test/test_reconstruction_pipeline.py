@@ -424,7 +424,7 @@ def test_whatever_presses_nothing_infinite_goes_out(contacts):
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_readings_that_contradict_each_other_give_finite_images(profile):
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, margin=0.02)
+    layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.02)
     pipeline = Pipeline(layout, Settings(profile, resolution=8))
     random = np.random.default_rng(PROFILES.index(profile))
     with warnings.catch_warnings():

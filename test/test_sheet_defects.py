@@ -29,7 +29,7 @@ from tomotactile_ros.support.errors import InputError
 
 DRIVE = 3.3
 LAW = ContactLaw(1e-4, 1.0)
-GRID = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1e4, margin=0.005)
+GRID = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1e4, inset=0.005)
 H = 0.0025
 OFF = ~np.eye(16, dtype=bool)
 
@@ -161,7 +161,7 @@ def test_fields_multiply():
 
 def test_temperature_is_another_sheet_resistance():
     sine = SheetField(temperature=Temperature(relative=0.1, period=40.0))
-    warm = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1.1e4, margin=0.005)
+    warm = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1.1e4, inset=0.005)
     expected = simulated(SheetField(), layout=warm)
     np.testing.assert_allclose(simulated(sine, t=10.0)[OFF], expected[OFF], rtol=1e-9)
     np.testing.assert_array_equal(simulated(sine, t=0.0), EVEN)

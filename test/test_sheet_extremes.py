@@ -80,7 +80,7 @@ def test_numbers_of_electrodes(model, rows):
 )
 def test_sizes_and_aspect_ratios(model, size):
     short = min(size)
-    layout = equal_grid(2, 2, size, short / 20, 1e4, margin=short / 8, unusual_size=True)
+    layout = equal_grid(2, 2, size, short / 20, 1e4, inset=short / 8, unusual_size=True)
     contact = Contact("disc", center=(0.0, 0.1 * short), radius=short / 15)
     check(press(make_sheet(layout, model), [(contact, np.inf)]))
 

@@ -155,7 +155,7 @@ def test_currents_balance(layout):
 
 
 def test_stiffness_rows_sum_to_zero_and_reproduce_linear_fields():
-    sheet = FemSheet(equal_grid(2, 2, (0.2, 0.1), 0.005, 1.0, margin=0.03))
+    sheet = FemSheet(equal_grid(2, 2, (0.2, 0.1), 0.005, 1.0, inset=0.03))
     mesh = sheet.mesh
     cotangents, angles = corner_angles(mesh.points, mesh.triangles)
     np.testing.assert_allclose(angles.sum(axis=1), np.pi)

@@ -90,7 +90,7 @@ def test_fem_agrees_with_closed_form_like_with_like(radius, count):
 
 def test_fem_converges_with_order_two():
     """Differences of potential between points away from electrodes."""
-    layout = equal_grid(2, 2, (0.2, 0.15), 0.005, 1.0, margin=0.03)
+    layout = equal_grid(2, 2, (0.2, 0.15), 0.005, 1.0, inset=0.03)
     points = points_away(layout, 0.04)
 
     def differences(sheet):
@@ -172,7 +172,7 @@ def test_impedances_scale_with_resistance_and_not_with_length(model):
     def impedances(scale, resistance):
         size = (0.2 * scale, 0.14 * scale)
         layout = equal_grid(
-            3, 3, size, 0.004 * scale, resistance, margin=0.02 * scale, unusual_size=True
+            3, 3, size, 0.004 * scale, resistance, inset=0.02 * scale, unusual_size=True
         )
         return transfer_impedances(make_sheet(layout, model).electrode_electrode)
 
@@ -185,7 +185,7 @@ def test_impedances_scale_with_resistance_and_not_with_length(model):
 @pytest.mark.parametrize("inset", [0.0, 0.01])
 def test_induced_charges_model_the_shunting_of_floating_electrodes(inset):
     """Ring charges are near a fine mesh; points with a radius are not."""
-    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1.0, margin=inset)
+    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1.0, inset=inset)
     fine = transfer_impedances(FemSheet(layout, h=0.0025, ring=32).electrode_electrode)
 
     def error(**settings):
@@ -198,7 +198,7 @@ def test_induced_charges_model_the_shunting_of_floating_electrodes(inset):
 
 
 def test_electrodes_that_cross_the_rim_take_more_charges():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.0025, 1.0, margin=0.001)
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.0025, 1.0, inset=0.001)
     fine = transfer_impedances(FemSheet(layout, h=0.0025, ring=32).electrode_electrode)
     few, found = (
         np.abs(transfer_impedances(sheet.electrode_electrode) - fine).max() / fine.max()

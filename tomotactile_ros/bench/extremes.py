@@ -69,14 +69,14 @@ def voltage_by_aspect(ratio: float) -> float:
 def voltage_by_gap(gap: float) -> float:
     """2 x 2 electrodes with a gap of so many radii between them."""
     radius = 0.075 / (2 + gap)
-    return _models_apart(equal_grid(2, 2, (0.2, 0.2), radius, 1e4, margin=0.0625), place=_CORNER)
+    return _models_apart(equal_grid(2, 2, (0.2, 0.2), radius, 1e4, inset=0.0625), place=_CORNER)
 
 
 def voltage_by_rim(distance: float) -> float:
     """2 x 2 electrodes whose centres are so many radii from the rim."""
     radius = 0.005
     return _models_apart(
-        equal_grid(2, 2, (0.2, 0.2), radius, 1e4, margin=distance * radius), place=_CORNER
+        equal_grid(2, 2, (0.2, 0.2), radius, 1e4, inset=distance * radius), place=_CORNER
     )
 
 

@@ -135,7 +135,7 @@ def random_places() -> Layout:
 
 def l_shape() -> Layout:
     """An L of 200 mm with arms of 100 mm; those electrodes of an 8 x 8 grid that lie on it."""
-    grid = equal_grid(8, 8, (SIDE, SIDE), 0.0025, RESISTANCE, margin=0.0125)
+    grid = equal_grid(8, 8, (SIDE, SIDE), 0.0025, RESISTANCE, inset=0.0125)
     half = SIDE / 2
     corners = [(-half, -half), (half, -half), (half, 0), (0, 0), (0, half), (-half, half)]
     outline = Outline.polygon(corners)

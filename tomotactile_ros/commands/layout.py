@@ -29,7 +29,7 @@ _OPTIONS = (
     "ring",
     "size",
     "circle",
-    "margin",
+    "inset",
     "radius",
     "sheet_resistance",
     "unusual_size",
@@ -49,7 +49,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--circle", type=float, metavar="R", help="radius of the round sheet of a ring, m"
     )
     parser.add_argument(
-        "--margin", type=float, default=0.0, help="from the rim to the outermost centres, m"
+        "--inset", type=float, default=0.0, help="from the rim to the outermost centres, m"
     )
     parser.add_argument(
         "--radius",
@@ -101,14 +101,14 @@ def _grid(args: Namespace, name: str) -> Layout:
     size = args.size or USUAL_SIZE
     radius = _grid_radius(args, size) if args.radius is None else args.radius
     make = hexagonal_grid if args.hex else equal_grid
-    sheet = size, radius, args.sheet_resistance, args.margin
+    sheet = size, radius, args.sheet_resistance, args.inset
     return make(args.rows, args.cols, *sheet, name, args.unusual_size)
 
 
 def _grid_radius(args, size):
     """The usual one; what is wrong with rows and columns is said where the grid is made."""
     rows, cols = max(args.rows, 2), max(args.cols, 2)
-    width, height = (side - 2 * args.margin for side in size)
+    width, height = (side - 2 * args.inset for side in size)
     steps = width / (cols - 1), height / (rows - 1)
     pitch = math.hypot(steps[0] / 2, steps[1]) if args.hex else steps[1]
     pitch = min(steps[0], pitch)
@@ -124,9 +124,9 @@ def _ring(args: Namespace, name: str) -> Layout:
     checks.integer(args.ring, "ring", 3, 65535)
     radius = args.radius
     if radius is None:
-        pitch = 2 * math.sin(math.pi / args.ring) * (args.circle - args.margin)
+        pitch = 2 * math.sin(math.pi / args.ring) * (args.circle - args.inset)
         radius = usual_radius(pitch, args.ring <= _FEW**2) if pitch > 0 else 1e-3
-    sheet = args.circle, radius, args.sheet_resistance, args.margin
+    sheet = args.circle, radius, args.sheet_resistance, args.inset
     return electrode_ring(args.ring, *sheet, name, args.unusual_size)
 
 

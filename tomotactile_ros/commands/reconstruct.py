@@ -176,12 +176,9 @@ def _stamps(recorded) -> tuple[np.ndarray, str]:
     if recorded.stamps is not None:
         stamps = np.asarray(recorded.stamps, float)
         return stamps, doubt_of(stamps)
-    period = recorded.row_period or ROW_PERIOD
-    frames = np.arange(len(recorded.voltages)) * len(recorded.grounded) * period
-    return (
-        frames,
-        f"no stamps: frames are taken to begin at 0 s, without a pause between them, {1e3 * period:g} ms a row",
-    )
+    lasts = len(recorded.grounded) * (recorded.row_period or ROW_PERIOD)
+    frames = np.arange(len(recorded.voltages)) * lasts
+    return frames, f"no stamps: times count from 0, a frame every {1e3 * lasts:.4g} ms"
 
 
 @contextmanager

@@ -29,7 +29,7 @@ def hexagonal_grid(
     size: tuple[float, float],
     radius: float,
     sheet_resistance: float,
-    margin: float = 0.0,
+    inset: float = 0.0,
     name: str | None = None,
     unusual_size: bool = False,
 ) -> Layout:
@@ -41,18 +41,18 @@ def hexagonal_grid(
     rows, cols : number of rows along y, and of electrodes in the longer rows, each at least 2.
     size : width (x) and height (y) of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
-    margin : distance of the outermost centres from the rim, m.
+    inset : distance of the outermost centres from the rim, m.
     unusual_size : as of :class:`Outline`.
 
     The first row is a shorter one. The order is row by row from the lower left. Every electrode is
     as far from all its neighbours where the rows are 0.866 times as far apart as the electrodes
-    of a row, (width - 2 margin) / (cols - 1).
+    of a row, (width - 2 inset) / (cols - 1).
     """
     rows = checks.integer(rows, "rows", 2, 256)
     cols = checks.integer(cols, "cols", 2, 256)
     width, height = checks.pair(size, "size", "length in m")
     outline = Outline.rectangle(width, height, unusual_size=unusual_size)
-    half_width, half_height = half_sides(outline, margin)
+    half_width, half_height = half_sides(outline, inset)
     y = np.arange(1 - rows, rows, 2) / (rows - 1) * half_height
     lines = []
     for row in range(rows):
@@ -68,7 +68,7 @@ def electrode_ring(
     circle: float,
     radius: float,
     sheet_resistance: float,
-    margin: float = 0.0,
+    inset: float = 0.0,
     name: str | None = None,
     unusual_size: bool = False,
 ) -> Layout:
@@ -79,14 +79,14 @@ def electrode_ring(
     count : number of electrodes, at least 3.
     circle : radius of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
-    margin : distance of the centres from the rim, m.
+    inset : distance of the centres from the rim, m.
     unusual_size : as of :class:`Outline`.
 
     Electrode 0 lies on the +x axis, the others follow counter-clockwise.
     """
     count = checks.integer(count, "ring", 3, MAX_ELECTRODES)
     outline = Outline.circle(circle, unusual_size=unusual_size)
-    reach, _ = half_sides(outline, margin)
+    reach, _ = half_sides(outline, inset)
     angle = 2 * np.pi * np.arange(count) / count
     positions = np.round(reach * np.column_stack([np.cos(angle), np.sin(angle)]), _DECIMALS)
     positions += 0.0  # no -0.0 in the file
@@ -98,7 +98,7 @@ def spread_electrodes(
     outline: Outline,
     radius: float | None,
     sheet_resistance: float,
-    margin: float = 0.0,
+    inset: float = 0.0,
     name: str | None = None,
 ) -> Layout:
     """Electrodes spread evenly over any outline: each in the middle of what is nearest to it.
@@ -107,17 +107,17 @@ def spread_electrodes(
     ----------
     count : number of electrodes, at least 2.
     radius : m; None: `usual_radius`. sheet_resistance : as in :class:`Layout`.
-    margin : least distance of a centre from the rim, m.
+    inset : least distance of a centre from the rim, m.
 
     Centroidal Voronoi cells by Lloyd's method (1982) from points each as far as can be from those
     before it: the outermost lie half a spacing inside the rim.
     """
     count = checks.integer(count, "electrodes", 2, MAX_SPREAD)
-    checks.not_negative(margin, "margin", "length in m")
+    checks.not_negative(inset, "inset", "length in m")
     cells = Grid.for_outline(outline, min(int(_CELLS * np.sqrt(count)) + _CELLS, 400)).pixels
-    cells = cells[outline.rim_distance(cells) >= margin]
+    cells = cells[outline.rim_distance(cells) >= inset]
     if len(cells) < 4 * count:
-        raise InputError(f"margin: {margin:g} m leaves no room for {count} electrodes")
+        raise InputError(f"inset: {inset:g} m leaves no room for {count} electrodes")
     chosen = [0]
     away = np.linalg.norm(cells - cells[0], axis=1)
     while len(chosen) < count:
@@ -128,7 +128,7 @@ def spread_electrodes(
         owner = cKDTree(places).query(cells)[1]
         size = np.maximum(np.bincount(owner, minlength=count), 1)[:, None]
         middle = np.column_stack([np.bincount(owner, c, count) for c in cells.T]) / size
-        on = outline.contains(middle) & (outline.rim_distance(middle) >= margin)
+        on = outline.contains(middle) & (outline.rim_distance(middle) >= inset)
         places = np.where(on[:, None], middle, places)  # of a bent cell it may lie in a hole
     places = np.round(places, _DECIMALS) + 0.0
     if radius is None:

@@ -233,7 +233,7 @@ def equal_grid(
     size: tuple[float, float],
     radius: float,
     sheet_resistance: float,
-    margin: float = 0.0,
+    inset: float = 0.0,
     name: str | None = None,
     unusual_size: bool = False,
 ) -> Layout:
@@ -244,7 +244,7 @@ def equal_grid(
     rows, cols : number of electrodes along y and along x, each at least 2.
     size : width (x) and height (y) of the sheet, m.
     radius, sheet_resistance : as in :class:`Layout`.
-    margin : distance of the outermost centres from the rim, m.
+    inset : distance of the outermost centres from the rim, m.
     unusual_size : as of :class:`Outline`.
 
     The order is row by row from the lower left: electrode ``r * cols + c`` is in row ``r`` from
@@ -254,21 +254,21 @@ def equal_grid(
     cols = checks.integer(cols, "cols", 2, 256)
     width, height = checks.pair(size, "size", "length in m")
     outline = Outline.rectangle(width, height, unusual_size=unusual_size)
-    half_width, half_height = half_sides(outline, margin)
+    half_width, half_height = half_sides(outline, inset)
     x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
     positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
     return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
 
 
-def half_sides(outline: Outline, margin: float) -> tuple[float, float]:
-    """Half of the width and height that a margin (m) leaves; InputError where it leaves none."""
-    margin = checks.not_negative(margin, "margin", "length in m")
+def half_sides(outline: Outline, inset: float) -> tuple[float, float]:
+    """Half of the width and height that an inset (m) leaves; InputError where it leaves none."""
+    inset = checks.not_negative(inset, "inset", "length in m")
     a, b = outline.size
-    if margin >= min(a, b) / 2:
+    if inset >= min(a, b) / 2:
         raise InputError(
-            f"margin: {margin:g} leaves no room, it must be below {min(a, b) / 2:g}, half the sheet"
+            f"inset: {inset:g} leaves no room, it must be below {min(a, b) / 2:g}, half the sheet"
         )
-    return a / 2 - margin, b / 2 - margin
+    return a / 2 - inset, b / 2 - inset
 
 
 def _equal_steps(count: int) -> np.ndarray:
