@@ -14,6 +14,7 @@ import numpy as np
 import tomotactile_ros as tt
 
 DRIVE = 3.3  # V, of the driving layer
+ROW_PERIOD = 0.001  # s from one row to the next
 WIDTH, HEIGHT = 0.3, 0.18  # m
 
 
@@ -29,21 +30,19 @@ def my_layout() -> tt.Layout:
     )
 
 
-def measured_frames(layout: tt.Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Idle frames and one pressed frame, V, and the grounded electrode of each row.
+def measured_frames(layout: tt.Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Idle frames (N, E, E) and one pressed frame (E, E), V.
 
-    (N, L, E), (L, E) and (L,): reading [l, n] is that of electrode n while grounded[l] was
-    grounded. NaN marks what was not read. Here they are simulated.
+    Reading [l, n] is that of electrode n while electrode l was grounded. NaN marks what was not
+    read. Here they are simulated.
     """
     finger = tt.Contact(shape="disc", center=(0.08, -0.03), radius=0.006)  # a bare conductor
     noise = tt.Noise(rms=0.001)
-    grounded = np.arange(layout.electrodes)
     idle = tt.Simulator(layout, tt.Scene("idle", DRIVE, noise=noise))
     pressed = tt.Simulator(layout, tt.Scene("finger", DRIVE, (finger,), noise=noise))
     return (
         np.stack([idle.frame(0.0, sequence) for sequence in range(10)]) + 0.004,  # V, an offset
         pressed.frame(0.0, 10) + 0.004,
-        grounded,
     )
 
 
@@ -53,10 +52,12 @@ def main() -> None:
     args = parser.parse_args()
 
     layout = my_layout()
-    idle, voltages, grounded = measured_frames(layout)
+    idle, voltages = measured_frames(layout)
+    grounded = np.arange(layout.electrodes)  # of each row
     pipeline = tt.Pipeline(layout, tt.Settings("balanced", noise=0.001))
     pipeline.tare((frame, grounded) for frame in idle)
-    result = pipeline.process(voltages, grounded, DRIVE)
+    frame = tt.Frame(voltages, grounded, drive_voltage=DRIVE, row_period=ROW_PERIOD)
+    result = pipeline.process(frame)
     if result.state != "valid":
         print(f"no contacts are reported: {result.reason}")
     for contact in result.contacts:  # forces need a calibration: docs/calibration.md

@@ -30,8 +30,10 @@ def main() -> None:
     settings = tt.Settings(args.profile, contact_law=scene.contact_law)
     pipeline = tt.Pipeline(layout, settings)
 
-    voltages = simulator.frame(args.time)  # (L, E): row l was read while grounded[l] was grounded
-    result = pipeline.process(voltages, simulator.grounded, scene.drive_voltage)
+    frame = simulator.measure(
+        args.time
+    )  # row l of its voltages was read while grounded[l] was grounded
+    result = pipeline.process(frame)
     if result.state != "valid":
         print(f"no contacts are reported: {result.reason}")
     for contact in result.contacts:

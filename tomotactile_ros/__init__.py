@@ -5,7 +5,7 @@ The names that a program usually needs, for ``import tomotactile_ros as tt``:
     layout, scene = tt.load_layout("equal-8x8"), tt.load_scene("default")
     simulator = tt.Simulator(layout, scene)
     pipeline = tt.Pipeline(layout, tt.Settings("balanced", contact_law=scene.contact_law))
-    result = pipeline.process(simulator.frame(0.0), simulator.grounded, scene.drive_voltage)
+    result = pipeline.process(simulator.measure(0.0))
     tt.plot(result, layout).savefig("pressure.png")
 
 They are listed in ``__init__.pyi``. Each is imported when it is first used: this package also holds the

@@ -1,6 +1,7 @@
 # What `import tomotactile_ros as tt` offers: named here and nowhere else. `__init__.py` imports each from
 # its module when it is first used; type checkers and editors read this file as it is.
 
+from tomotactile_ros.frame import Frame as Frame
 from tomotactile_ros.frames_file import FramesFile as FramesFile
 from tomotactile_ros.frames_file import load_frames as load_frames
 from tomotactile_ros.importer.frames import Imported as Imported

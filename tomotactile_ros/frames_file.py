@@ -13,10 +13,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from typing import IO
 
 import numpy as np
 
+from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.layout_ids import matches, note_bare
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -25,7 +27,6 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import open_regular, write_atomic
 
-DEFAULT_DRIVE = 3.3  # V
 MAX_BYTES = 4_000_000_000  # of all arrays together
 MAX_STREAMED = 1_000_000_000_000  # the same where frames are read one after the other
 MAX_GROWTH = 100  # times the size of the file; measured readings hardly compress at all
@@ -60,6 +61,17 @@ class FramesFile:
     contact_law: ContactLaw | None = None
     row_period: float = 0.0
     lawless: bool = False
+
+    def __len__(self) -> int:
+        """Number of frames N."""
+        return len(self.voltages)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames, one after the other, with their times as far as the file has them."""
+        drive = DEFAULT_DRIVE if self.drive_voltage is None else self.drive_voltage
+        stamps = repeat(math.nan) if self.stamps is None else self.stamps
+        for number, (voltages, stamp) in enumerate(zip(self.voltages, stamps)):
+            yield Frame(voltages, self.grounded, number, float(stamp), drive, self.row_period)
 
 
 class StoredFrames:

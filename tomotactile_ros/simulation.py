@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tomotactile_ros.frame import Frame
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import Scene
@@ -125,6 +126,12 @@ class Simulator:
     def model(self) -> str:
         """Name of the model that makes the frames."""
         return self.sheet.model
+
+    def measure(self, t: float, sequence: int = 0) -> Frame:
+        """The frame that starts at `t` (s), with its times; see `frame`."""
+        voltages = self.frame(t, sequence)
+        drive = self.scene.drive_voltage
+        return Frame(voltages, self.grounded, sequence, float(t), drive, self.row_period)
 
     def frame(self, t: float, sequence: int = 0) -> np.ndarray:
         """(L, E) voltages, V, of the frame that starts at `t` (s); NaN: no valid reading.

@@ -9,7 +9,7 @@ from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -95,15 +95,15 @@ def run(args: Namespace) -> None:
     pipeline = Pipeline(layout, settings, sensor=sensor)
     apply_tare(args.tare, pipeline)
     stamps, told = _stamps(recorded)
+    recorded = replace(recorded, stamps=stamps)
     latency: list[float] = []
     left_out: dict[int, str] = {}
     withheld: Counter[str] = Counter()
     noise, settling = [], 0.0
     process = _every_row if args.every_row else _every_frame
     with results_writer(args.out, images=not args.every_row, law=law) as take:
-        frames = zip(recorded.voltages, stamps)
-        doing = track(frames, "reconstructing frames", len(recorded.voltages))
-        for result, lasted, holds in process(pipeline, recorded, doing, args.frames):
+        frames = track(recorded, "reconstructing frames", len(recorded))
+        for result, lasted, holds in process(pipeline, frames, args.frames):
             latency.append(lasted)
             left_out.update(result.faults)
             withheld.update([result.reason] * bool(result.reason))
@@ -146,27 +146,25 @@ def _contact_law(calibration: str | None, recorded: FramesFile) -> tuple[Contact
     )
 
 
-def _every_frame(pipeline, recorded, frames, path) -> Iterator[tuple[Result, float, float]]:
+def _every_frame(pipeline, frames, path) -> Iterator[tuple[Result, float, float]]:
     """Result, time that it took, s, and time for which it holds, s, of each frame."""
     with complaints_at(f"{path}: "):
-        for voltages, stamp in frames:
+        for frame in frames:
             start = time.perf_counter()
-            result = pipeline.process(
-                voltages, recorded.grounded, recorded.drive_voltage, recorded.row_period, stamp
-            )
+            result = pipeline.process(frame)
             lasted = time.perf_counter() - start
-            yield result, lasted, stamp + result.holds
+            yield result, lasted, frame.stamp + result.holds
 
 
-def _every_row(pipeline, recorded, frames, path) -> Iterator[tuple[Result, float, float]]:
+def _every_row(pipeline, frames, path) -> Iterator[tuple[Result, float, float]]:
     """The same of each row."""
     with complaints_at(f"{path}: "):
         state = pipeline.rows()
-        for voltages, stamp in frames:
-            for i, (row, ground) in enumerate(zip(voltages, recorded.grounded)):
-                holds = stamp + i * recorded.row_period
+        for frame in frames:
+            for i, (row, ground) in enumerate(zip(frame.voltages, frame.grounded)):
+                holds = frame.stamp + i * frame.row_period
                 start = time.perf_counter()
-                result = pipeline.process_row(row, ground, recorded.drive_voltage, holds, state)
+                result = pipeline.process_row(row, ground, frame.drive_voltage, holds, state)
                 yield result, time.perf_counter() - start, holds
 
 

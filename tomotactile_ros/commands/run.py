@@ -67,9 +67,7 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
         frame = stream.take(newest=True)
         if frame is None:
             continue
-        result = pipeline.process(
-            frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
-        )
+        result = pipeline.process(frame)
         arrivals.append(time.monotonic())
         if first is None:  # frame k of a simulated sensor begins k periods into the scene
             before = frame.sequence * len(frame.grounded) * frame.row_period

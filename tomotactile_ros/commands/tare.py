@@ -6,8 +6,6 @@ import sys
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 
-import numpy as np
-
 from tomotactile_ros.commands.device_options import (
     add_device_arguments,
     collect,
@@ -17,8 +15,7 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.recording import load_recording, save_recording
-from tomotactile_ros.frames_file import FramesFile
-from tomotactile_ros.layouts.layout import Layout, load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.at_rest import Rest, at_rest
 from tomotactile_ros.support.errors import InputError
@@ -40,7 +37,7 @@ def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     check_out(args.out, ".npz")
     if args.recording:
-        frames = _recorded_frames(args.recording, layout)
+        frames = list(load_recording(args.recording, layout))
     else:
         frames = collect(open_device(args, layout)[0], args.frames)
     rest = _at_rest(source_of(args), frames)
@@ -64,20 +61,8 @@ def apply_tare(path: str | None, pipeline: Pipeline) -> None:
     """Take the mean of the frames of a file off all that the pipeline gets from now on."""
     if path is not None:
         idle = load_recording(path, pipeline.layout)
-        _at_rest(path, _frames_of(idle))
-        pipeline.tare((voltages, idle.grounded) for voltages in idle.voltages)
-
-
-def _recorded_frames(path: str, layout: Layout) -> list[Frame]:
-    return _frames_of(load_recording(path, layout))
-
-
-def _frames_of(found: FramesFile) -> list[Frame]:
-    stamps = np.arange(len(found.voltages)) if found.stamps is None else found.stamps
-    return [
-        Frame(each, found.grounded, i, float(stamp), found.drive_voltage, found.row_period)
-        for i, (each, stamp) in enumerate(zip(found.voltages, stamps, strict=True))
-    ]
+        _at_rest(path, list(idle))
+        pipeline.tare(idle)
 
 
 def _at_rest(source: str, frames: list[Frame]) -> Rest:

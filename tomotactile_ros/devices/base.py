@@ -13,39 +13,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-import numpy as np
-
 from tomotactile_ros.devices.health import Health, Trouble
+from tomotactile_ros.frame import Frame
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One scan of the sheet: electrodes grounded one after another, all others read.
-
-    Attributes
-    ----------
-    voltages : (L, E) float32, V
-        One row per ground condition; NaN where there is no valid reading.  The grounded electrode's
-        own entry may hold what it reads, or NaN.
-    grounded : (L,) uint16
-        The grounded electrode of each row.
-    sequence : int
-        Counts frames at their source; gaps are lost frames.
-    stamp : float, s
-        Start of the frame's first row, Unix time.
-    drive_voltage : float, V
-    row_period : float, s
-        Row i was taken at stamp + i * row_period; 0: all at once, or not known.
-    """
-
-    voltages: np.ndarray
-    grounded: np.ndarray
-    sequence: int
-    stamp: float
-    drive_voltage: float
-    row_period: float = 0.0
 
 
 def rows_time(rows: Frame) -> float:

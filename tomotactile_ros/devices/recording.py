@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tomotactile_ros.devices.bag import read_bag
-from tomotactile_ros.devices.base import Frame
+from tomotactile_ros.frame import Frame
 from tomotactile_ros.frames_file import (
     DEFAULT_DRIVE,
     FramesFile,
@@ -216,16 +216,8 @@ def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iter
     loaded = load_frames(path, layout_id)
     if loaded.stamps is None:
         raise InputError(f"{path}: stamps: is missing, the time of each frame in s is needed")
-    drive = loaded.drive_voltage or drive_voltage
-    for sequence, (voltages, stamp) in enumerate(zip(loaded.voltages, loaded.stamps)):
-        yield Frame(
-            voltages.astype(np.float32),
-            loaded.grounded,
-            sequence,
-            float(stamp),
-            drive,
-            loaded.row_period,
-        )
+    for frame in replace(loaded, drive_voltage=loaded.drive_voltage or drive_voltage):
+        yield replace(frame, voltages=frame.voltages.astype(np.float32))
 
 
 def _bag_frames(path: Path, layout_id: str | None, topic: str | None) -> Iterator[Frame]:

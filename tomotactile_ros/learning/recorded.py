@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.fit import Fit
@@ -22,6 +23,7 @@ from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
+from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
@@ -98,9 +100,9 @@ class Learned:
 
 def learn(
     layout: Layout,
-    frames: np.ndarray,
-    grounded: np.ndarray,
-    drive: float,
+    frames: Iterable[Frame] | ArrayLike,
+    grounded: ArrayLike | None = None,
+    drive: float | None = None,
     *,
     noise: float,
     radius: float = 0.005,
@@ -111,11 +113,13 @@ def learn(
     before: np.ndarray | None = None,
     watch: Watch = lambda items, doing: items,
 ) -> Learned:
-    """What `frames` (N, L, E), V, tell of the sensor.
+    """What frames tell of the sensor.
 
     Parameters
     ----------
-    grounded : (L,) electrode of each row; drive : V; noise : of a reading, V rms
+    frames : `Frame`s, also those of a file, or their voltages alone: (N, L, E) V, and then
+    grounded : (L,) electrode of each row; drive : V
+    noise : of a reading, V rms
     radius : typical of a contact, m; model : of the sheet; most : touches that are learned from
     state : what is known already
     course : keep the state after each touch
@@ -124,7 +128,25 @@ def learn(
     """
     check_on_sheet(layout, checks.length(radius, "radius"), "radius")
     checks.positive(noise, "noise", "voltage in V")
-    frames, grounded = np.asarray(frames, float), np.asarray(grounded, int)
+    given = stacked(frames, grounded, drive)
+    return _learned(layout, *given, noise, radius, model, most, state, course, before, watch)
+
+
+def _learned(
+    layout: Layout,
+    frames: np.ndarray,
+    grounded: np.ndarray,
+    drive: float,
+    noise: float,
+    radius: float,
+    model: str,
+    most: int,
+    state: SensorState | None,
+    course: bool,
+    before: np.ndarray | None,
+    watch: Watch,
+) -> Learned:
+    """The same, of voltages (N, L, E), V."""
     given = len(frames)
     kept = np.flatnonzero(_read(frames, grounded))
     frames = frames[kept]

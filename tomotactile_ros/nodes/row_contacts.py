@@ -131,7 +131,7 @@ class Rows:
                 return self._beside.process(*_words(frame))
             except ConnectionError as error:
                 self._node.get_logger().warning(str(error))
-        return pipeline.process(*_words(frame))
+        return pipeline.process(frame)
 
     def correct(self, pipeline: Pipeline, frame: Frame) -> None:
         """Let a frame, that was processed last if it was at all, correct what rows tell, if they ask for

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.estimator import Estimator, State
+from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.settings import Settings
@@ -40,20 +41,22 @@ class Fit:
 
 def measure_conductance(
     layout: Layout,
-    frames: Iterable[ArrayLike],
-    grounded: ArrayLike,
-    drive_voltage: float,
+    frames: Iterable[Frame] | ArrayLike,
+    grounded: ArrayLike | None = None,
+    drive_voltage: float | None = None,
     sensor: SensorState | None = None,
     foot_radius: float | None = None,
 ) -> tuple[float, float]:
-    """Conductance (S) and area (m^2) of the one contact in `frames` (N, L, E), medians over the
-    frames.
+    """Conductance (S) and area (m^2) of the one contact in frames, medians over them.
 
+    frames : `Frame`s, also those of a file, or their voltages alone: (N, L, E) V, and then
+    grounded : (L,) electrode of each row; drive_voltage : V
     sensor : what was learned of it; foot_radius : of a round foot, m
     """
     if foot_radius is not None:
         check_on_sheet(layout, checks.length(foot_radius, "foot_radius"), "foot_radius")
-    found = _estimated(layout, frames, grounded, drive_voltage, sensor, foot_radius)
+    given = stacked(frames, grounded, drive_voltage)
+    found = _estimated(layout, *given, sensor, foot_radius)
     found = [contacts[0] for contacts in found if contacts]
     if not found:
         raise InputError("no frame shows a contact")

@@ -30,6 +30,7 @@ from tomotactile_ros.estimation.search import BOUNDED, SUSPECT
 from tomotactile_ros.estimation.settling import with_ground
 from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
+from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
@@ -62,8 +63,9 @@ from tomotactile_ros.reconstruction.unusable_electrodes import (
     swapped_channels,
     why_left_out,
 )
+from tomotactile_ros.simulation import ROW_PERIOD
 from tomotactile_ros.support import memory
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, doubt
 
 # profiles whose contacts are fitted to the readings, not read from an image: patches to the width of each
 ESTIMATED = {"balanced": BOUNDED, "accurate": MOST_ACROSS}
@@ -77,6 +79,7 @@ _LEFT_OVER = 0.05
 _STRAIGHT, _ASIDE = 1e-3, 0.05
 CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
+_TIMES = 3  # frames without times that are withheld and looked at again, as if their rows had them
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
 
@@ -128,6 +131,7 @@ class Pipeline:
         self._estimator, self._state = None, State()
         self._imaged_before: tuple | None = None  # last frame, where an image explained it
         self._doubts: Doubts | None = None
+        self._looked_for_times = 0  # frames
         self._explained_one = False  # the last touched frame was what the layout says
         self._exchanged = False  # wires seemed to be exchanged in the last frame that was asked
         self._estimate_of_frame: FrameSeen | None = None
@@ -169,9 +173,12 @@ class Pipeline:
         other._tracks = self._tracks
         return other
 
-    def tare(self, frames: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Take the mean of untouched `frames`, pairs (voltages, grounded), off all that follow."""
-        stack = np.array([ordered(self.layout, *frame) for frame in frames])
+    def tare(self, frames: Iterable[Frame | tuple[np.ndarray, np.ndarray]]) -> None:
+        """Take the mean of untouched `frames`, or pairs (voltages, grounded), off all that follow."""
+        pairs = (
+            (each.voltages, each.grounded) if isinstance(each, Frame) else each for each in frames
+        )
+        stack = np.array([ordered(self.layout, *pair) for pair in pairs])
         if not len(stack):
             raise InputError("tare: needs at least one frame")
         valid = np.isfinite(stack)
@@ -222,9 +229,9 @@ class Pipeline:
 
     def process(
         self,
-        voltages: ArrayLike,
-        grounded: ArrayLike,
-        drive_voltage: float,
+        frame: Frame | ArrayLike,
+        grounded: ArrayLike | None = None,
+        drive_voltage: float = DEFAULT_DRIVE,
         row_period: float = 0.0,
         stamp: float | None = None,
     ) -> Result:
@@ -232,15 +239,53 @@ class Pipeline:
 
         Parameters
         ----------
-        voltages : (L, E) V; NaN where there is no valid reading
+        frame : a `Frame`, which has all of the following, or its voltages alone: (L, E) V, NaN where
+            there is no valid reading
         grounded : (L,) grounded electrode of each row, any subset in any order; in profiles that
             fit contacts also more than once
         drive_voltage : V
-        row_period : s between rows, which are in the order of time; 0: all at once
+        row_period : s between rows, which are in the order of time; 0: all at once. Where the rows
+            contradict that, it is said once, as a `Doubt`
         stamp : s, time of the first row; with it contacts are followed from frame to frame
 
         Raises InputError where the frame does not fit the layout.
         """
+        if isinstance(frame, Frame):
+            if grounded is not None:
+                raise InputError("grounded: the frame has its own, and its times and drive voltage")
+            given = frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period
+            stamp = None if math.isnan(frame.stamp) else frame.stamp
+        elif grounded is None:
+            raise InputError("grounded: is missing; a Frame has it, voltages alone do not")
+        else:
+            given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
+        result = self._process(*given, stamp)
+        if result.reason and not given[-1] > 0 and self._looked_for_times < _TIMES:
+            self._looked_for_times += 1
+            self._doubt_at_once(*given[:-1])
+        return result
+
+    def _doubt_at_once(self, voltages, grounded, drive_voltage) -> None:
+        """Say once where rows that all are said to be read at once agree if they were read in turn."""
+        trial = Pipeline(self.layout, self.settings, model=self._model, sensor=self.sensor)
+        trial._baseline, trial._looked_for_times = self._baseline, _TIMES
+        result = trial._process(voltages, grounded, drive_voltage, ROW_PERIOD, 0.0)
+        if not result.reason:
+            self._looked_for_times = _TIMES
+            doubt(
+                "row_period: 0 says that all rows are read at once, and they contradict each other; read one after the "
+                "other they do not: give each frame its times, Frame(..., stamp=..., row_period=...) in Python"
+            )
+
+    def _process(
+        self,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
+        drive_voltage: float,
+        row_period: float,
+        stamp: float | None,
+    ) -> Result:
+        """The same, of arrays."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
         self._estimate_of_frame = None
         before = self._ended
@@ -725,7 +770,7 @@ class Pipeline:
 
     def _process_anew(self, *frame):
         self._forget()
-        return self.process(*frame)
+        return self._process(*frame, 0.0, None)
 
     def _measure(self, frame, bad, drive_voltage):
         """`LocalImage` and `Grounded` of the good channels, see `_read`; broken ones are added to
