@@ -82,11 +82,34 @@ def test_a_finger_that_shifts_within_a_frame_is_the_same():
     assert tracks.follow([At(0.03, 0.0)], 0.064, 0.063)[0].number == 1
 
 
-def test_frames_that_say_nothing_do_not_end_a_contact_at_once():
+@pytest.mark.parametrize("timed", [0.0, 0.063])
+def test_time_for_which_nothing_is_told_ends_no_contact(timed):
+    """A frame may take long, and others be left out meanwhile: nobody saw anything let go."""
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0), At(0.06, 0.0, (0.05, 0.0))], 0.0, timed)
+    later = [At(0.11, 0.0, (0.05, 0.0)), At(0.002, 0.0), At(-0.06, 0.06)]
+    assert [each.number for each in tracks.follow(later, 1.0, timed)] == [2, 1, 3]
+    assert [each.age for each in tracks.follow(later[1:2], 60.0, timed)] == [60.0]
+
+
+def test_a_frame_without_a_contact_ends_it_however_short():
     tracks = Tracks(0.025)
     tracks.follow([At(0.0, 0.0)], 0.0)
-    assert numbers(tracks, [At(0.0, 0.0)], 0.2) == [1]
-    assert numbers(tracks, [At(0.0, 0.0)], 0.9) == [2]
+    tracks.follow([], 0.001)
+    assert numbers(tracks, [At(0.0, 0.0)], 0.002) == [2]
+
+
+def test_whoever_follows_contacts_in_between_says_which_are_the_same():
+    """Rows do, by numbers of their own, until they begin anew."""
+    tracks = Tracks(0.025)
+    assert numbers(tracks, [At(0.0, 0.0), At(0.05, 0.0)], 0.0) == [1, 2]  # of a frame
+    rows = tracks.follow([At(0.05, 0.0), At(0.0, 0.0)], 0.1, 0.063, [(7, 0.02), (8, 0.01)])
+    assert [(each.number, each.age) for each in rows] == [(2, 0.1), (1, 0.1)]
+    rows = tracks.follow([At(0.0, 0.0), At(0.05, 0.0)], 0.2, 0.063, [(9, 0.01), (7, 0.12)])
+    assert [each.number for each in rows] == [1, 2]  # 9 is where 8 was a moment ago
+    tracks.begin()
+    rows = tracks.follow([At(0.05, 0.0), At(-0.09, 0.09)], 1.3, 0.063, [(9, 0.0), (7, 0.03)])
+    assert [(each.number, each.age) for each in rows] == [(2, 1.3), (3, pytest.approx(0.03))]
 
 
 def test_a_clock_that_jumps_back_begins_anew():

@@ -148,6 +148,9 @@ def corrected(
         sizes = np.array([contact[RADIUS], size])
         own[[2, 3], [2, 3]] = np.square(RATES[0])
         number = _nearest(left, mean[:2], reach)
+        if confused and number is not None and number not in belief.numbers:
+            left.pop(number)  # that it has gone since is not believed either
+            number = None
         if number is None:
             mean[:2] += since * found.rates[i, :2]
             later = dict(zip(belief.numbers, belief.contacts()[:, :2]))

@@ -86,7 +86,6 @@ class RowsState:
     times: list = field(default_factory=list)
     used: tuple[int, ...] = ()
     drive: float = 0.0
-    last: int = 0  # highest number of a contact that is not to be given again
     noise: float = 0.0
     settling: Settling | None = None
     before: np.ndarray | None = None
@@ -104,10 +103,10 @@ class RowsState:
     past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
-    @property
-    def highest(self) -> int:
-        """The highest number that a contact was given."""
-        return self.last if self.rows is None else max(self.last, self.rows.last)
+    def lasts(self, rows: int) -> float:
+        """Time that so many of the last rows took, s."""
+        past = self.past
+        return past[-1][0] - past[-min(rows, len(past))][0] if past else 0.0
 
     @property
     def confused(self) -> bool:
@@ -300,7 +299,7 @@ class RowEstimator:
         electrodes = range(self.estimator.layout.electrodes)
         used = tuple(e for e in electrodes if e not in excluded and e not in state.left_out)
         known = self._known(state, used, drive_voltage)
-        last = state.highest
+        last = 0 if state.rows is None else state.rows.last
         state.used, state.drive = used, drive_voltage
         state.rows = self._follower(used, drive_voltage).begin(known)
         state.rows.last = last

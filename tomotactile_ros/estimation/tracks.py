@@ -6,6 +6,9 @@ what is expected is an even acceleration from one to the other, and nothing is f
 may err and a finger gets while a frame is read; else than it gets meanwhile. One that is elsewhere
 than in the frame before, by more than both deviations allow, moves, also where the rows of a frame
 alone do not tell it from rest.
+
+Only a frame, or a row, without a contact ends it. Time for which nothing is told ends none, however
+long: no reading says that anything was let go.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ _FASTEST = 1.0  # m/s: how much farther it may be, the longer nothing tells its 
 _RESTS = 1e-3  # probability of a way as long between two frames of a contact that rests
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
-_LOST = 0.3  # s without a valid frame after which a contact is a new one
+_GOES_ON = 1.0  # s for which a velocity tells where a contact has gone, as `row_state` has it
+_DISORDER = 0.3  # s: rows and frames are told in turns, and not always in the order of their times
 
 
 class Placed(Protocol):
@@ -53,6 +57,7 @@ def has_moved(way: np.ndarray, spread: np.ndarray) -> bool:
 @dataclass
 class _Track:
     number: int
+    given: int  # number by whoever follows contacts in between, 0 without
     begun: float
     seen: float
     place: np.ndarray
@@ -71,58 +76,77 @@ class Tracks:
     def __init__(self, pitch: float):
         self._pitch = pitch
         self._tracks: list[_Track] = []
-        self.last = 0  # the highest number that was given
+        self._last = 0  # the highest number that was given
 
-    def follow(self, contacts: Sequence[Placed], time: float, timed: float = 0.0) -> list[Followed]:
-        """What is known of each of `contacts` of a valid frame that holds for `time`, s; `timed` : how long
-        its rows took, s, if they tell velocities, so that 0 is rest at the last of them.
+    def follow(
+        self,
+        contacts: Sequence[Placed],
+        time: float,
+        timed: float = 0.0,
+        given: Sequence[tuple[int, float]] = (),
+    ) -> list[Followed]:
+        """What is known of each of `contacts`, all that were there at `time`, s; `timed` : how long the rows
+        of a frame took, s, if they tell velocities, so that 0 is rest at the last of them.
+
+        given : number and age, s, of each by whoever follows them in between (`row_estimator`): those with
+            the same number as before are the same
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
-        self._tracks = [t for t in self._tracks if 0 <= time - t.seen <= _LOST]
-        chosen = self._matched(contacts, time, timed)
+        self._tracks = [t for t in self._tracks if time - t.seen > -_DISORDER]
+        given = given or [(0, 0.0)] * len(contacts)
+        same = {t.given: t for t in self._tracks if t.given}
+        chosen = [same.get(number) for number, _ in given]
+        self._match(chosen, contacts, time, timed)
         tracks, found = [], []
-        for contact, track in zip(contacts, chosen):
+        for contact, track, (number, age) in zip(contacts, chosen, given):
             place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
             covariance = self._covariance(contact)
             if track is None:
-                self.last += 1
-                track = _Track(self.last, time, time, place, covariance, velocity)
+                self._last += 1
+                track = _Track(self._last, number, time - age, time, place, covariance, velocity)
             elif not velocity.any() and time > track.seen:
                 way = place - track.place
                 if has_moved(way, covariance + track.covariance):
                     velocity = way / (time - track.seen)
-            track.place, track.covariance = place, covariance
-            track.velocity, track.seen = velocity, time
+            track.given, track.place, track.covariance = number, place, covariance
+            track.velocity, track.seen = velocity, max(time, track.seen)
             tracks.append(track)
             x, y = velocity.tolist()
-            found.append(Followed(track.number, time - track.begun, (x, y)))
+            found.append(Followed(track.number, max(time - track.begun, 0.0), (x, y)))
         self._tracks = tracks
         return found
+
+    def begin(self) -> None:
+        """Forget the numbers that were `given`: whoever follows contacts in between begins anew."""
+        for track in self._tracks:
+            track.given = 0
 
     def _covariance(self, contact: Placed) -> np.ndarray:
         """(2, 2) of its place, m²."""
         stated = np.reshape(contact.position_covariance, (2, 2))
         return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
-    def _matched(self, contacts, time, timed: float) -> list[_Track | None]:
-        chosen: list[_Track | None] = [None] * len(contacts)
-        if not contacts or not self._tracks:
-            return chosen
-        places = np.array([[each.x, each.y] for each in contacts])
-        lasts = np.array([time - track.seen for track in self._tracks])
-        before = np.array([track.velocity for track in self._tracks])
-        change = np.array([each.velocity for each in contacts])[:, None] - before
+    def _match(self, chosen: list[_Track | None], contacts, time, timed: float) -> None:
+        """Choose those among the other tracks for contacts that have none yet."""
+        taken = {t.number for t in chosen if t is not None}
+        tracks = [t for t in self._tracks if t.number not in taken]
+        new = [i for i, t in enumerate(chosen) if t is None]
+        if not new or not tracks:
+            return
+        places = np.array([[contacts[i].x, contacts[i].y] for i in new])
+        lasts = np.array([min(max(time - track.seen, 0.0), _GOES_ON) for track in tracks])
+        before = np.array([track.velocity for track in tracks])
+        change = np.array([contacts[i].velocity for i in new])[:, None] - before
         ways = lasts[:, None] * (before + change / 2 if timed else before)
-        expected = np.array([track.place for track in self._tracks]) + ways
+        expected = np.array([track.place for track in tracks]) + ways
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
-        way = _FASTEST * lasts
-        if timed:  # what it did while no row was read is as even as it may be
-            way = _FASTEST * np.minimum(lasts, timed)
+        # what it did while no row was read is as even as it may be
+        way = _FASTEST * (np.minimum(lasts, timed) if timed else lasts)
+        if timed:
             way = way + np.hypot(*change.transpose(2, 0, 1)) / 2 * lasts
         reach = REACH * self._pitch + way
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):
             if cost[row, column] < 1:
-                chosen[row] = self._tracks[column]
-        return chosen
+                chosen[new[row]] = tracks[column]

@@ -30,7 +30,7 @@ def main(args: list[str] | None = None) -> int:
     try:
         layout, scene = load_layout(options.layout), load_scene(options.scene)
         scene.check(layout)
-        _use_own_domain()
+        use_own_domain()
         children += _start(options)
         return _watch(children, layout, scene, options)
     except InputError as error:
@@ -55,7 +55,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _use_own_domain() -> None:
+def use_own_domain() -> None:
     """Stay on this machine, in a domain that nobody here uses, unless the user has chosen one."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:

@@ -82,7 +82,7 @@ class Rows:
                 self._outputs.withhold(self.withheld, make_header(rows.stamp, frame_id))
             self._preparing = True
             try:
-                self._state, self._of = pipeline.rows(waits=False, after=self._state), of
+                self._state, self._of = pipeline.rows(waits=False), of
             finally:
                 self._preparing = False
         begun, every = time.monotonic(), self._values()["publish_every"]
@@ -131,7 +131,7 @@ class Rows:
                 return self._beside.process(*_words(frame))
             except ConnectionError as error:
                 self._node.get_logger().warning(str(error))
-        return pipeline.process(frame)
+        return pipeline.process(frame, numbered=not self.followed)
 
     def correct(self, pipeline: Pipeline, frame: Frame) -> None:
         """Let a frame, that was processed last if it was at all, correct what rows tell, if they ask for

@@ -234,6 +234,7 @@ class Pipeline:
         drive_voltage: float = DEFAULT_DRIVE,
         row_period: float = 0.0,
         stamp: float | None = None,
+        numbered: bool = True,
     ) -> Result:
         """Reconstruct one frame.
 
@@ -247,6 +248,7 @@ class Pipeline:
         row_period : s between rows, which are in the order of time; 0: all at once. Where the rows
             contradict that, it is said once, as a `Doubt`
         stamp : s, time of the first row; with it contacts are followed from frame to frame
+        numbered : whether they are to be; not where rows are, whose contacts have the numbers
 
         Raises InputError where the frame does not fit the layout.
         """
@@ -259,7 +261,7 @@ class Pipeline:
             raise InputError("grounded: is missing; a Frame has it, voltages alone do not")
         else:
             given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
-        result = self._process(*given, stamp)
+        result = self._process(*given, stamp, numbered)
         if result.reason and not given[-1] > 0 and self._looked_for_times < _TIMES:
             self._looked_for_times += 1
             self._doubt_at_once(*given[:-1])
@@ -284,6 +286,7 @@ class Pipeline:
         drive_voltage: float,
         row_period: float,
         stamp: float | None,
+        numbered: bool = True,
     ) -> Result:
         """The same, of arrays."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
@@ -312,8 +315,9 @@ class Pipeline:
             self._explained_one = not result.reason
         if self._state.settling is not None:
             result.settling = float(self._state.settling.part.mean())
-        if stamp is not None and not result.reason:
-            timed = self._ended - self._began if self.fits else 0.0
+        if stamp is not None and numbered and not result.reason:
+            lasts = row_period * max(len(grounded) - 1, 0)
+            timed = lasts if result.holds == lasts else 0.0  # not where all were taken for one state
             followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)
             result.contacts = [
                 replace(contact, id=each.number, age=each.age, velocity=each.velocity)
@@ -374,15 +378,15 @@ class Pipeline:
         frame[self._excluded] = np.nan
         return self._doubts.mistake([frame], drive_voltage)
 
-    def rows(self, waits: bool = True, after: RowsState | None = None) -> RowsState:
+    def rows(self, waits: bool = True) -> RowsState:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
 
         The row that completes a frame waits for the frame's estimate; not so without `waits`: then
-        frames are given to `correct`. Numbers of contacts go on from those of `after` and of frames.
+        frames are given to `correct`. Contacts that frames and rows before had keep their numbers.
         """
         self._row_estimator()
-        last = max(self._tracks.last, 0 if after is None else after.highest)
-        return RowsState(waits=waits, last=last)
+        self._tracks.begin()
+        return RowsState(waits=waits)
 
     def process_row(
         self,
@@ -426,8 +430,12 @@ class Pipeline:
 
     def _after_row(self, state: RowsState) -> Result:
         followed = self._row_estimator().report(state)
-        self._tracks.last = max(self._tracks.last, state.highest)
-        contacts = [_reported(contact, number, age) for number, age, contact in followed.contacts]
+        contacts = [_reported(contact) for *_, contact in followed.contacts]
+        if followed.state == "valid":
+            given = [(number, age) for number, age, _ in followed.contacts]
+            lasts = state.lasts(self.layout.electrodes)
+            tracked = self._tracks.follow(contacts, state.rows.time, lasts, given)
+            contacts = [replace(c, id=t.number, age=t.age) for c, t in zip(contacts, tracked)]
         none = np.empty((0, 0))
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(state.left_out)] = True
@@ -848,8 +856,8 @@ def _check_sides(layout: Layout) -> None:
         )
 
 
-def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
-    """The estimator's contact as a result shows it."""
+def _reported(contact) -> ContactEstimate:
+    """The estimator's contact as a result shows it, without a number."""
     return ContactEstimate(
         contact.x,
         contact.y,
@@ -860,10 +868,8 @@ def _reported(contact, number: int = 0, age: float = 0.0) -> ContactEstimate:
         contact.covariance,
         contact.force_std,
         contact.probability,
-        number,
-        age,
-        contact.velocity,
-        contact.conductance,
+        velocity=contact.velocity,
+        conductance=contact.conductance,
     )
 
 

@@ -1,0 +1,142 @@
+"""Whether contacts keep their ids while they last: each true touch of a scene has one, in real processes over DDS.
+
+    scripts/setup python3 benchmark/ids.py --scene default slide tap --profile fast balanced accurate --minutes 10
+
+Contacts that are valid are paired with what really touches at their stamp. `changed` counts touches that
+were given a second id; `missed` messages in which a touch of a quarter newton or more has no contact, and
+`nothing` contacts where nothing touches; `gap` is the longest time between two valid messages, s.
+"""
+
+import argparse
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from ament_index_python.packages import get_package_prefix
+
+from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.live import use_own_domain
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.support.processes import Child, stop_all
+
+SYSTEMS = {"one": ["tactile"], "two": ["driver", "reconstruction"]}
+FOLDER = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
+NEAR = 0.02  # m
+FIRM = 0.25  # N
+
+
+class Audit:
+    """Pairs contacts with touches."""
+
+    def __init__(self, scene: Scene):
+        self.scene, self.messages, self.withheld, self.nothing, self.missed = scene, 0, 0, 0, 0
+        self.ids: dict[tuple[int, int], list[int]] = defaultdict(list)
+        self.times: list[float] = []
+        self._touches: dict[int, int] = defaultdict(
+            int
+        )  # how often each contact of the scene has begun
+        self._there: set[int] = set()
+
+    def take(self, message: ContactArray, now: float) -> None:
+        """Take in contacts that hold for `now`, s in the scene."""
+        self.messages += 1
+        present = {i: c for i, each in enumerate(self.scene.contacts) if (c := each.at(now))}
+        for i in present.keys() - self._there:
+            self._touches[i] += 1
+        self._there = set(present)
+        if message.state != ContactArray.VALID:
+            self.withheld += 1
+            return
+        self.times.append(now)
+        seen = set()
+        for contact in message.contacts:
+            here = np.array([contact.position.x, contact.position.y])
+            apart = {i: np.hypot(*(here - c.centroid)) for i, c in present.items()}
+            nearest = min(apart, key=apart.__getitem__, default=None)
+            if nearest is None or apart[nearest] > NEAR:
+                self.nothing += 1
+                continue
+            seen.add(nearest)
+            ids = self.ids[nearest, self._touches[nearest]]
+            if contact.id not in ids:
+                ids.append(contact.id)
+        firm = {i for i, c in present.items() if (c.total_force or 0.0) >= FIRM}
+        self.missed += len(firm - seen)
+
+    def row(self) -> str:
+        """What became of it, a row of the table."""
+        changed = [touch for touch, ids in self.ids.items() if len(ids) > 1]
+        gap = max(np.diff(self.times), default=np.nan)
+        return (
+            f"{len(self.ids)} | {len(changed)} | {self.messages} | {self.withheld} | {self.missed} | "
+            f"{self.nothing} | {gap:.2f} |"
+        )
+
+
+def measure(system: str, scene: str, profile: str, options: argparse.Namespace) -> Audit:
+    """Run the nodes and listen."""
+    given = {
+        "layout": options.layout,
+        "scene": scene,
+        "profile": profile,
+        "delivery": options.delivery,
+    }
+    words = [w for item in given.items() for w in ("-p", "{}:={}".format(*item))]
+    children = [Child(p, [str(FOLDER / p), "--ros-args", *words]) for p in SYSTEMS[system]]
+    rclpy.init(args=[])
+    node, audit, begun = rclpy.create_node("ids"), Audit(load_scene(scene)), []
+
+    def on_frame(message: VoltageFrame) -> None:
+        lasts = message.row_period * len(message.grounded)
+        begun.append(stamp_of(message.header) - message.sequence * lasts)
+
+    def on_contacts(message: ContactArray) -> None:
+        if begun:
+            audit.take(message, stamp_of(message.header) - begun[0])
+
+    frames = node.create_subscription(VoltageFrame, "voltage_frame", on_frame, 10)
+    node.create_subscription(ContactArray, "contacts", on_contacts, 200)
+    end = None
+    try:
+        while end is None or time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.2)
+            if begun and frames is not None:
+                node.destroy_subscription(frames)
+                frames = None
+            if end is None and audit.times:
+                end = time.monotonic() + 60 * options.minutes
+            assert all(child.status is None for child in children), "a node has ended"
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+        stop_all(children)
+    return audit
+
+
+def main() -> None:
+    """Measure every combination and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", nargs="+", default=["default", "slide", "tap"])
+    parser.add_argument("--profile", nargs="+", default=["fast", "balanced", "accurate"])
+    parser.add_argument("--system", nargs="+", choices=SYSTEMS, default=list(SYSTEMS))
+    parser.add_argument("--delivery", choices=("frames", "rows"), default="rows")
+    parser.add_argument("--layout", default="equal-8x8")
+    parser.add_argument("--minutes", type=float, default=10.0, help="of each")
+    options = parser.parse_args()
+    use_own_domain()
+    print(
+        "| scene | profile | processes | touches | changed | messages | withheld | missed | nothing | gap, s |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
+    for scene in options.scene:
+        for profile in options.profile:
+            for system in options.system:
+                audit = measure(system, scene, profile, options)
+                print(f"| {scene} | {profile} | {system} | {audit.row()}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

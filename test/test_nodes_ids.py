@@ -1,0 +1,49 @@
+"""Ids over DDS: a second in which nothing is estimated ends no contact."""
+
+import os
+import signal
+import time
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tomotactile_ros.msg import ContactArray
+from tomotactile_ros.nodes.conversions import stamp_of
+
+STOPPED = 1.2  # s
+
+
+@pytest.mark.parametrize(
+    "programs, delivery, profile",
+    [
+        (("driver", "reconstruction"), "rows", "accurate"),
+        (("driver", "reconstruction"), "frames", "fast"),
+        (("tactile",), "rows", "fast"),
+        (("tactile",), "frames", "balanced"),
+    ],
+)
+def test_ids_outlast_an_estimator_that_is_stopped(probe, start, programs, delivery, profile):
+    """Two discs move slowly; the process that estimates is held for a second."""
+    given = {"scene": "default", "delivery": delivery, "profile": profile}
+    *_, estimator = (start(name, given) for name in programs)
+    heard = probe.listen(ContactArray, "contacts", 500)
+
+    def both(since=0.0):
+        """Ids of the first message after that which has both."""
+        for message in heard:
+            if stamp_of(message.header) > since and len(message.contacts) == 2:
+                return {contact.id for contact in message.contacts}
+        return set()
+
+    probe.until(lambda: both(), "two contacts")
+    first, begun = both(), time.monotonic()
+    os.kill(estimator.pid, signal.SIGSTOP)
+    probe.until(lambda: time.monotonic() - begun > STOPPED, "second")
+    os.kill(estimator.pid, signal.SIGCONT)
+    resumed = time.time()
+    probe.until(lambda: both(resumed + 0.5), "two contacts of half a second later")
+    ids = [{c.id for c in m.contacts} for m in heard if m.state == ContactArray.VALID]
+    assert set().union(*ids[ids.index(first) :]) == first
+    last = [m for m in heard if m.contacts][-1]
+    assert min(contact.age for contact in last.contacts) > STOPPED
