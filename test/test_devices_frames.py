@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tomotactile_ros.devices import base, health, protocol
+from tomotactile_ros.devices import protocol, time_source
 from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler, row_period
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.health import DeadChannels, Health
@@ -326,9 +326,9 @@ def test_unix_time_is_right_wherever_the_process_is_held_up(monkeypatch, held_up
         passed[0] += 0.1 if next(reads) == held_up_at else 1e-6
         return passed[0] + offset
 
-    monkeypatch.setattr(base.time, "monotonic", lambda: read(50.0))
-    monkeypatch.setattr(base.time, "time", lambda: read(1e9))
-    assert base.unix_time(7.0) == pytest.approx(1e9 - 43.0, rel=0, abs=2e-5)
+    monkeypatch.setattr(time_source.time, "monotonic", lambda: read(50.0))
+    monkeypatch.setattr(time_source.time, "time", lambda: read(1e9))
+    assert time_source.unix_time(7.0) == pytest.approx(1e9 - 43.0, rel=0, abs=2e-5)
 
 
 def test_dead_channels_are_told_from_idle_ones():
@@ -348,10 +348,9 @@ def test_dead_channels_are_told_from_idle_ones():
     assert channels.dead == (3, 5)
 
 
-def test_a_rate_that_is_not_reached_and_frames_that_are_lost_are_told(monkeypatch):
+def test_a_rate_that_is_not_reached_and_frames_that_are_lost_are_told():
     now = [1000.0]
-    monkeypatch.setattr(health.time, "monotonic", lambda: now[0])
-    watched = Health()
+    watched = Health(lambda: now[0])
 
     def deliver(seconds, rate, lost=0):
         for _ in range(round(seconds * rate)):

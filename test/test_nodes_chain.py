@@ -230,27 +230,6 @@ def test_a_killed_reconstruction_leaves_the_driver_alive_and_both_recover(probe,
     ros_checks.check_contact(probe)
 
 
-def test_simulated_time_stamps_everything(probe, start, scene):
-    from rosgraph_msgs.msg import Clock
-
-    start("tactile", {"scene": scene, "use_sim_time": "true"})
-    timeless = probe.wait_for(VoltageFrame, "/voltage_frame").header.stamp
-    assert (timeless.sec, timeless.nanosec) == (0, 0)
-    clock = probe.node.create_publisher(Clock, "/clock", 10)
-    message = Clock()
-    message.clock.sec = 1000
-
-    def tick():
-        message.clock.nanosec = (message.clock.nanosec + 10_000_000) % 1_000_000_000
-        message.clock.sec += message.clock.nanosec == 0
-        clock.publish(message)
-
-    probe.node.create_timer(0.02, tick)
-    contacts = probe.wait_for(ContactArray, "/contacts", lambda m: m.header.stamp.sec > 990)
-    assert contacts.header.stamp.sec < 10_000
-    assert np.isfinite(contacts.contacts[0].force)
-
-
 def test_an_interrupt_that_an_import_keeps_to_itself_ends_the_program(
     start, probe, tmp_path, monkeypatch
 ):

@@ -1,5 +1,6 @@
 """Rows that never came, were left out or came late."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ from tomotactile_ros.nodes.row_watch import RowWatch
 
 def watched(*messages, late=0.001):
     """A watch that was told of (sequence, rows) of frames of 16 rows."""
-    watch = RowWatch()
+    watch = RowWatch(time.monotonic)
     watch.frame_has(16)
     for sequence, rows in messages:
         watch.followed(sequence, rows, late, 0.001)
@@ -62,7 +63,7 @@ def test_a_message_of_very_many_rows_does_not_keep_the_node(monkeypatch):
     """Anybody can send 65535 rows at once; a minute of work for them would be one of silence."""
     now = [100.0]
     monkeypatch.setattr(row_contacts, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0))
+    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0), ros_time_is_active=False)
 
     def follow_row(*row):
         now[0] += 0.3

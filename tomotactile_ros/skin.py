@@ -1,7 +1,7 @@
 """Several sensors as one skin: what each felt last, in one frame; silent sensors are named.
 
-Times are stamps where they belong to data, and times of arrival (s, monotonic) where it is asked
-who still sends.
+Times are stamps where they belong to data, and times of arrival (s, of a clock that never goes back)
+where it is asked who still sends.
 """
 
 from __future__ import annotations

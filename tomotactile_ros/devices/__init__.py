@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tomotactile_ros.devices.base import Device, Frame, Status
+from tomotactile_ros.devices.time_source import TimeSource
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.scenes.scene import Scene
@@ -55,6 +56,8 @@ class DeviceSettings:
         For ``serial``: of the device on a bus; 0: it has none.
     capture : str
         For ``serial``: a file for all that comes from the line; none if empty.
+    time : TimeSource or None
+        For ``fake`` and ``replay``: the time that they live in; None for this machine's.
     """
 
     layout: Layout
@@ -75,6 +78,7 @@ class DeviceSettings:
     order: str = "device"
     address: int = 0
     capture: str = ""
+    time: TimeSource | None = None
 
 
 def make_device(settings: DeviceSettings) -> Device:
@@ -92,6 +96,8 @@ def make_device(settings: DeviceSettings) -> Device:
     make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
     device = make[settings.device](settings)
     device.run_length = settings.rows_per_message
+    if settings.time is not None and settings.device != "serial":
+        device.time = settings.time
     if settings.order != "device":
         positions = settings.layout.positions
         device.usual_order = tuple(spread(positions, range(len(positions))))

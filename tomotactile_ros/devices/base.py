@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from tomotactile_ros.devices.health import Health, Trouble
+from tomotactile_ros.devices.time_source import HostTime, TimeSource
 from tomotactile_ros.frame import Frame
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -35,18 +35,6 @@ def rows_of(frame: Frame, length: int) -> Iterator[tuple[Frame, float]]:
             stamp=frame.stamp + first * frame.row_period,
         )
         yield rows, first * frame.row_period + rows_time(rows)
-
-
-def unix_time(monotonic: float) -> float:
-    """Unix time of a `monotonic` time, s, to some µs, so that stamps keep their order.
-
-    The two clocks are read one after the other; where the process was held up in between, again.
-    """
-    for _ in range(10):
-        before, now, after = time.monotonic(), time.time(), time.monotonic()
-        if after - before < 2e-5:
-            break
-    return monotonic + now - before
 
 
 @dataclass(frozen=True)
@@ -108,6 +96,10 @@ class Device(Protocol):
         """Ask for frames that ground these electrodes, row after row; none: the device's order."""
 
 
+class SetBack(Exception):
+    """The time that a source lives in was set back."""
+
+
 class ThreadedDevice:
     """A device whose `_run` lives in one thread; delivery, health and status are done here.
 
@@ -126,12 +118,15 @@ class ThreadedDevice:
         Rows of a frame that are handed over together, where `open` is given `on_rows`.
     usual_order : tuple of int
         Electrodes to ground where `set_scan` asks for none and the device takes an order.
+    time : TimeSource
+        The time that it lives in. A source that has hardware lives in this machine's.
     """
 
     LATE_FOR = 10.0  # s that too old frames are told of
 
     def __init__(self, electrodes: int, rate: float = 0.0) -> None:
-        self.health = Health()
+        self.time: TimeSource = HostTime()
+        self.health = Health(lambda: self._now())
         self._electrodes = electrodes
         self.max_age = math.inf
         self.run_length = 1
@@ -142,6 +137,7 @@ class ThreadedDevice:
         self._on_frame: Callable[[Frame], None] | None = None
         self._on_rows: Callable[[Frame], None] | None = None
         self._stale_at = -math.inf
+        self._latest = -math.inf  # s, by `time`, the last time that was noticed
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._changed = threading.Event()
@@ -204,7 +200,7 @@ class ThreadedDevice:
         raise NotImplementedError
 
     def _now(self) -> float:
-        return time.monotonic()
+        return self.time.now()
 
     def _stopped(self) -> bool:
         return self._stop.is_set()
@@ -222,13 +218,35 @@ class ThreadedDevice:
     def _set_state(self, state: str, message: str) -> None:
         self._state = (state, message)
 
-    def _pause(self, seconds: float) -> None:
-        """Wait until the time is over, a setting changes or the device is closed."""
-        if self._changed.wait(max(0.0, seconds)):
-            self._changed.clear()
+    def _pause(self, until: float) -> None:
+        """Wait until then, by `time`, until a setting changes, the time makes a step or the device is
+        closed."""
+        self.time.wait(until, self._changed)
+        self._changed.clear()
+
+    def _wait_until(self, due: float) -> bool:
+        """Wait until then, by `time`; whether the device goes on: SetBack where the time was set back."""
+        self._notice(self._now())
+        while not self._stop.is_set() and (now := self._now()) < due:
+            self._notice(now)
+            self._pause(due)
+        return not self._stop.is_set()
+
+    def _notice(self, now: float) -> None:
+        latest, self._latest = self._latest, now
+        if now < latest:
+            raise SetBack
+
+    def _wait_for_time(self) -> bool:
+        """Wait until it is known what time it is; whether the device goes on."""
+        while not self._stop.is_set() and self._now() <= 0.0:
+            self._set_state("stopped", "no simulated time: nobody publishes /clock")
+            self._pause(math.inf)
+        self._latest = self._now()
+        return not self._stop.is_set()
 
     def _deliver(self, frame: Frame, last_sample: float | None = None) -> None:
-        """Hand `frame` over; `last_sample` (s, monotonic clock) says how old it is."""
+        """Hand `frame` over; `last_sample` (s, by `time`) says how old it is."""
         if self._is_wanted(last_sample):
             self._call(self._on_frame, frame)
             self.health.frame_delivered(frame.voltages, frame.drive_voltage, last_sample)

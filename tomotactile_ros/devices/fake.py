@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice, unix_time
+from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice
 from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 
 @dataclass(frozen=True)
 class _Scan:
-    """A frame that is to be scanned: its number, begin (s, monotonic), period (s) and order."""
+    """A frame that is to be scanned: its number, begin (s, by `time`), period (s) and order."""
 
     sequence: int
     start: float
@@ -33,7 +32,9 @@ class FakeDevice(ThreadedDevice):
 
     Frame k covers the time from k / rate to (k + 1) / rate: it is computed meanwhile, handed over
     at the end and stamped with its beginning.  A simulation too slow for the rate leaves frames out
-    (`frames_skipped`), so that time in the scene stays time in the world.
+    (`frames_skipped`), so that time in the scene stays time in the world. Where that is simulated
+    time, which goes on in steps, all that was due within a step is handed over at its end; where it
+    is set back, the scene begins anew.
 
     Where rows are wanted while their frame is under way, the frame is computed before it begins.
 
@@ -53,7 +54,7 @@ class FakeDevice(ThreadedDevice):
         self._simulator = simulator
         self._own_order = tuple(simulator.grounded.tolist())
         self._skipped = 0
-        self._begin: float | None = None  # of time in the scene, s, monotonic clock
+        self._begin: float | None = None  # of time in the scene, s, by `time`
         self._touches = Touches(simulator.layout) if simulator.scene.live else None
         simulator.live = self._touches
         self._ahead: tuple[_Scan, Future[np.ndarray]] | None = None
@@ -79,42 +80,46 @@ class FakeDevice(ThreadedDevice):
             return ["touches: the scene is not live, it takes none from outside"]
         if self._begin is None:
             return []
-        return self._touches.press(touches, time.monotonic() - self._begin)
+        return self._touches.press(touches, self._now() - self._begin)
 
     def _counters(self) -> dict[str, float]:
         return {"frames_skipped": float(self._skipped)}
 
     def _run(self) -> None:
-        if self._touches is not None:
-            self._touches.clear()
+        self._sequence = self._skipped = 0
         with ThreadPoolExecutor(1, thread_name_prefix="scene") as pool:
-            self._scan_on(pool)
+            while self._wait_for_time():
+                if self._touches is not None:
+                    self._touches.clear()
+                try:
+                    self._scan_on(pool)
+                except SetBack:
+                    self.health.forget_rate()
 
     def _scan_on(self, pool: ThreadPoolExecutor) -> None:
-        """Scan frame after frame until the device is closed."""
-        self._begin = start = time.monotonic()
+        """Scan frame after frame until the device is closed; SetBack where time is."""
+        self._begin = start = self._now()
         self._ahead, self._took = None, 0.0
-        sequence = self._skipped = 0
         while not self._stop.is_set():
             if not self._streaming:
                 self._set_state("stopped", "stopped on request")
-                self._pause(1.0)
-                start = time.monotonic()
+                self._pause(self._now() + 1.0)
+                start = self._now()
                 continue
-            scan = self._scan_of(sequence, start)
+            scan = self._scan_of(self._sequence, start)
             end = start + scan.period
             if self._on_rows is None:
                 voltages = self._whole(scan)
             else:
                 voltages = self._in_runs(scan, pool)
-            if self._stop.wait(max(0.0, end - time.monotonic())):
+            if not self._wait_until(end):
                 return
             self._set_state("streaming", f"simulated, {1.0 / scan.period:g} frames/s")
             self._deliver(self._frame(scan, voltages), end)
-            behind = int((time.monotonic() - end) / scan.period)
+            behind = max(int((self.time.before() - end) / scan.period), 0)
             self._skipped += behind
             self.health.frames_lost(behind)
-            sequence += 1 + behind
+            self._sequence += 1 + behind
             start = end + behind * scan.period
 
     def _scan_of(self, sequence: int, start: float) -> _Scan:
@@ -133,7 +138,7 @@ class FakeDevice(ThreadedDevice):
             voltages,
             np.array(scan.order[first : first + len(voltages)], np.uint16),
             scan.sequence,
-            unix_time(scan.start + first * scan.row_period),
+            self.time.stamp(scan.start + first * scan.row_period),
             self._simulator.scene.drive_voltage,
             scan.row_period,
         )
@@ -144,10 +149,10 @@ class FakeDevice(ThreadedDevice):
         idle_until = scan.start + min(0.5 * scan.period, scan.period - 2.0 * self._took)
         if self._touches is not None:
             idle_until = scan.start + scan.period
-        self._stop.wait(max(0.0, idle_until - time.monotonic()))
-        now = time.monotonic()
+        self._wait_until(idle_until)
+        now = self._now()
         voltages = self._compute(scan)
-        self._took = time.monotonic() - now
+        self._took = self._now() - now
         return voltages
 
     def _compute(self, scan: _Scan, first: int = 0, last: int | None = None) -> np.ndarray:
@@ -164,7 +169,7 @@ class FakeDevice(ThreadedDevice):
         done = []
         for first, voltages in self._runs(scan, pool):
             end = scan.start + (first + len(voltages)) * scan.row_period
-            if self._stop.wait(max(0.0, end - time.monotonic())):
+            if not self._wait_until(end):
                 break
             done.append(voltages)
             self._deliver_rows(self._frame(scan, voltages, first), end)
@@ -177,7 +182,7 @@ class FakeDevice(ThreadedDevice):
             for first in range(0, rows, step):
                 last = min(first + step, rows)
                 end = scan.start + last * scan.row_period
-                if self._stop.wait(max(0.0, end - time.monotonic())):
+                if not self._wait_until(end):
                     return
                 yield first, self._compute(scan, first, last)
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,15 +69,18 @@ class Trouble:
 
 
 class Recent:
-    """Sums of the last seconds: `counts` numbers each second, kept for `seconds`."""
+    """Sums of the last seconds: `counts` numbers each second, kept for `seconds`, by the time `now`."""
 
-    def __init__(self, counts: int, seconds: int = 10) -> None:
+    def __init__(
+        self, counts: int, seconds: int = 10, now: Callable[[], float] = time.monotonic
+    ) -> None:
         self._sums = np.zeros((seconds, counts))
         self._seconds = np.full(seconds, -1)
+        self._now = now
 
     def add(self, *numbers: float) -> None:
         """Add to the sums of this second."""
-        second = int(time.monotonic())
+        second = int(self._now())
         place = second % len(self._seconds)
         if self._seconds[place] != second:
             self._seconds[place] = second
@@ -84,13 +88,15 @@ class Recent:
         self._sums[place] += numbers
 
     def sums(self) -> np.ndarray:
-        """(counts,) sums over the last seconds."""
-        recent = self._seconds > int(time.monotonic()) - len(self._seconds)
+        """(counts,) sums over the last seconds; of a time that was set back, none of those ahead."""
+        now = int(self._now())
+        recent = (self._seconds > now - len(self._seconds)) & (self._seconds <= now)
         return self._sums[recent].sum(axis=0)
 
 
 class Health:
-    """Counts delivered frames, measures their rate and latency, and watches the channels."""
+    """Counts delivered frames, measures their rate and latency, and watches the channels, by the time
+    `now`, s."""
 
     RATE_WINDOW, LEAST_SPAN = 5.0, 0.5
     LOSS, SERIOUS_LOSS = 0.01, 1 / 3  # of the frames
@@ -98,8 +104,8 @@ class Health:
     ABOVE, OFTEN = 1.1, 0.1  # times the drive voltage; of the frames
     PRESSED, FLAT = 0.05, 1e-3  # of the drive voltage: some reading is above, all are within
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._lock, self._now = threading.Lock(), now
         self.reset()
 
     def reset(self) -> None:
@@ -112,7 +118,7 @@ class Health:
             self._age = 0.0
             # frames delivered, lost, above the drive voltage, without a reading, all the same,
             # refused by their receiver
-            self._recent = Recent(6)
+            self._recent = Recent(6, now=self._now)
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
@@ -121,8 +127,8 @@ class Health:
     def frame_delivered(
         self, voltages: np.ndarray, drive_voltage: float, last_sample: float | None
     ) -> None:
-        """Note a frame that has just been handed over; `last_sample` in s, monotonic clock."""
-        now = time.monotonic()
+        """Note a frame that has just been handed over; `last_sample` in s, by `now`."""
+        now = self._now()
         with self._lock:
             self._times[self._frames % self._times.size] = now
             late = np.nan if last_sample is None else now - last_sample
@@ -180,11 +186,11 @@ class Health:
         """Note a frame that was dropped because its last sample was `age` s ago."""
         with self._lock:
             self._stale += 1
-            self._stale_age, self._stale_at = age, time.monotonic()
+            self._stale_age, self._stale_at = age, self._now()
 
     def stale_within(self, seconds: float) -> bool:
         """Whether a frame was too old in the last `seconds`."""
-        return time.monotonic() - self._stale_at < seconds
+        return self._now() - self._stale_at < seconds
 
     def stale_note(self, limit: float) -> str:
         """What is to be said of frames that were older than `limit`, s."""
@@ -226,6 +232,7 @@ class Health:
     def _rate(self) -> tuple[float, float]:
         """Frames/s of the last seconds, and the time, s, over which they were counted."""
         with self._lock:
-            recent = self._times[self._times > time.monotonic() - self.RATE_WINDOW]
+            ago = self._now() - self._times
+            recent = self._times[(ago >= 0) & (ago < self.RATE_WINDOW)]
         span = float(np.ptp(recent)) if recent.size else 0.0
         return (recent.size - 1) / span if span > 0 else 0.0, span

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice, rows_of, rows_time, unix_time
+from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice, rows_of, rows_time
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.simulation import ROW_PERIOD
@@ -82,14 +81,21 @@ class ReplayDevice(ThreadedDevice):
         )
 
     def _run(self) -> None:
-        due = time.monotonic()
+        if not self._wait_for_time():
+            return
+        due = self._now()
         for sequence, (distance, frame) in enumerate(self._timed_frames()):
-            due = self._wait_until(due + self._step(distance) if sequence else due, distance)
+            due = self._when_due(due + self._step(distance) if sequence else due, distance)
             if self._stop.is_set():
                 return
             self._set_state("streaming", f"playing {self._path}")
-            frame = replace(frame, sequence=sequence, stamp=unix_time(due))
-            self._deliver(frame, self._play_rows(frame, due, distance))
+            frame = replace(frame, sequence=sequence, stamp=self.time.stamp(due))
+            try:
+                end = self._play_rows(frame, due, distance)
+            except SetBack:  # the next frame is due as long after now as after this one
+                due = self._now()
+                continue
+            self._deliver(frame, end)
         self._set_state("finished", f"{self._path}: played to the end")
 
     def _play_rows(self, frame: Frame, begin: float, distance: float) -> float:
@@ -103,9 +109,10 @@ class ReplayDevice(ThreadedDevice):
         faster = min(1.0, self._step(distance) / distance)
         for rows, after in rows_of(frame, self.run_length):
             end = begin + faster * after
-            if self._stop.wait(max(0.0, end - time.monotonic())):
+            if not self._wait_until(end):
                 break
-            self._deliver_rows(replace(rows, stamp=unix_time(end - faster * rows_time(rows))), end)
+            stamp = self.time.stamp(end - faster * rows_time(rows))
+            self._deliver_rows(replace(rows, stamp=stamp), end)
         return end
 
     def _timed_frames(self) -> Iterator[tuple[float, Frame]]:
@@ -127,20 +134,25 @@ class ReplayDevice(ThreadedDevice):
         """Time to the next frame, s, where the recorded distance is this."""
         return 1.0 / self._rate if self._rate > 0 else distance
 
-    def _wait_until(self, due: float, distance: float) -> float:
+    def _when_due(self, due: float, distance: float) -> float:
         """Wait for `due`; return it, or when it is instead.
 
-        A pause (`set_streaming`) and falling behind move it, a higher rate brings it forward.
+        A pause (`set_streaming`), falling behind and a time that is set back move it, a higher rate
+        brings it forward.
         """
         while not self._stop.is_set():
-            left = due - time.monotonic()
+            try:
+                now = self._now()
+                self._notice(now)
+            except SetBack:
+                due = now + self._step(distance)
             if not self._streaming:
                 self._set_state("stopped", "stopped on request")
-                self._pause(1.0)
-                due = time.monotonic()
-            elif left <= 0:
-                return due if left > -self.BEHIND else time.monotonic()
+                self._pause(now + 1.0)
+                due = self._now()
+            elif due <= now:
+                return due if due > self.time.before() - self.BEHIND else now
             else:
-                self._pause(left)
-                due = min(due, time.monotonic() + self._step(distance))
+                self._pause(due)
+                due = min(due, self._now() + self._step(distance))
         return due

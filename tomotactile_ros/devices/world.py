@@ -13,8 +13,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from tomotactile_ros.devices.base import unix_time
 from tomotactile_ros.devices.line import Line, open_line
+from tomotactile_ros.devices.time_source import unix_time
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from tomotactile_ros.nodes.conditions import Conditions, Pace, log_at
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
+from tomotactile_ros.nodes.node_time import NodeTime, is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
@@ -122,6 +123,7 @@ class Driver:
         self.parameters = Parameters(node, SPECS, self._change)
         self.listeners: list[Callable[[Frame, str, Header], None]] = []
         self.row_listeners: list[Callable[[Frame, str, Header], None]] = []
+        self._time = NodeTime(node)
         self._device: Device | None = None
         self._layout: Layout | None = None
         self._active = False
@@ -208,7 +210,7 @@ class Driver:
         )
 
     def _own_troubles(self, dead: tuple[int, ...]) -> list[Trouble]:
-        found = []
+        found = troubles_of_time(self._node)
         if dead:
             electrodes = ", ".join(map(str, dead))
             text = f"electrodes that look dead: {electrodes}"
@@ -223,7 +225,7 @@ class Driver:
         fake = values["device"] == "fake"
         named = {key: values[key] for key in DeviceSettings.__dataclass_fields__ if key in values}
         named["scene"] = load_scene(values["scene"]) if fake else None
-        named["layout"] = self._layout
+        named["layout"], named["time"] = self._layout, self._time
         device = make_device(DeviceSettings(**named))
         device.set_streaming(values["streaming"])
         self._touches.listen(fake and named["scene"].live, self._layout)
@@ -282,11 +284,11 @@ class Driver:
         self._hand_on(rows, self.row_listeners, self._rows_publisher)
 
     def _hand_on(self, frame: Frame, listeners: list[Callable], publisher: Publisher) -> None:
-        clock = self._node.get_clock()
-        if clock.ros_time_is_active:
+        if is_timeless(self._node):  # no stamp would be right
+            return
+        if self.parameters["device"] == "serial" and self._node.get_clock().ros_time_is_active:
             simulated = self._simulated.setdefault(publisher.topic_name, SimulatedTime())
-            now = clock.now().nanoseconds * 1e-9
-            frame = replace(frame, stamp=simulated.of(frame.stamp, now))
+            frame = replace(frame, stamp=simulated.of(frame.stamp, seconds_now(self._node)))
         header = make_header(frame.stamp, self.parameters["frame_id"])
         for listener in listeners:
             listener(frame, self._layout.id, header)
@@ -303,7 +305,7 @@ class Driver:
 
 
 class SimulatedTime:
-    """Stamps in simulated time, of one topic: as long ago there as in real time, if it was begun.
+    """Stamps in simulated time of what hardware has read, of one topic: as long ago there as in real time.
 
     None before the one before, though simulated time goes on in steps, unless it was set back.
     """

@@ -5,7 +5,6 @@ Whatever takes time and nobody listens to is not made.
 """
 
 import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from tomotactile_ros.nodes.contact_messages import (
 )
 from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message, stamp_of
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
+from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.spatial import in_space
 from tomotactile_ros.view.colours import (
     LEAST_PRESSURE,
@@ -62,7 +62,8 @@ class Outputs:
         self._grid: Grid | None = None
         self._max_age = 0.0
         self._order = threading.Lock()  # of contacts, their markers, and what takes them back
-        self._valid_since: float | None = None  # s, monotonic; None where what was said last is not
+        self._now = PassingTime(node).now
+        self._valid_since: float | None = None  # s, by `_now`; None where what was said last is not
 
     def configure(self, layout: Layout, grid: Grid, values: dict[str, Any]) -> None:
         """Prepare for images of this layout and grid, drawn as the parameters say."""
@@ -106,7 +107,7 @@ class Outputs:
             if self._wrench.get_subscription_count() > 0:
                 wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
                 self._wrench.publish(wrench_to_message(*wrench, header))
-            self._valid_since = None if stale else time.monotonic()
+            self._valid_since = None if stale else self._now()
         if header.frame_id != self.frame_id:  # the driver has another than was thought
             self._show_layout(header.frame_id)
         if self._markers.get_subscription_count() > 0:
@@ -138,7 +139,7 @@ class Outputs:
         what was said last is younger than `age`, s."""
         with self._order:
             since = self._valid_since
-            if since is None or time.monotonic() - since < age:
+            if since is None or self._now() - since < age:
                 return
             header = self._header_of_now()
             self._withhold(withheld_message(header, reason, ContactArray.STALE))
@@ -160,7 +161,7 @@ class Outputs:
 
     def _too_old(self, header: Header) -> str:
         """Why contacts of this time are not valid any more, or nothing."""
-        age = self._node.get_clock().now().nanoseconds * 1e-9 - stamp_of(header)
+        age = seconds_now(self._node) - stamp_of(header)
         if not 0 < self._max_age < age:
             return ""
         return f"readings of {age:.3g} s ago (max_age {self._max_age:g} s)"

@@ -23,6 +23,7 @@ from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
 from tomotactile_ros.nodes.learning import Learning
+from tomotactile_ros.nodes.node_time import seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import (
@@ -187,6 +188,7 @@ class Reconstruction:
             self._complaint = ""
             self._log.info("images are made again")
         troubles = [
+            *troubles_of_time(self._node),
             *self._watch.troubles(self.parameters["max_age"]),
             *self._rows.troubles(self._node.count_publishers(self._rows_topic)),
             *self._taring.troubles(),
@@ -259,8 +261,7 @@ class Reconstruction:
             self._noise = result.noise
         self._settling = result.settling or self._settling
         self._bare = is_bare(layout_id, self._layout.id)
-        now = self._node.get_clock().now().nanoseconds * 1e-9
-        took = time.monotonic() - start
+        now, took = seconds_now(self._node), time.monotonic() - start
         lasts = frame.row_period * len(frame.grounded)
         self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took, lasts)
         if followed and not left_out:

@@ -6,6 +6,7 @@ of contacts is left for the next row to take in.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +17,7 @@ from std_msgs.msg import Header
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.nodes.conversions import make_header
+from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.row_watch import RowWatch
@@ -49,11 +51,12 @@ class Rows:
 
     def __init__(self, node: Node, values: Callable[[], dict[str, Any]], outputs: Outputs):
         self._node, self._values, self._outputs = node, values, outputs
-        self.watch = RowWatch()
+        self._now = PassingTime(node).now
+        self.watch = RowWatch(self._now)
         self.withheld = ""  # why contacts of the last row are not known
         self._state = None
         self._of: tuple = ()  # pipeline and tare of the state
-        self._last = -_PATIENCE
+        self._last = -math.inf
         self._since, self._touching = 0, None
         self._left_out = False  # the last frame
         self._beside = Beside()
@@ -67,7 +70,7 @@ class Rows:
     @property
     def followed(self) -> bool:
         """Whether contacts are those of rows now."""
-        late = time.monotonic() - self._last > _PATIENCE
+        late = self._now() - self._last > _PATIENCE
         return self.wanted and (self._preparing or not late)
 
     def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
@@ -75,7 +78,7 @@ class Rows:
         of = pipeline, pipeline.baseline
         new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
         resumed = not self.followed
-        self._last = time.monotonic()
+        self._last = self._now()
         if new or resumed:
             if not pipeline.follows:
                 self.withheld = "preparing to follow rows"
@@ -94,11 +97,10 @@ class Rows:
             if self._since >= every or touching != self._touching:
                 self._since, self._touching = 0, touching
                 self._publish(pipeline, make_header(now, frame_id))
-            self._last = time.monotonic()
-            if self._last - begun > _LONGEST:
+            self._last, took = self._now(), time.monotonic() - begun
+            if took > _LONGEST:
                 break
-        age = self._node.get_clock().now().nanoseconds * 1e-9 - now
-        self.watch.followed(rows.sequence, i + 1, age, self._last - begun)
+        self.watch.followed(rows.sequence, i + 1, seconds_now(self._node) - now, took)
         if i + 1 < len(rows.grounded):
             self.watch.skip(rows.sequence, len(rows.grounded) - i - 1)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -16,19 +16,20 @@ _WINDOW = 10  # s
 
 
 class RowWatch:
-    """Counts rows and times their way.
+    """Counts rows and times their way, by the time `now`, s.
 
     Rows are numbered by their frame alone: how many one has is learned from whole frames
     (`frame_has`), and what is missing is counted when the next one begins.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
         self.rows = self.lost = self.skipped = 0
         self._length = self._count = 0
-        self._begun = time.monotonic()
+        self._begun = self._now()
         self._sequence: int | None = None
         self._whole = False  # whether the frame was seen from its beginning
-        self._recent = Recent(4, _WINDOW)  # rows followed, lost, skipped, late
+        self._recent = Recent(4, _WINDOW, now)  # rows followed, lost, skipped, late
         self._latencies: deque[float] = deque(maxlen=1000)
         self._arrivals: deque[float] = deque(maxlen=1000)  # s, of the same messages
         self._durations: deque[float] = deque(maxlen=1000)
@@ -48,7 +49,7 @@ class RowWatch:
         self.rows += rows
         self._recent.add(rows, 0, 0, rows if latency > _LATE else 0)
         self._latencies.append(latency)
-        self._arrivals.append(time.monotonic())
+        self._arrivals.append(self._now())
         self._durations.append(duration / rows)
         self._count_up(sequence, rows)
 
@@ -96,7 +97,7 @@ class RowWatch:
     def _count_up(self, sequence: int, rows: int) -> None:
         if sequence != self._sequence:
             if self._sequence is None:
-                self._begun = time.monotonic()
+                self._begun = self._now()
             else:
                 self._end_frame((sequence - self._sequence - 1) % 2**32)
                 self._whole = True
@@ -113,11 +114,11 @@ class RowWatch:
 
     def _older_than(self, age: float) -> float:
         """Part of the messages of the last 10 s whose rows were older than `age`, s."""
-        since = time.monotonic() - _WINDOW
+        since = self._now() - _WINDOW
         pairs = zip(list(self._arrivals), list(self._latencies))
         recent = [latency > age for when, latency in pairs if when >= since]
         return sum(recent) / len(recent) if recent else 0.0
 
     def _span(self) -> float:
-        begun = time.monotonic() if self._sequence is None else self._begun
-        return min(max(time.monotonic() - begun, 1.0), float(_WINDOW))
+        begun = self._now() if self._sequence is None else self._begun
+        return min(max(self._now() - begun, 1.0), float(_WINDOW))

@@ -1,6 +1,5 @@
 """The order of the scan that follows contacts: those that are known say what the next frame looks at."""
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +12,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.scan_order import AdaptiveOrder
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.contact_messages import message_to_touches
+from tomotactile_ros.nodes.node_time import PassingTime
 
 _PATIENCE = 1.0  # s without a message after which no contact is known
 
@@ -32,6 +32,7 @@ class ScanOrder:
         self._layout: Layout | None = None
         self._order: AdaptiveOrder | None = None
         self._places, self._heard = np.empty((0, 2)), 0.0
+        self._now = PassingTime(node).now
 
     def follow(self, layout: Layout | None) -> None:
         """Choose orders for the electrodes of a layout from now on; None: no longer."""
@@ -55,7 +56,7 @@ class ScanOrder:
         """Choose the order of the next frame."""
         order = self._order  # another thread may take it away
         if order is not None:
-            late = time.monotonic() - self._heard > _PATIENCE
+            late = self._now() - self._heard > _PATIENCE
             self._set_scan(order.frame(np.empty((0, 2)) if late else self._places))
 
     def _on_message(self, message: ContactArray) -> None:
@@ -63,4 +64,4 @@ class ScanOrder:
             return
         touches = message_to_touches(message, self._layout)
         self._places = np.array([(t.x, t.y) for t in touches]).reshape(-1, 2)
-        self._heard = time.monotonic()
+        self._heard = self._now()

@@ -4,7 +4,6 @@ It publishes with every message of a sensor, and goes on to say who is silent wh
 """
 
 import math
-import time
 from copy import copy
 
 import numpy as np
@@ -23,6 +22,7 @@ from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
+from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode, run
@@ -66,6 +66,7 @@ class SkinPart:
     def __init__(self, node: Node):
         self._node, self._log = node, node.get_logger()
         self._conditions = Conditions(self._log)
+        self._now = PassingTime(node).now
         self.parameters = Parameters(node, SPECS, self._change)
         self._skin = Skin((), 1.0)
         self._locate = None
@@ -96,7 +97,7 @@ class SkinPart:
     def activate(self) -> None:
         """Begin to publish."""
         self._active = True
-        # on a steady clock: where simulated time stands still, who is silent is told all the same
+        # it looks by a steady clock: where simulated time stands still, who is silent is told all the same
         self._node.create_timer(0.1, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
@@ -108,7 +109,7 @@ class SkinPart:
 
     def report(self) -> Report:
         """Which sensors are silent, for /diagnostics."""
-        now = time.monotonic()
+        now = self._now()
         unknown, mixed = self._skin.problems(now), self._mixed()
         figures = {"sensors": len(self._skin.members), "silent": len(unknown)}
         troubles = [
@@ -140,7 +141,7 @@ class SkinPart:
 
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]
-        member.arrival, member.contacts = time.monotonic(), []
+        member.arrival, member.contacts = self._now(), []
         member.complaint = ""
         if message.state != ContactArray.VALID:
             member.complaint = printable(message.reason) or "its contacts are not valid"
@@ -161,18 +162,18 @@ class SkinPart:
 
     def _too_old(self, header: Header) -> bool:
         """Whether contacts hold for a time that is too long ago: they may have waited on the way."""
-        age = self._node.get_clock().now().nanoseconds * 1e-9 - stamp_of(header)
+        age = seconds_now(self._node) - stamp_of(header)
         return 0 < self.parameters["max_age"] < age
 
     def _go_on(self) -> None:
         """Say who is silent while nobody sends."""
-        if time.monotonic() - self._published > self._skin.timeout:
+        if self._now() - self._published > self._skin.timeout:
             self._publish(self._node.get_clock().now().to_msg())
 
     def _publish(self, stamp) -> None:
         if not self._active:
             return
-        now = self._published = time.monotonic()
+        now = self._published = self._now()
         header = Header(stamp=stamp, frame_id=self.parameters["frame_id"])
         problems = self._skin.problems(now)
         message = ContactArray(header=header, state=ContactArray.VALID)

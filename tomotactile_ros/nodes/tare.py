@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.nodes.node_time import PassingTime
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.at_rest import at_rest
@@ -57,7 +58,7 @@ class Taring:
         pipeline: Callable[[], Pipeline | None],
         complaint: Callable[[], str],
     ):
-        self._log = node.get_logger()
+        self._log, self._now = node.get_logger(), PassingTime(node).now
         self._values, self._lock, self._complaint = values, lock, complaint
         self._pipeline = pipeline
         self._named = bool(values()["tare_file"])
@@ -73,7 +74,7 @@ class Taring:
         """Keep a frame that was processed."""
         if self._frames.maxlen != self._values()["tare_frames"]:
             self._frames = deque(self._frames, maxlen=self._values()["tare_frames"])
-        now = time.monotonic()
+        now = self._now()
         if self._frames and now - self._frames[-1][0] > self._patience():
             self._frames.clear()  # what was before a gap is not how the sheet is now
         self._frames.append((now, frame))
@@ -152,7 +153,7 @@ class Taring:
             raise InputError("the reconstruction is not active")
         if not self._frames:
             raise InputError(self._complaint() or "no frame has arrived yet")
-        age = time.monotonic() - self._frames[-1][0]
+        age = self._now() - self._frames[-1][0]
         if age > self._patience():
             reason = self._complaint() or "none has come since"
             raise InputError(f"the last frame is {age:.1f} s old: {reason}")

@@ -1,12 +1,12 @@
 """Watches the frames that come in, and says why none do."""
 
-import time
 from collections import deque
 
 import numpy as np
 from rclpy.node import Node
 
 from tomotactile_ros.devices.health import Recent, Trouble
+from tomotactile_ros.nodes.node_time import PassingTime, is_timeless
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
 _RESTART = 2**16
@@ -30,6 +30,7 @@ class FrameWatch:
     def __init__(self, node: Node, topic: str):
         self._node = node
         self._topic = topic
+        self._now = PassingTime(node).now
         self._latencies: deque[float] = deque(maxlen=1000)
         # when, s, how old, s of work
         self._ages: deque[tuple[float, float, float]] = deque(maxlen=1000)
@@ -42,11 +43,11 @@ class FrameWatch:
 
     def restart(self) -> None:
         """Begin to wait anew."""
-        self._since = self._begun = time.monotonic()
+        self._since = self._begun = self._now()
         self._refusal = self._incompatible = ""
         # frames processed, missed, refused, stamped before the one before, longer than from one to
         # the next
-        self._recent = Recent(5, _WINDOW)
+        self._recent = Recent(5, _WINDOW, self._now)
         self._lasts = self._step = 0.0
 
     def accepted(
@@ -68,9 +69,9 @@ class FrameWatch:
         self._recent.add(1, missed, 0, back, overlong)
         self.processed += 1
         self._latencies.append(latency)
-        self._ages.append((time.monotonic(), latency, duration))
+        self._ages.append((self._now(), latency, duration))
         self._durations.append(duration)
-        self._since, self._incompatible = time.monotonic(), ""
+        self._since, self._incompatible = self._now(), ""
 
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
@@ -151,20 +152,22 @@ class FrameWatch:
     def _age(self) -> tuple[float, float]:
         """Medians over the frames of the last 10 s: how old they were, s, and s of work for each; 0
         without any."""
-        since = time.monotonic() - _WINDOW
+        since = self._now() - _WINDOW
         recent = [(age, work) for when, age, work in list(self._ages) if when >= since]
         age, work = np.median(recent, axis=0) if recent else (0.0, 0.0)
         return float(age), float(work)
 
     def _span(self) -> float:
         """s over which the recent frames were counted."""
-        return min(max(time.monotonic() - self._begun, 1.0), float(_WINDOW))
+        return min(max(self._now() - self._begun, 1.0), float(_WINDOW))
 
     def complaint(self) -> str:
         """Why there are no frames, or nothing while there are some."""
-        if time.monotonic() - self._since < _PATIENCE:
+        if self._now() - self._since < _PATIENCE:
             return ""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
+        if is_timeless(self._node):
+            return "no frames, and no time: use_sim_time is set, nobody publishes /clock"
         if not publishers:
             self._refusal = self._incompatible = ""  # of one that has gone
             return (

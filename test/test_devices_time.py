@@ -1,0 +1,159 @@
+"""Sources without hardware live in the time that they are given: slow, fast, at rest, set back."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.devices.fake import FakeDevice
+from tomotactile_ros.devices.replay import ReplayDevice
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.scenes.scene import Contact, Scene
+from tomotactile_ros.simulation import Simulator
+
+PATIENCE = 60.0  # s
+LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.02)
+RATE = 10.0  # frames/s of four rows
+SLIDING = Contact("disc", center=(-0.05, 0.02), radius=0.005, velocity=(0.02, 0.0))
+SCENE = Scene("slides", 3.3, contacts=(SLIDING,))
+
+
+class Steps:
+    """Time that goes on when a test says so; stamps are its times."""
+
+    def __init__(self):
+        self._now = self._before = 0.0
+        self.waits, self._news = 0, None  # how often the device has waited, and for what
+        self._waiting = threading.Condition()
+
+    def now(self):
+        return self._now
+
+    def before(self):
+        return self._before
+
+    def stamp(self, when):
+        return when
+
+    def wait(self, until, news):
+        with self._waiting:
+            if self._now >= until:
+                return
+            self.waits, self._news = self.waits + 1, news
+            self._waiting.notify_all()
+        news.wait(PATIENCE)
+
+    def go(self, *times, wait=True):
+        """Go on to these times, and to each next one when the device has nothing left to do."""
+        for to in times:
+            with self._waiting:
+                waits, self._before, self._now = self.waits, self._now, to
+                if self._news is not None:
+                    self._news.set()
+            if wait:
+                self.settle(waits)
+
+    def settle(self, waits=0):
+        """Until the device waits, for more than the `waits`-th time."""
+        with self._waiting:
+            assert self._waiting.wait_for(lambda: self.waits > waits, PATIENCE)
+
+
+class Run:
+    """A device in stepped time, with what it has handed over."""
+
+    def __init__(self, device, rows):
+        self.time = device.time = Steps()
+        self.device, self.frames, self.rows = device, [], []
+        device.run_length = 2
+        device.open(self.frames.append, self.rows.append if rows else None)
+        self.time.settle()
+
+
+def stamps(frames):
+    return [frame.stamp for frame in frames]
+
+
+@pytest.fixture
+def run():
+    runs = []
+
+    def make(device, rows=False):
+        runs.append(Run(device, rows))
+        return runs[-1]
+
+    yield make
+    for each in runs:
+        each.device.close()
+
+
+def fake():
+    return FakeDevice(Simulator(LAYOUT, SCENE), rate=RATE)
+
+
+def test_nothing_comes_before_there_is_a_time(run):
+    sensor = run(fake(), rows=True)
+    status = sensor.device.status()
+    assert status.state == "stopped" and "nobody publishes /clock" in status.message
+    sensor.time.go(1000.0, 1000.16)
+    assert stamps(sensor.frames) == [1000.0]
+    assert stamps(sensor.rows) == pytest.approx([1000.0, 1000.05, 1000.1])
+
+
+@pytest.mark.parametrize("step", [0.01, 0.25])
+def test_motion_rows_and_rate_are_those_of_the_time(run, step):
+    """In small steps, and in such as hold several frames: none is left out, none is late."""
+    sensor = run(fake(), rows=True)
+    sensor.time.go(*np.arange(50.0, 51.1, step))
+    assert [f.sequence for f in sensor.frames[:9]] == list(range(9))
+    assert stamps(sensor.frames[:9]) == pytest.approx([50.0 + 0.1 * k for k in range(9)])
+    assert stamps(sensor.rows[:18]) == pytest.approx([50.0 + 0.05 * k for k in range(18)])
+    assert {f.row_period for f in sensor.frames} == {0.025}
+    simulator = Simulator(LAYOUT, SCENE, row_period=0.025)
+    assert np.allclose(sensor.frames[8].voltages, simulator.frame(0.8), rtol=1e-4, equal_nan=True)
+    counters = sensor.device.status().counters
+    assert counters["frames_skipped"] == 0 and counters["latency_max"] <= step + 1e-6
+    assert counters["rate_seen"] == pytest.approx(RATE, rel=0.3)
+
+
+def test_it_rests_while_time_does_and_begins_anew_where_that_is_set_back(run):
+    sensor = run(fake())
+    sensor.time.go(50.0, 50.11, 50.22)
+    assert stamps(sensor.frames) == pytest.approx([50.0, 50.1])
+    sensor.time.go(20.0, 20.11)
+    again = sensor.frames[2]
+    assert (again.stamp, again.sequence, len(sensor.frames)) == (20.0, 2, 3)
+    assert np.allclose(again.voltages, sensor.frames[0].voltages, rtol=1e-4, equal_nan=True)
+
+
+def test_a_simulation_that_cannot_keep_up_leaves_frames_out(run):
+    device, held, begun = fake(), threading.Event(), threading.Event()
+    original = device._simulator.frame
+    device._simulator.frame = lambda *which: (begun.set(), held.wait(), original(*which))[2]
+    sensor = run(device)
+    sensor.time.go(50.0)
+    sensor.time.go(50.09, wait=False)
+    assert begun.wait(PATIENCE)
+    for now in (50.3, 50.55, 50.58):  # goes by while the first frame is computed
+        sensor.time.go(now, wait=False)
+    waits = sensor.time.waits
+    held.set()
+    sensor.time.settle(waits)
+    sensor.time.go(50.61)
+    assert stamps(sensor.frames[:2]) == pytest.approx([50.0, 50.5])
+    assert device.status().counters["frames_skipped"] == 4
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_a_recording_keeps_its_distances_in_the_time(run, tmp_path, rows):
+    frame = Simulator(LAYOUT, SCENE, row_period=0.025).frame(0.0)
+    path = tmp_path / "frames.npz"
+    times = {"stamps": 7.0 + 0.1 * np.arange(6), "row_period": 0.025}
+    np.savez(path, voltages=[frame] * 6, grounded=np.arange(4), drive_voltage=3.3, **times)
+    sensor = run(ReplayDevice(path, 4), rows)
+    sensor.time.go(100.0, 100.05, 100.12, 100.19)
+    assert stamps(sensor.frames) == pytest.approx([100.0] if rows else [100.0, 100.1])
+    assert stamps(sensor.rows) == pytest.approx([100.0, 100.05, 100.1] if rows else [])
+    sensor.time.go(30.0, 30.05, 30.11, 30.22, 30.33)  # and goes on from there
+    anew = [stamp for stamp in stamps(sensor.frames) if stamp < 100.0]
+    assert anew == pytest.approx([30.1, 30.2] if rows else [30.1, 30.2, 30.3])

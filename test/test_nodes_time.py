@@ -1,0 +1,97 @@
+"""Nodes with `use_sim_time`: a simulated sensor lives in the time of /clock, and ages are measured with it."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import ros_checks
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_support import ends_cleanly
+from rosgraph_msgs.msg import Clock
+
+from tomotactile_ros.msg import ContactArray, VoltageFrame
+from tomotactile_ros.nodes.conversions import stamp_of
+
+
+class SimulatedClock:
+    """Publishes /clock, `pace` times as fast as time goes by, in steps of 20 ms of real time; 0: not at all."""
+
+    def __init__(self, probe, now=1000.0, pace=0.0):
+        self.now, self.pace = now, pace
+        self._publisher = probe.node.create_publisher(Clock, "/clock", 10)
+        probe.node.create_timer(0.02, self._tick)
+
+    def _tick(self):
+        if self.pace:
+            self.now += 0.02 * self.pace
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(int(self.now * 1e9), 10**9)
+            self._publisher.publish(message)
+
+
+def of_time(messages):
+    return [stamp_of(message.header) for message in messages]
+
+
+@pytest.mark.parametrize("pace", [0.1, 3.0])
+def test_a_simulated_sensor_lives_in_simulated_time(probe, start, scene, pace):
+    """Frames, rows and contacts follow each other as they do in real time, whatever its pace; before the
+    first /clock there are none. At a tenth of it, fifteen frames came in a real second."""
+    sensor = start("tactile", {"scene": scene, "use_sim_time": "true", "delivery": "rows"})
+    clock = SimulatedClock(probe)
+    heard = {
+        topic: probe.listen(kind, topic, 200)
+        for topic, kind in (
+            ("voltage_frame", VoltageFrame),
+            ("voltage_rows", VoltageFrame),
+            ("contacts", ContactArray),
+        )
+    }
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.ERROR, "nobody publishes /clock"
+    )
+    assert not heard["voltage_frame"] and not heard["voltage_rows"]
+    clock.pace = pace
+
+    def known():
+        return [message for message in heard["contacts"] if message.contacts]
+
+    probe.until(lambda: len(known()) > 8 and len(heard["voltage_frame"]) > 4, "contacts")
+    frames, rows = heard["voltage_frame"], heard["voltage_rows"]
+    ros_checks.check_rate(frames)
+    assert 1000.0 < of_time(frames)[0] and of_time(frames)[-1] <= clock.now
+    # rows of a frame lie within it, and none overlap
+    for message in rows:
+        if message.sequence == frames[0].sequence:
+            begun = stamp_of(message.header) - of_time(frames)[0]
+            assert -1e-6 < begun < 64 * frames[0].row_period
+    assert np.all(np.diff(of_time(rows)) > 7.9e-3)
+    seen = known()
+    assert {c.id for m in seen for c in m.contacts} == {seen[0].contacts[0].id}
+    lasted = of_time(seen)[-1] - of_time(seen)[0]
+    aged = seen[-1].contacts[0].age - seen[0].contacts[0].age
+    assert aged == pytest.approx(lasted, abs=1e-3)
+    velocity = seen[-1].contacts[0].velocity
+    assert np.hypot(velocity.x, velocity.y) < 0.02
+    clock.now = 500.0  # a simulation that begins anew
+    probe.until(lambda: 500.0 < of_time(frames)[-1] < 900.0, "a frame of the new simulation")
+    probe.until(lambda: any(500.0 < t < 900.0 for t in of_time(known())), "contacts in it")
+    ends_cleanly(sensor)
+
+
+def test_nothing_grows_old_while_a_slow_simulation_goes_on(probe, start, scene):
+    """At a hundredth of real time a frame lasts six seconds: nobody is late, nothing is taken back; where
+    time stands still it is."""
+    sensor = start("tactile", {"scene": scene, "use_sim_time": "true"})
+    heard, clock = probe.listen(ContactArray, "contacts", 200), SimulatedClock(probe, pace=1.0)
+    probe.until(lambda: any(m.contacts for m in heard), "contacts")
+    clock.pace = 0.01
+    del heard[:]
+    begun = clock.now
+    probe.until(lambda: clock.now > begun + 0.05 and heard, "five seconds")
+    assert all(m.state == ContactArray.VALID for m in heard)
+    clock.pace = 0.0
+    probe.until(lambda: heard[-1].state == ContactArray.STALE, "contacts that are taken back")
+    assert "no contacts for" in heard[-1].reason
+    ends_cleanly(sensor)

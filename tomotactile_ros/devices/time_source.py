@@ -1,0 +1,58 @@
+"""The time that a source without hardware lives in: this machine's, unless another is given.
+
+Simulated time goes in steps, at any pace, stands still and may be set back. A source waits for it
+with an event that the time sets whenever it goes on, and asks again.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Protocol
+
+
+class TimeSource(Protocol):
+    """Time, s; 0 while it is not known."""
+
+    def now(self) -> float:
+        """The time it is."""
+
+    def before(self) -> float:
+        """The time it was before the last step: what was due since then is not late. Of a time that
+        goes evenly: `now`."""
+
+    def stamp(self, when: float) -> float:
+        """What a time of `now` is in stamps."""
+
+    def wait(self, until: float, news: threading.Event) -> None:
+        """Wait until then, until `news` is set, or until a time that goes in steps goes on."""
+
+
+class HostTime:
+    """Time of a clock of this machine that is never set; stamps are Unix time."""
+
+    def now(self) -> float:
+        """The time it is, s."""
+        return time.monotonic()
+
+    before = now
+
+    def stamp(self, when: float) -> float:
+        """Unix time of a time of `now`, s."""
+        return unix_time(when)
+
+    def wait(self, until: float, news: threading.Event) -> None:
+        """Wait until then, or until `news` is set."""
+        news.wait(max(0.0, until - time.monotonic()))
+
+
+def unix_time(monotonic: float) -> float:
+    """Unix time of a `monotonic` time, s, to some µs, so that stamps keep their order.
+
+    The two clocks are read one after the other; where the process was held up in between, again.
+    """
+    for _ in range(10):
+        before, now, after = time.monotonic(), time.time(), time.monotonic()
+        if after - before < 2e-5:
+            break
+    return monotonic + now - before

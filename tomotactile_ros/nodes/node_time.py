@@ -1,0 +1,121 @@
+"""The time of a node: that of this machine, or simulated time from /clock with `use_sim_time`.
+
+`NodeTime` is what a simulated sensor lives in. `PassingTime` is what ages and timeouts are measured with.
+docs/topics.md lists who uses which clock, and why.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.devices.time_source import HostTime
+
+_STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
+
+
+def seconds_now(node: Node) -> float:
+    """What stamps of now are, s; 0 while simulated time is not known."""
+    return node.get_clock().now().nanoseconds * 1e-9
+
+
+def is_timeless(node: Node) -> bool:
+    """Whether simulated time is wanted, and not known yet."""
+    clock = node.get_clock()
+    return clock.ros_time_is_active and clock.now().nanoseconds == 0
+
+
+def troubles_of_time(node: Node) -> list[Trouble]:
+    """Why there is no time, where there is none."""
+    if not is_timeless(node):
+        return []
+    return [
+        Trouble("time", True, "no simulated time: use_sim_time is set, nobody publishes /clock")
+    ]
+
+
+class NodeTime:
+    """The time of a node as a `devices.time_source.TimeSource`: it goes on in steps where it is simulated."""
+
+    def __init__(self, node: Node):
+        self._clock, self._host = node.get_clock(), HostTime()
+        self._lock, self._waiting = threading.Lock(), set()
+        self._before = 0.0
+        least = Duration(nanoseconds=1)
+        threshold = JumpThreshold(
+            min_forward=least, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        self._handle = self._clock.create_jump_callback(
+            threshold, pre_callback=self._note, post_callback=self._go_on
+        )
+
+    def now(self) -> float:
+        """The time it is, s."""
+        if self._clock.ros_time_is_active:
+            return self._clock.now().nanoseconds * 1e-9
+        return self._host.now()
+
+    def before(self) -> float:
+        """The time it was before the last step, s."""
+        return self._before if self._clock.ros_time_is_active else self._host.now()
+
+    def stamp(self, when: float) -> float:
+        """What a time of `now` is in stamps, s."""
+        return when if self._clock.ros_time_is_active else self._host.stamp(when)
+
+    def wait(self, until: float, news: threading.Event) -> None:
+        """Wait until then, until `news` is set, or for the next step."""
+        if not self._clock.ros_time_is_active:
+            self._host.wait(until, news)
+            return
+        with self._lock:
+            self._waiting.add(news)
+        try:
+            if self.now() < until and self._clock.ros_time_is_active:
+                news.wait()
+        finally:
+            with self._lock:
+                self._waiting.discard(news)
+
+    def _note(self) -> None:
+        self._before = self.now()
+
+    def _go_on(self, jump) -> None:
+        with self._lock:
+            for news in self._waiting:
+                news.set()
+
+
+class PassingTime:
+    """Time that passes for a node, s: it never goes back, and `now` is callable from any thread.
+
+    It goes on as the node's clock does, so that nothing is late in a slow simulation. While that clock
+    stands still, for longer than a second, it goes on as this machine's: whether a simulation rests or has
+    ended nobody knows, and what is not renewed must not be taken for what is.
+    """
+
+    def __init__(self, node: Node):
+        self._clock, self._lock = node.get_clock(), threading.Lock()
+        self._passed = 0.0
+        self._steady = self._moved = time.monotonic()
+        self._there = self._clock.now().nanoseconds
+
+    def now(self) -> float:
+        """s since it was made."""
+        with self._lock:
+            steady, there = time.monotonic(), self._clock.now().nanoseconds
+            if not self._clock.ros_time_is_active:
+                self._passed += steady - self._steady
+            elif there != self._there:
+                self._moved = steady
+                if self._there:  # the first time of all is no step
+                    self._passed += max(there - self._there, 0) * 1e-9
+            else:
+                self._passed += max(steady - max(self._steady, self._moved + _STILL), 0.0)
+            self._steady, self._there = steady, there
+            return self._passed
