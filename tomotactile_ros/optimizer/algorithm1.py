@@ -5,9 +5,10 @@ electrodes of an even N ring by ring from the centre outward. For an odd N the m
 lie on the axes and x(0, j) = 0 takes the place of the mirrored neighbour; everything else is the
 same.
 
-For other rectangles and R x C electrodes: the smallest displacement of the electrodes that gives
-the regions the wanted areas. Electrodes on the rim stay on it, and the mirrors of the sheet are
-kept, because both hold for the areas.
+For all other grids of R x C electrodes: the smallest displacement of the electrodes that gives the
+regions the wanted areas. Those at the corners stay, those on the sides move along the line between
+their neighbours there, so that straight sides stay as they are; symmetries of grid and areas are
+kept, because the smallest displacement has them.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def place_by_displacement(positions, areas) -> np.ndarray:
 
     Parameters
     ----------
-    positions : (R, C, 2) mirror-symmetric grid, m; areas : (R - 1, C - 1), m^2, of the same sum
+    positions : (R, C, 2) grid, m; areas : (R - 1, C - 1), m^2, in proportion to the wanted ones
 
     Returns
     -------
@@ -84,18 +85,37 @@ def place_by_displacement(positions, areas) -> np.ndarray:
     """
     rows, cols = positions.shape[:2]
     scale = np.sqrt(areas.sum())
-    p, wanted = positions / scale, areas.ravel() / scale**2
-    free = np.ones(p.shape, bool)
-    free[[0, -1], :, 1] = False
-    free[:, [0, -1], 0] = False
+    p, wanted = positions / scale, areas.ravel() / areas.sum()
     for _ in range(_ITERATIONS):
-        lack = wanted - quadrilaterals(p, rows, cols).areas
+        found = quadrilaterals(p, rows, cols).areas
+        lack = wanted * found.sum() - found
         if np.abs(lack / wanted).max() < _EXACT or not np.isfinite(lack).all():
             break
-        step = np.zeros(p.shape)
-        step[free] = np.linalg.lstsq(_area_derivative(p)[:, free], lack, rcond=1e-9)[0]
-        p = _mirror(p + step)
+        ways = _ways(p)
+        gain = _area_derivative(p).reshape(len(lack), -1) @ ways
+        p = p + (ways @ np.linalg.lstsq(gain, lack, rcond=1e-9)[0]).reshape(p.shape)
     return p * scale
+
+
+def _ways(p):
+    """(2 R C, n) unit displacements of single electrodes: both axes inside, along the sides there."""
+    rows, cols = p.shape[:2]
+    ways = []
+    for i in range(rows):
+        for j in range(cols):
+            if 0 < i < rows - 1 and 0 < j < cols - 1:
+                directions = np.eye(2)
+            elif 0 < j < cols - 1:
+                directions = (p[i, j + 1] - p[i, j - 1])[None]
+            elif 0 < i < rows - 1:
+                directions = (p[i + 1, j] - p[i - 1, j])[None]
+            else:
+                continue
+            for direction in directions:
+                way = np.zeros(p.shape)
+                way[i, j] = direction / np.linalg.norm(direction)
+                ways.append(way.ravel())
+    return np.array(ways).reshape(-1, p.size).T
 
 
 def _area_derivative(p):
@@ -112,9 +132,3 @@ def _area_derivative(p):
             np.column_stack([across[:, 1], -across[:, 0]]) / 2
         )
     return out.reshape(len(corners), rows, cols, 2)
-
-
-def _mirror(p):
-    """Mean of a grid and its mirror images."""
-    p = (p + p[:, ::-1] * [-1, 1]) / 2
-    return (p + p[::-1] * [1, -1]) / 2

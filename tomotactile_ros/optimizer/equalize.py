@@ -5,6 +5,7 @@ mean HWHM of the contacts in it, and places the electrodes accordingly (Algorith
 `algorithm1` for odd N, R x C electrodes and rectangles). The score is the mean HWHM, by which the
 paper chooses its step, or that of the worst region. Outermost electrodes keep the distance from the
 rim that they start with. On other outlines than rectangles they stay on the sides of their grid.
+Symmetries that grid and outline share are kept.
 
 An update that would make electrodes cross, overlap or leave the sheet is halved (the areas' ratio
 to the power 1/2, 1/4, ...) until the layout is valid.
@@ -22,6 +23,7 @@ from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilate
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
 from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.orbits import MIRRORS, SWAP, shared_group
 from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -29,6 +31,7 @@ from tomotactile_ros.support.errors import InputError
 MODELS = {"closed-form": "paper", "fem": "fem", "point-nodes": "point_nodes"}  # of evaluations
 SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6
+_CLOSE = 1e-6  # of the sheet's size: electrodes that a symmetry maps onto each other
 
 
 def equalize(
@@ -43,8 +46,7 @@ def equalize(
 
     Parameters
     ----------
-    layout : R x C electrodes on any outline, row by row from the lower left, symmetric under the
-        mirrors of the axes; the first and last row and column straight
+    layout : R x C electrodes on any outline, row by row from the lower left
     updates : how many; every one costs one evaluation
     select : one of `SELECTIONS`
     checkpoint : where the state is kept after every update, and taken from
@@ -56,7 +58,13 @@ def equalize(
     Raises InputError for layouts that the method cannot treat.
     """
     checks.integer(updates, "updates", 0, 1000)
-    shape = _checked_shape(layout)
+    shape = grid_shape(layout.positions)
+    if shape is None:
+        raise InputError(
+            f"layout {layout.name!r}: equalize needs rows and columns of electrodes, row by row from the "
+            "lower left, whose lines do not cross; use method free"
+        )
+    symmetries = _symmetries(layout, shape)
     state = None if checkpoint is None else checkpoint.taken(updates, layout.electrodes)
     done = 0 if state is None else state.done
     clock = Clock(updates, after_resuming(updates, done))
@@ -75,7 +83,7 @@ def equalize(
         if not np.array_equal(last, best.positions):
             quality = moved(last)
     for iteration in range(done + 1, updates + 1):
-        updated = _update(quality, shape)
+        updated = _update(quality, symmetries)
         if updated is None:
             return
         quality = evaluate_layout(updated, **evaluation)
@@ -90,52 +98,50 @@ def _score(quality, select):
     return quality.metrics["hwhm"]["mean" if select == "mean" else "worst_region"]
 
 
-def _checked_shape(layout):
-    shape = grid_shape(layout.positions)
-    if shape is None:
-        raise InputError(
-            f"layout {layout.name!r}: equalize needs rows and columns of electrodes, row by row "
-            "from the lower left; use method free"
-        )
+def _symmetries(layout, shape):
+    """Which of these leave the sheet and the grid as they are: x mirrored, y mirrored, all of a
+    square."""
     grid = layout.positions.reshape(*shape, 2)
-    slack = 1e-6 * max(layout.outline.size)
-    for mirrored in (grid[:, ::-1] * [-1, 1], grid[::-1] * [1, -1]):
-        if np.abs(mirrored - grid).max() > slack:
-            raise InputError(
-                f"layout {layout.name!r}: equalize needs electrodes that are symmetric under the "
-                "mirrors of the sheet; use method free"
-            )
-    if max(np.ptp(grid[-1, :, 1]), np.ptp(grid[:, -1, 0])) > slack:
-        raise InputError(
-            f"layout {layout.name!r}: equalize needs straight rows and columns of electrodes at the "
-            "sides of the grid; use method free"
+    group = shared_group(layout.outline, layout.positions)
+
+    def shared(element, image):
+        return (
+            (group == element).all(axis=(1, 2)).any()
+            and image.shape == grid.shape
+            and np.abs(image - grid).max() < _CLOSE * max(layout.outline.size)
         )
-    return shape
+
+    swapped = grid.transpose(1, 0, 2)[..., ::-1]
+    x = shared(MIRRORS[1], grid[:, ::-1] * [-1, 1])
+    y = shared(MIRRORS[2], grid[::-1] * [1, -1])
+    return x, y, x and y and shared(SWAP, swapped)
 
 
-def _update(quality, shape):
+def _update(quality, symmetries):
     """The layout after one update, or None where none is valid."""
     layout, regions = quality.layout, quality.regions
     old = regions.areas.reshape(regions.rows, regions.cols)
-    change = _symmetric(1 / np.square(quality.region_hwhm).reshape(old.shape))
+    change = 1 / np.square(quality.region_hwhm).reshape(old.shape)
+    mirrored_x, mirrored_y, square = symmetries
+    if mirrored_y:
+        change = (change + change[::-1]) / 2
+    if mirrored_x:
+        change = (change + change[:, ::-1]) / 2
     for halving in range(_HALVINGS + 1):
         areas = old * change ** (0.5**halving)
         areas *= old.sum() / areas.sum()
-        placed = _place(layout, areas, shape)
+        placed = _place(layout, areas, square)
         if placed is not None:
             return placed
     return None
 
 
-def _place(layout, areas, shape):
-    grid = layout.positions.reshape(*shape, 2)
-    swapped = (
-        np.abs(grid.transpose(1, 0, 2)[..., ::-1] - grid).max() if shape[0] == shape[1] else np.inf
-    )
-    if swapped < 1e-6 * max(layout.outline.size):
+def _place(layout, areas, square):
+    shape = (areas.shape[0] + 1, areas.shape[1] + 1)
+    if square:
         positions = place_in_rings((areas + areas.T) / 2)
     else:
-        positions = place_by_displacement(grid, areas)
+        positions = place_by_displacement(layout.positions.reshape(*shape, 2), areas)
     positions = positions.reshape(-1, 2)
     if not np.isfinite(positions).all() or not is_simple(quadrilaterals(positions, *shape)):
         return None
@@ -144,8 +150,3 @@ def _place(layout, areas, shape):
         return replace(layout, positions=np.clip(positions, low, high))
     except InputError:  # electrodes overlap, or are not on the sheet
         return None
-
-
-def _symmetric(values):
-    values = (values + values[::-1]) / 2
-    return (values + values[:, ::-1]) / 2
