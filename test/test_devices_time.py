@@ -12,7 +12,7 @@ from tomotactile_ros.scenes.scene import Contact, Scene
 from tomotactile_ros.simulation import Simulator
 
 PATIENCE = 60.0  # s
-LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, margin=0.02)
+LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, inset=0.02)
 RATE = 10.0  # frames/s of four rows
 SLIDING = Contact("disc", center=(-0.05, 0.02), radius=0.005, velocity=(0.02, 0.0))
 SCENE = Scene("slides", 3.3, contacts=(SLIDING,))

@@ -158,7 +158,7 @@ def test_a_hole_at_one_side_makes_the_regions_beside_it_others_than_their_mirror
     """The grid is symmetric, the sheet is not: w_m and its mirror image are not averaged."""
     hole = [[0.055, -0.01], [0.075, -0.01], [0.075, 0.01], [0.055, 0.01]]
     outline = Outline.rectangle(0.2, 0.2, holes=[hole])
-    grid = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, margin=0.01).positions
+    grid = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, inset=0.01).positions
     _, after = equalize(Layout("hole", outline, 1e4, 0.004, grid), 1, model="fem", resolution=24)
     moved = after.layout.positions.reshape(4, 4, 2)
     assert np.abs(moved[::-1] * [1, -1] - moved).max() < 1e-9
