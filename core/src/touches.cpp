@@ -236,7 +236,8 @@ void Touches::take() {
   if (sheet->even(coefficients)) {
     impedance = even_;
   } else {
-    share += around_.values(sheet->share_added(coefficients, around_.nodes));
+    added_ = sheet->share_added(coefficients, around_.nodes);
+    share += around_.values(added_);
     const Vector field = field_ * coefficients;
     for (Index i = 0; i < count(); ++i) factor_.segment(begin(i), size(i)) = std::exp(-0.5 * field[i]);
     impedance = factor_.matrix().asDiagonal() * even_ * factor_.matrix().asDiagonal();
@@ -367,9 +368,8 @@ std::array<Matrix, 2> Touches::share_slopes(Index i) const {
   const auto inverse = t.inverse.topLeftCorner(n, n);
   for (Matrix& each : out) each = (inverse.transpose() * each).eval();
   if (!sheet->even(coefficients)) {
-    const Matrix added = sheet->share_added(coefficients, around_.nodes);
-    out[0] += around_.along_x(added, begin(i), size(i));
-    out[1] += around_.along_y(added, begin(i), size(i));
+    out[0] += around_.along_x(added_, begin(i), size(i));
+    out[1] += around_.along_y(added_, begin(i), size(i));
   }
   return out;
 }

@@ -80,6 +80,7 @@ class Touches {
   Around around_;
   Charges charges_;
   Matrix solved_, even_, field_;     // H and D of the even sheet; k x J
+  Matrix added_;                     // n x m: what an uneven sheet adds to H at the nodes of `around_`
   Matrix smooth_;                    // P x m: the smooth part of G between patches and the nodes of `around_`
   Eigen::ArrayXd factor_;            // of D for the local conductance: root of it for each patch
 
