@@ -148,7 +148,9 @@ def test_a_grid_without_symmetry_gets_the_areas_of_eq_12(model, bow):
     old, new = (each.layout.positions.reshape(4, 5, 2) for each in (before, after))
     assert np.abs(new - old).max() > 1e-3
     assert new[::3, ::4] == pytest.approx(old[::3, ::4], abs=1e-15)
-    sides = [grid[:, 0] for grid in (new, new[:, ::-1], new.swapaxes(0, 1), new[::-1].swapaxes(0, 1))]
+    sides = [
+        grid[:, 0] for grid in (new, new[:, ::-1], new.swapaxes(0, 1), new[::-1].swapaxes(0, 1))
+    ]
     for side in sides[: 4 if bow == 0 else 2]:
         way = (side[-1] - side[0]) / np.linalg.norm(side[-1] - side[0])
         assert (side - side[0]) @ [-way[1], way[0]] == pytest.approx(0, abs=1e-12)

@@ -41,7 +41,9 @@ SEARCHES = {
     "free, finite elements": Request(ROUND, "free", steps=4, **SMALL),
     "equalize": Request(GRID, "equalize", steps=3, resolution=16),
     "equalize, discs": Request(GRID, "equalize", model="fem", steps=2, resolution=16),
-    "equalize, single nodes": Request(GRID, "equalize", model="point-nodes", steps=2, resolution=16),
+    "equalize, single nodes": Request(
+        GRID, "equalize", model="point-nodes", steps=2, resolution=16
+    ),
 }
 
 

@@ -7,14 +7,25 @@ from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
 
-from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.optimizer.workers import Workers
+from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
 from tomotactile_ros.support.progress import Progress
+from tomotactile_ros.support.yamlio import plain
 
 HELP = "figures and numbers of the paper that this package implements, computed again beside theirs"
-_OTHERS = {"electrodes of half the radius": "small", "free": "free"}  # layouts beside the article's
+_OTHERS = {
+    4: {"touch": "touch-4x4", "free": "free-4x4"},
+    8: {"free": "free-8x8"},
+}  # beside the article's
+_NOTES = {
+    8: "Method touch keeps the equal grid, also with a free radius (tomotactile optimize --rows 8 --cols 8 "
+    "--size 0.2 0.2 --radius 0.0025 --steps 1 --radius-range 0.00125 0.0025 --starts 4): its figures are those of equal."
+}
+_AFTER = 11  # calls that need the optimized layouts
+_CONTACTS = {16: 12, 64: 6}  # as many as three minutes allow, by electrodes
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -27,8 +38,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--layout",
         action="append",
         default=[],
-        help="another layout of 16 or 64 electrodes beside those of its number, as of method touch; as "
-        "many as wanted",
+        help="another layout, beside those with as many electrodes on the same outline, or as the first of "
+        "its own kind; as many as wanted",
+    )
+    parser.add_argument(
+        "--contacts",
+        type=int,
+        help="single contacts on each kind of sheet by which layouts are compared, and half as many pairs "
+        "at each distance (default: 12 for 16 electrodes, else 6; more take longer)",
     )
     parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
 
@@ -36,87 +53,89 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> None:
     if args.workers < 1:
         raise InputError(f"--workers: {args.workers} is not at least 1")
+    if args.contacts is not None:
+        checks.integer(args.contacts, "--contacts", 1, 10_000)
     out = Path(args.out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out: {out} is a file, a folder is needed")
     given = [load_layout(each) for each in args.layout]
-    for layout in given:
-        if layout.electrodes not in (16, 64) or layout.outline.size != (0.2, 0.2):
-            raise InputError(
-                f"--layout: {layout.name} does not have 16 or 64 electrodes on 0.2 m x 0.2 m"
-            )
     out.mkdir(parents=True, exist_ok=True)
-    from tomotactile_ros.bench.paper import experiment, page, pictures, simulation
+    from tomotactile_ros.bench.paper import experiment, simulation
     from tomotactile_ros.bench.paper.article import MODELS
     from tomotactile_ros.bench.paper.contacts import found
 
     counts = simulation.COUNTS
-    with Workers(args.workers) as workers:
-        tasks = {}
-        for model in reversed(MODELS):  # what others wait for first
-            for count in counts:
-                tasks[workers.submit(simulation.optimize, count, model)] = (model, count)
-        beside = {
-            count: [
-                ("equal", load_layout(f"equal-{count}x{count}")),
-                *((name, load_layout(f"{each}-{count}x{count}")) for name, each in _OTHERS.items()),
-                *((each.name, each) for each in given if each.electrodes == count**2),
-            ]
-            for count in counts
+    groups = [
+        [("equal", load_layout(f"equal-{count}x{count}"))]
+        + [(name, load_layout(each)) for name, each in _OTHERS[count].items()]
+        for count in counts
+    ]
+    for layout in given:
+        _put(groups, layout)
+
+    def measured(group: int, name: str, layout: Layout) -> dict:
+        singles = args.contacts or _CONTACTS.get(layout.electrodes, 6)
+        return {
+            ("contacts", group, name): (found, layout, singles),
+            ("maps", group, name): (simulation.on_maps, layout),
         }
-        others = {}
+
+    first: dict = {}
+    for number, group in enumerate(groups):
+        for name, layout in group:
+            first |= measured(number, name, layout)
+    for model in MODELS:
         for count in counts:
-            for name, layout in beside[count]:
-                tasks[workers.submit(found, layout, count)] = (name, count)
-                others[count, name] = workers.submit(simulation.on_maps, layout)
-        total = len(tasks) + len(counts) + 2
-        with Progress("paper", total) as progress:
-            done: dict = {}
-            waiting = dict(tasks)
-            while waiting:
-                for task in as_completed(list(waiting)):
-                    key = waiting.pop(task)
-                    done[key] = task.result()
-                    progress.update(len(done), " ".join(map(str, key)))
-                    if key[0] == "point-nodes":  # the layout of the article's own model
-                        best = done[key].steps[done[key].best].layout
-                        best = replace(best, name=f"optimized-{key[1]}x{key[1]}")
-                        waiting[workers.submit(found, best, key[1])] = ("optimized", key[1])
-                        if key[1] == 8:
-                            for name, layout in (
-                                ("equal", load_layout("equal-8x8")),
-                                ("optimized", best),
-                            ):
-                                waiting[workers.submit(experiment.images, layout)] = (
-                                    name,
-                                    "images",
-                                )
-        maps = {key: task.result() for key, task in others.items()}
-    runs = [done[model, count] for count in counts for model in MODELS]
-    contacts = {}
+            first["model", model, count] = (simulation.optimize, count, model)
+    done: dict = {}
+    with Workers(args.workers) as workers, Progress("paper", len(first) + _AFTER) as progress:
+        _compute(workers, first, done, progress)
+        second: dict = {}
+        for number, count in enumerate(counts):
+            best = done["model", "point-nodes", count].layout
+            best = replace(best, name=f"optimized-{count}x{count}")
+            groups[number].insert(1, ("optimized", best))
+            second |= measured(number, "optimized", best)
+            for name, layout in groups[number][:2]:
+                second["spreads", count, name] = (simulation.spreads, layout, count)
+                if count == 8:
+                    second["images", name] = (experiment.images, layout)
+        optimized = {MODELS[each]: done["model", each, 8].layout for each in reversed(MODELS)}
+        second["trials",] = (experiment.trials, groups[counts.index(8)][0][1], optimized)
+        _compute(workers, second, done, progress)
+    _write(out, groups, done)
+
+
+def _write(out: Path, groups: list[list[tuple[str, Layout]]], done: dict) -> None:
+    """Pictures and the page into `out`, and the ratios on the terminal."""
+    from tomotactile_ros.bench.paper import page, pictures, simulation
+    from tomotactile_ros.bench.paper.article import MODELS
+
+    counts = simulation.COUNTS
+    runs = [done["model", model, count] for count in counts for model in MODELS]
+    two = "equal", "optimized"
     for count in counts:
-        own = done["point-nodes", count]
-        shown = done[simulation.nearest(runs), count]
-        steps = [(f"update {i}" if i else "equal", step) for i, step in enumerate(shown.steps)]
-        pictures.save_maps(
-            out / f"fig3-{count}x{count}-maps.png",
-            steps,
-            f"{count} × {count}, {MODELS[shown.model]}",
-        )
-        pictures.save_steps(
-            out / f"fig3-{count}x{count}-steps.png", [each for each in runs if each.count == count]
-        )
-        named = [("equal", own.steps[0]), ("optimized", own.steps[own.best])]
-        named += [(name, maps[count, name]) for name, _ in beside[count][1:]]
-        pictures.save_maps(
-            out / f"layouts-{count}x{count}.png",
-            named,
-            f"{count} × {count}, {MODELS['point-nodes']}",
-        )
-        contacts[count] = [(name, done[name, count]) for name, _ in named]
-    images = [(name, done[name, "images"]) for name in ("equal", "optimized")]
+        title = f"{count} × {count} electrodes, {MODELS['point-nodes']}"
+        mine = [each for each in runs if each.count == count]
+        own = done["model", "point-nodes", count]
+        name = f"fig3-{count}x{count}"
+        spreads = [(each, done["spreads", count, each]) for each in two]
+        pictures.save_spreads(out / f"{name}-spreads.png", spreads, title)
+        steps = [(f"update {i}" if i else "equal", step) for i, step in enumerate(own.steps)]
+        pictures.save_maps(out / f"{name}-maps.png", steps, title)
+        pictures.save_steps(out / f"{name}-steps.png", mine)
+    images = [(name, done["images", name]) for name in two]
     pictures.save_images(out / "fig4-images.png", images)
-    text = page.page(runs, images, contacts)
+    shown = []
+    for number, group in enumerate(groups):
+        title = _title(group[0][1])
+        picture = f"layouts-{number + 1}.png"
+        maps = [(name, done["maps", number, name]) for name, _ in group]
+        pictures.save_maps(out / picture, maps, f"{title}\n{MODELS['point-nodes']}")
+        contacts = [(name, done["contacts", number, name]) for name, _ in group]
+        note = _NOTES.get(counts[number], "") if number < len(counts) else ""
+        shown.append(page.Group(title, picture, contacts, note))
+    text = page.page(runs, images, done["trials",], shown)
     write_atomic(out / "index.html", text.encode())
     for count in counts:
         print(f"{count} x {count}, optimized over equal: mean HWHM / worst region / mean PE")
@@ -124,3 +143,35 @@ def run(args: Namespace) -> None:
             print(f"  {row[0]:75} {row[3]}")
     print(f"nearest to the article: {MODELS[simulation.nearest(runs)]}")
     print(out / "index.html")
+
+
+def _put(groups: list[list[tuple[str, Layout]]], layout: Layout) -> None:
+    """A layout into the group of its kind, or into a new one."""
+    for group in groups:
+        like = group[0][1]
+        if like.electrodes == layout.electrodes and plain(like.outline.to_dict()) == plain(
+            layout.outline.to_dict()
+        ):
+            names = [name for name, _ in group]
+            name = layout.name
+            while name in (*names, "optimized"):
+                name += "'"
+            group.append((name, layout))
+            return
+    groups.append([(layout.name, layout)])
+
+
+def _title(layout: Layout) -> str:
+    a, b = layout.outline.size
+    return (
+        f"{layout.electrodes} electrodes, {layout.outline.kind} of {1e3 * a:g} mm × {1e3 * b:g} mm"
+    )
+
+
+def _compute(workers: Workers, tasks: dict, done: dict, progress: Progress) -> None:
+    """Results of calls (function, arguments ...) into `done`, by their keys."""
+    futures = {workers.submit(*call): key for key, call in tasks.items()}
+    for task in as_completed(futures):
+        key = futures[task]
+        done[key] = task.result()
+        progress.update(len(done), " ".join(map(str, key)))

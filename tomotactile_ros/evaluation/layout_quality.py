@@ -11,7 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from tomotactile_ros.evaluation.metrics import Quality, statistics
+from tomotactile_ros.evaluation.gram import Gram
+from tomotactile_ros.evaluation.metrics import Quality, quality, statistics
 from tomotactile_ros.evaluation.paper_model import default_contact_radius, paper_transfer
 from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import (
@@ -121,6 +122,7 @@ def evaluate_layout(
     contact_radius: float | None = None,
     resolution: int = RESOLUTION,
     grounded=None,
+    contacts=None,
 ) -> LayoutQuality:
     """Evaluate a layout with one-step images (eq. 1 of the paper).
 
@@ -134,6 +136,8 @@ def evaluate_layout(
     contact_radius : m; 1 mm without it, less for electrodes of less than 2 mm
     resolution : contact positions, and pixels, along the longer side
     grounded : (L,) ground conditions that are scanned; those of the layout's scan without it
+    contacts : (K, 2) where the contact of each pixel is, m; at its centre without it. Not for
+        `point_nodes`
 
     Raises InputError for a layout that the model cannot treat.
     """
@@ -149,23 +153,32 @@ def evaluate_layout(
     grid = Grid.for_outline(layout.outline, resolution)
     if grounded is None and layout.scan:
         grounded = layout.grounded
-    symmetry = None
+    points, symmetry = grid.pixels, None
+    if contacts is not None:
+        points = np.concatenate([points, contacts])
     if model == "paper":
-        symmetry = find_symmetry(grid, layout.positions)
-        transfer = paper_transfer(layout, grid.pixels, contact_radius, symmetry)
+        if contacts is None:
+            symmetry = find_symmetry(grid, layout.positions)
+        transfer = paper_transfer(layout, points, contact_radius, symmetry)
         symmetry = symmetry if grounded is None else None
     elif model == "point_nodes":
+        if contacts is not None:
+            raise InputError("contacts: are nodes at the pixels in model point_nodes")
         transfer = point_nodes_transfer(layout, grid)
     else:
-        sheet = make_sheet(layout, model)
-        transfer = sheet.transfer(grid.pixels, contact_radius)
-    spread = PointSpread(gram_blocks(transfer, grid, symmetry, grounded), regularization)
+        transfer = make_sheet(layout, model).transfer(points, contact_radius)
+    if contacts is None:
+        spread = PointSpread(gram_blocks(transfer, grid, symmetry, grounded), regularization)
+        found, gain = spread.quality(), spread.noise_gain
+    else:
+        products = Gram(transfer, grounded).rows(np.arange(len(grid.pixels)))
+        square, readings = np.hsplit(products, 2)  # J'J, and J' times the readings of each contact
+        square[np.diag_indices_from(square)] += regularization
+        found, gain = quality(np.linalg.solve(square, readings).T, contacts, grid), None
     settings = {
         "model": model,
         "regularization": float(regularization),
         "contact_radius": 0.0 if model == "point_nodes" else float(contact_radius),
         "positions": f"{grid.height} x {grid.width}",
     }
-    return LayoutQuality(
-        layout, grid, spread.quality(), layout_regions(layout), spread.noise_gain, settings
-    )
+    return LayoutQuality(layout, grid, found, layout_regions(layout), gain, settings)

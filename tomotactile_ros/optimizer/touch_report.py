@@ -60,20 +60,6 @@ def save_touch_report(
     save_figure(figure, path)
 
 
-def save_comparison(path: str | os.PathLike, found: Sequence[tuple[Layout, Posterior]]) -> None:
-    """Write a picture: ellipses of layouts side by side, all with the factor of the first."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    figure = Figure(figsize=(5.6 * len(found), 6.2), layout=ConstrainedLayoutEngine(h_pad=0.15))
-    figure.supxlabel(_LEGEND, fontsize=8.5)
-    factor = _factor(found[0][1])
-    axes = np.atleast_1d(figure.subplots(1, len(found)))
-    for axis, (layout, posterior) in zip(axes, found):
-        draw_ellipses(axis, layout, posterior, factor, layout.name)
-    save_figure(figure, path)
-
-
 def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, words: str) -> None:
     """Electrodes and ellipses of `layout`, magnified by `factor`."""
     from matplotlib.collections import EllipseCollection, PatchCollection

@@ -3,55 +3,95 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 
+import numpy as np
+
 from tomotactile_ros.bench.paper.article import EXPERIMENT, INDEPENDENT, MODELS, REPORTED, SIDE
-from tomotactile_ros.bench.paper.contacts import AMOUNTS
-from tomotactile_ros.bench.paper.experiment import CONDUCTORS, Image
-from tomotactile_ros.bench.paper.simulation import COUNTS, LABELS, Run, figures, nearest, nearest_in
+from tomotactile_ros.bench.paper.contacts import EVEN, FIGURES, UNEVEN, Found, pairs_of, ratio
+from tomotactile_ros.bench.paper.experiment import CONDUCTORS, Image, Trial
+from tomotactile_ros.bench.paper.simulation import COUNTS, LABELS, Run, figures, nearest
 
 _STYLE = (
-    "body{font-family:sans-serif;max-width:70em;margin:2em auto;padding:0 1em}"
+    "body{font-family:sans-serif;max-width:75em;margin:2em auto;padding:0 1em;color:#222;background:#fff}"
     "table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #bbb;padding:.25em .6em}"
+    "th{background:#f2f2f2;text-align:left}figure{margin:1.5em 0}figcaption{color:#555}"
     "img{max-width:100%}"
 )
+_SHEETS = EVEN, UNEVEN
 _TITLE = "Kojima, Yoshimoto and Yamamoto 2023, computed again"
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Layouts of one outline and what was found with each; the first is what others are relative to.
+
+    picture : name of the file with their maps
+    note : what else there is to say
+    """
+
+    title: str
+    picture: str
+    found: Sequence[tuple[str, Found]]
+    note: str = ""
 
 
 def page(
     runs: Sequence[Run],
     experiment: Sequence[tuple[str, dict[str, Image]]],
-    contacts: dict[int, list[tuple[str, dict]]],
+    trials: Sequence[Trial],
+    groups: Sequence[Group],
 ) -> str:
     """The page; pictures are beside it under the names of `commands.paper`."""
-    parts = [f"<h1>{_TITLE}</h1>", *_simulation(runs), *_experiment(experiment)]
-    parts += _contacts(contacts)
+    parts = [f"<h1>{_TITLE}</h1>", *_opening(), *_simulation(runs), *_experiment(experiment)]
+    parts += [*_trials(trials), *_groups(groups)]
     body = "\n".join(parts)
     head = f'<meta charset="utf-8"><title>{_TITLE}</title><style>{_STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>\n{body}\n</body></html>\n'
 
 
 def ratio_rows(runs: Sequence[Run], count: int) -> Iterator[list[str]]:
-    """Rows of the table of N x N electrodes: equal and optimized in %, and their ratios."""
+    """Rows of the table of N x N electrodes: equal and optimized in %, their ratios, and how far these
+    are from the article's."""
     reported = REPORTED[count]
-    before = f"{reported.mean}, {reported.worst_region}, not said"
-    yield ["article", before, "", _three(reported.ratios), "", ""]
+    yield [
+        "article",
+        ", ".join(map(str, reported.equal)) + ", in a figure only",
+        ", ".join(map(str, reported.optimized)) + f", in a figure only (update {reported.best})",
+        _three(reported.ratios),
+        "",
+        "",
+        "",
+    ]
     for run in runs:
         if run.count != count:
             continue
         equal, best = figures(run.steps[0]), figures(run.steps[run.best])
         yield [
             MODELS[run.model],
-            ", ".join(f"{value:.2f}" for value in equal),
-            ", ".join(f"{value:.2f}" for value in best) + f" (update {run.best})",
+            ", ".join(f"{value:.1f}" for value in equal),
+            ", ".join(f"{value:.1f}" for value in best) + f" (update {run.best})",
             _three(run.ratios),
-            _three(INDEPENDENT[count][run.model]),
+            " / ".join(f"{value:+.3f}" for value in run.differences),
             f"{run.away:.3f}",
+            _three(INDEPENDENT[count][run.model]),
         ]
 
 
 def _three(values) -> str:
     return " / ".join(f"{value:.3f}" for value in values)
+
+
+def _opening():
+    yield (
+        "<p>Optimization of electrode positions for equalizing local spatial performance of a tomographic "
+        "tactile sensor, Frontiers in Robotics and AI 10:1157911, "
+        '<a href="https://doi.org/10.3389/frobt.2023.1157911">doi 10.3389/frobt.2023.1157911</a>. '
+        "Electrodes on 200 mm × 200 mm, 40 × 40 contacts, images by eq. 1 with λ² = 1000, updates by eq. 12 "
+        "and Algorithm 1. HWHM: the largest distance from the centre of an image to the contour at half of "
+        "its maximum. PE: from that centre to the contact. Both in % of the side.</p>"
+    )
 
 
 def _simulation(runs):
@@ -65,30 +105,45 @@ def _simulation(runs):
                 f"equal: {words} / %",
                 "optimized / %",
                 "optimized over equal",
-                "the same, measured separately",
-                "mean distance of the ratios from the article's",
+                "that minus the article's",
+                "mean distance from the article's",
+                "optimized over equal by a separate program",
             ),
             ratio_rows(runs, count),
         )
-        yield _figure(f"fig3-{count}x{count}-maps.png", "A, B: maps, in the nearest model")
-        yield _figure(f"fig3-{count}x{count}-steps.png", "C, D: update by update")
-    most = max(run.away_from_independent for run in runs if run.model == "point-nodes")
-    single = ", ".join(
-        f"{label}: {MODELS[nearest_in(list(runs), i)]}" for i, label in enumerate(LABELS)
+        name = f"fig3-{count}x{count}"
+        yield _figure(f"{name}-spreads.png", "Point spreads, electrodes as single nodes")
+        yield _figure(f"{name}-maps.png", "A, B: maps of HWHM and PE after each update")
+        yield _figure(f"{name}-steps.png", "C, D: update by update, and what the article gives")
+    yield "<h3>Which model is nearest</h3>"
+    single = "; ".join(f"{label}: {MODELS[nearest(runs, i)]}" for i, label in enumerate(LABELS))
+    by_count = "; ".join(
+        f"{count} × {count}: {MODELS[nearest([run for run in runs if run.count == count])]}"
+        for count in COUNTS
     )
     yield (
-        "<p>Nearest to the article in all three ratios together, over both numbers of electrodes: "
-        f"<b>{MODELS[nearest(list(runs))]}</b>. By single ratios: {single}. No model has all of them.</p>"
+        "<p>In all three ratios together, over both numbers of electrodes: "
+        f"<b>{MODELS[nearest(runs)]}</b>. {by_count}. By single ratios over both: {single}. "
+        "No model has all of them.</p>"
+    )
+    most = {
+        model: max(run.away_from_independent for run in runs if run.model == model)
+        for model in dict.fromkeys(run.model for run in runs)
+    }
+    yield (
+        "<p>The separate program differs by at most "
+        + ", ".join(f"{value:.3f} ({MODELS[model]})" for model, value in most.items())
+        + ". The same digits may be the same mesh, and no check of it; with single nodes and inset contacts "
+        "its mesh and its places may be others: nobody wrote down "
+        "where they are.</p>"
     )
     yield (
-        f"<p>With electrodes as single nodes the separate program differs by at most {most:.3f}: its mesh "
-        "may have other nodes. Where it has the digits of this page in the two other models, that is no "
-        "check of the mesh, on which these digits depend.</p>"
-    )
-    yield (
-        "<p>What the article does not say: how λ² = 1000 is scaled, where the nodes of its mesh are, at "
-        "which update the mean position error was taken, which region a contact outside all regions "
-        "belongs to, and how far from the rim the outer electrodes are.</p>"
+        "<p>What the article does not say, each of which moves the ratios by some hundredths: how λ² = 1000 "
+        "is scaled (by the square of a voltage, by the number of readings or of nodes); where the nodes of its mesh "
+        "are, and whether it is made anew so that electrodes are nodes; at which update the mean PE was "
+        "taken; which region a contact outside all regions, or on the line between two, belongs to; how far "
+        "from the rim the outer electrodes and the outer contacts are; what the centre of an image is (here: "
+        "of all pixels above half of the maximum).</p>"
     )
 
 
@@ -97,57 +152,114 @@ def _experiment(experiment):
     rows = []
     for place in CONDUCTORS:
         equal, optimized = EXPERIMENT[place]
-        row = [place, f"{equal} → {optimized}"]
-        for _, images in experiment:
-            image = images[place]
-            row.append(f"{100 / SIDE * image.hwhm:.1f}, {100 / SIDE * image.error:.1f}")
+        row = [place, f"{equal} → {optimized} (× {optimized / equal:.2f})"]
+        mine = [images[place] for _, images in experiment]
+        row += [f"{100 / SIDE * each.hwhm:.1f}, {100 / SIDE * each.error:.1f}" for each in mine]
+        row.append(f"× {mine[1].hwhm / mine[0].hwhm:.2f}")
         rows.append(row)
     columns = [f"{name}: HWHM, PE / %" for name, _ in experiment]
-    yield _table(("conductor", "article: HWHM, equal → optimized / %", *columns), rows)
-    first, second = experiment[0][1], experiment[1][1]
-    worse = [place for place in CONDUCTORS if second[place].hwhm > first[place].hwhm]
-    if worse:
-        yield (
-            f"<p>The optimized layout has the larger HWHM here for: {', '.join(worse)}. In the article "
-            "that is so for the corner alone.</p>"
-        )
+    header = ("conductor", "article: HWHM, equal → optimized / %", *columns, "HWHM, ratio")
+    yield _table(header, rows)
     yield _figure("fig4-images.png", "Images of conductors, and of wide, L-shaped and two contacts")
     yield (
-        "<p>The article measured a real sheet, whose images are skewed by wrinkles and uneven joints, as it "
-        "says; this one has 1 mV of noise and 12 bits only. Conductors have a radius of 2.5 mm, and the "
-        "images assume 1 mm. The article shows their places and shapes in a figure only; here they are in "
-        "the middle of regions of the equal grid. It gives no position errors.</p>"
+        "<p>Frames are those of discs on finite elements, with 1 mV of noise and 12 bits; images are made with "
+        "the article's electrodes as single nodes. Conductors have a radius of 2.5 mm and 5 V. The article shows their "
+        "places and shapes in a figure only; here they are in the middle of regions of the equal grid. It "
+        "gives position errors in a figure only.</p>"
     )
 
 
-def _contacts(contacts):
-    yield "<h2>Beyond it: other layouts</h2>"
-    for count, rows in contacts.items():
-        amount = AMOUNTS[count]
-        yield f"<h3>{count} × {count} electrodes</h3>"
-        yield _figure(f"layouts-{count}x{count}.png", "The same maps, electrodes as single nodes")
-        yield _table(
-            (
-                "layout",
-                "place: mean, p95 / mm",
-                "force: median, p95 / %",
-                f"pairs told apart at {1e3 * amount.apart[0]:g} mm",
-            ),
-            (
-                [
-                    name,
-                    ", ".join(f"{1e3 * value:.3f}" for value in found["place"]),
-                    ", ".join(f"{100 * value:.1f}" for value in found["force"]),
-                    f"{100 * found['pairs']:.0f} %",
-                ]
-                for name, found in rows
-            ),
+def _trials(trials):
+    yield "<h3>Is the gain of the experiment there?</h3>"
+    reported = REPORTED[8]
+    equal, optimized = EXPERIMENT["centre"]
+    yield (
+        f"<p>The article's experiment has × {optimized / equal:.2f} in the centre ({equal} → {optimized} %), at "
+        "twice the HWHM that its own simulation has in any region: "
+        f"{reported.equal[1]} → {reported.optimized[1]} % (× {reported.optimized[1] / reported.equal[1]:.2f}) in the worst "
+        "region. So one thing after the other was changed here, for conductors all over a region: median of "
+        "HWHM on the equal grid, median of the ratio optimized / equal, and in brackets where 90 % of the ratios "
+        "lie.</p>"
+    )
+    yield _table(
+        ("what is changed", *(f"{place}: HWHM of equal / %, ratio" for place in CONDUCTORS)),
+        ([trial.words, *(_trial(trial, place) for place in CONDUCTORS)] for trial in trials),
+    )
+    plain, joints = trials[0], trials[-1]
+    yield (
+        "<p>The drive voltage changes nothing: images are in proportion to it. Nothing that was tried has the "
+        "article's ratios at all three places. Where in its region a conductor lies changes the ratio "
+        f"more than the layout does (corner: {_range(plain, 'corner')}). Bad joints, which the article "
+        "names, give the equal grid the article's HWHM at all three places: "
+        + ", ".join(
+            f"{100 / SIDE * np.median(joints.hwhm[place][0]):.0f} against {EXPERIMENT[place][0]:.0f} % ({place})"
+            for place in CONDUCTORS
         )
+        + f". Then the ratio of two boards is chance: {_range(joints, 'centre')} in the centre, "
+        f"{_range(joints, 'side')} at the side, {_range(joints, 'corner')} in the corner. One conductor at each place on one "
+        "pair of boards cannot tell a layout's gain from that. Not known: the places of the conductors, the joints, "
+        "the wrinkles, and how the article's λ² is scaled for measured voltages.</p>"
+    )
+
+
+def _trial(trial: Trial, place: str) -> str:
+    equal, other = trial.hwhm[place]
+    middle = f"{100 / SIDE * np.median(equal):.1f}, × {np.median(other / equal):.2f}"
+    return f"{middle} ({_range(trial, place)})"
+
+
+def _range(trial: Trial, place: str) -> str:
+    equal, other = trial.hwhm[place]
+    low, high = np.percentile(other / equal, (5, 95))
+    return f"{low:.2f} to {high:.2f}"
+
+
+def _groups(groups):
+    yield "<h2>Beyond it: other layouts, and what counts at the end</h2>"
+    for group in groups:
+        yield f"<h3>{escape(group.title)}</h3>"
+        yield _figure(group.picture, "The same maps, electrodes as single nodes")
+        yield _table(_contact_header(group.found), contact_rows(group.found))
+        singles = len(group.found[0][1].place[EVEN])
         yield (
-            f"<p>Contacts that profile <code>accurate</code> finds on frames of an independent model, even "
-            f"sheet: {amount.singles} single ones and {amount.pairs} pairs. So few tell a factor of two, not a "
-            "tenth; docs/layouts.md has more of them.</p>"
+            f"<p>Contacts that profile <code>accurate</code> finds on frames of an independent model: {singles} "
+            f"single ones on each kind of sheet, {pairs_of(singles)} pairs at each distance, the same for all "
+            "layouts. In brackets what 95 % of samples of as many contacts come to: a ratio whose interval "
+            "contains 1 says nothing, and of a dozen contacts the intervals themselves are too narrow; "
+            "<code>--contacts</code> takes more of them, docs/layouts.md has what more of them said. "
+            f"{escape(group.note)}</p>"
         )
+
+
+def _contact_header(found):
+    first, measured = found[0]
+    return (
+        "layout",
+        *(f"place, {sheet}: mean, p95 / mm" for sheet in _SHEETS),
+        *(f"relative to {first}, {sheet}: mean, p95" for sheet in _SHEETS),
+        *(f"force, {sheet}: median, p95 / %" for sheet in _SHEETS),
+        *(f"pairs told apart at {1e3 * apart:g} mm" for apart in measured.told),
+    )
+
+
+def contact_rows(found: Sequence[tuple[str, Found]]) -> Iterator[list[str]]:
+    """Rows of the table of contacts; the first layout is what the others are relative to."""
+    _, first = found[0]
+    for name, measured in found:
+        row = [name]
+        for sheet in _SHEETS:
+            values = (of(1e3 * measured.place[sheet]) for of in FIGURES.values())
+            row.append(", ".join(f"{value:.3f}" for value in values))
+        for sheet in _SHEETS:
+            if measured is first:
+                row.append("")
+                continue
+            parts = (ratio(measured.place[sheet], first.place[sheet], figure) for figure in FIGURES)
+            row.append(", ".join("× {:.2f} ({:.2f} to {:.2f})".format(*part) for part in parts))
+        for sheet in _SHEETS:
+            values = np.percentile(100 * measured.force[sheet], (50, 95))
+            row.append(", ".join(f"{value:.1f}" for value in values))
+        yield [*row, *(f"{100 * part:.0f} %" for part in measured.told.values())]
 
 
 def _figure(name: str, caption: str) -> str:

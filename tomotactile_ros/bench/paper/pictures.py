@@ -11,12 +11,49 @@ from matplotlib.patches import Circle
 
 from tomotactile_ros.bench.paper.article import MODELS, REPORTED, SIDE
 from tomotactile_ros.bench.paper.experiment import Image
-from tomotactile_ros.bench.paper.simulation import Run, figures
+from tomotactile_ros.bench.paper.simulation import Run, Spread, figures
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.support.files import save_figure
 
-_COLOURS = {"closed-form": "tab:blue", "fem": "tab:orange", "point-nodes": "tab:green"}
+_COLOURS = {
+    "closed-form": "tab:blue",
+    "fem": "tab:orange",
+    "fem-inset": "tab:red",
+    "point-nodes": "tab:green",
+}
+
+
+def save_spreads(path: Path, named: Sequence[tuple[str, dict[str, Spread]]], title: str) -> None:
+    """Point spreads: one row for each layout, one column for each contact."""
+    places = list(named[0][1])
+    figure = Figure(figsize=(3.0 * len(places) + 1.2, 3.1 * len(named) + 0.9), layout="constrained")
+    axes = figure.subplots(len(named), len(places), squeeze=False, sharex=True, sharey=True)
+    for row, (name, found) in zip(axes, named, strict=True):
+        for each, (place, spread) in zip(row, found.items(), strict=True):
+            shown = _image(each, spread.image, spread.layout, 1.0, "0.6")
+            rows, columns = spread.image.shape
+            across = 1e3 * SIDE * ((np.arange(columns) + 0.5) / columns - 0.5)
+            along = 1e3 * SIDE * (0.5 - (np.arange(rows) + 0.5) / rows)
+            each.contour(across, along, spread.image, [0.5], colors="white", linewidths=1.2)
+            x, y = 1e3 * spread.centre
+            each.add_patch(
+                Circle((x, y), 1e3 * spread.hwhm, fill=False, color="white", linestyle=":")
+            )
+            each.plot(x, y, "wx", markersize=7)
+            each.plot(*(1e3 * spread.contact), "r+", markersize=9)
+            each.set_title(
+                f"{place}: HWHM {100 / SIDE * spread.hwhm:.1f} %, PE {100 / SIDE * spread.error:.1f} %",
+                fontsize=9,
+            )
+        _name_row(row, name)
+    _label(axes)
+    figure.colorbar(shown, ax=list(axes.ravel()), label="reconstructed potential / its maximum")
+    figure.suptitle(
+        f"{title}\n+ contact, × centre of the image, line: half of the maximum, dots: HWHM about the centre",
+        fontsize=10,
+    )
+    save_figure(figure, path)
 
 
 def save_maps(path: Path, named: Sequence[tuple[str, LayoutQuality]], title: str) -> None:
@@ -49,15 +86,11 @@ def save_steps(path: Path, runs: Sequence[Run]) -> None:
             values = [figures(step)[column] for step in run.steps]
             each.plot(values, "o-", color=_COLOURS[run.model], label=MODELS[run.model])
         if column < 2:
-            before = (reported.mean, reported.worst_region)[column]
-            at = 4 if count == 8 else reported.updates
-            each.plot(
-                [0, at], [before, before * reported.ratios[column]], "k*", markersize=10,
-                label="article",
-            )  # fmt: skip
+            given = reported.equal[column], reported.optimized[column]
+            each.plot([0, reported.best], given, "k*", markersize=10, label="article")
         each.set(xlabel="updates", ylabel="% of the side", xticks=range(reported.updates + 1))
         each.set_title(label, fontsize=10)
-        each.set_ylim(bottom=0)
+        each.set_ylim(0, 1.05 * each.get_ylim()[1])
         each.grid(color="0.9")
     handles, names = axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
@@ -81,9 +114,7 @@ def save_images(path: Path, named: Sequence[tuple[str, dict[str, Image]]]) -> No
                 for contact in image.scene.truth(0.0):
                     each.plot(1e3 * contact["x"], 1e3 * contact["y"], "r+", markersize=9)
             each.set_title(title, fontsize=9)
-        row[0].annotate(
-            name, (-0.42, 0.5), xycoords="axes fraction", rotation=90, va="center", ha="right"
-        )
+        _name_row(row, name)
     _label(axes)
     figure.suptitle(
         "Reconstructed potential, from 0 (dark) to the maximum of each image; +: the conductor",
@@ -93,16 +124,22 @@ def save_images(path: Path, named: Sequence[tuple[str, dict[str, Image]]]) -> No
 
 
 def _image(axes, values: np.ndarray, layout: Layout, top: float, rim: str = "black"):
-    half = 500 * SIDE
+    xmin, ymin, xmax, ymax = 1e3 * np.array(layout.outline.bounds)
     drawn = axes.imshow(
-        values, extent=(-half, half, -half, half), origin="upper", cmap="viridis", vmin=0, vmax=top
+        values, extent=(xmin, xmax, ymin, ymax), origin="upper", cmap="viridis", vmin=0, vmax=top
     )
     for position in layout.positions:
         axes.add_patch(
             Circle(1e3 * position, 1e3 * layout.radius, fill=False, color=rim, linewidth=0.7)
         )
-    axes.set(xlim=(-half - 6, half + 6), ylim=(-half - 6, half + 6), aspect="equal")
+    axes.set(xlim=(xmin - 6, xmax + 6), ylim=(ymin - 6, ymax + 6), aspect="equal")
     return drawn
+
+
+def _name_row(row, name: str) -> None:
+    row[0].annotate(
+        name, (-0.42, 0.5), xycoords="axes fraction", rotation=90, va="center", ha="right"
+    )
 
 
 def _label(axes: np.ndarray) -> None:
