@@ -31,6 +31,35 @@ def test_rings_give_every_region_its_area(count):
     assert positions == pytest.approx(-positions[::-1, ::-1], abs=1e-15)
 
 
+@pytest.mark.parametrize("count", [4, 8, 16])
+def test_rings_are_algorithm_1_line_by_line(count):
+    """As printed, but for line 2, which lacks a factor: h_1 = sqrt(A_1) / 2."""
+    areas = symmetric_areas(count, np.random.default_rng(count))
+    half = count // 2
+    s = {
+        (i, j): areas[half + j - 2, half + i - 2] for j in range(half + 1) for i in range(half + 1)
+    }
+    a, h, x, y = {1: s[1, 1]}, {1: np.sqrt(s[1, 1]) / 2}, {}, {}
+    for j in range(2, half + 1):
+        a[j] = a[j - 1] + s[1, j] * 4
+        for i in range(2, j):
+            a[j] = a[j] + s[i, j] * 8
+        a[j] = a[j] + s[j, j] * 4
+        h[j] = np.sqrt(a[j]) / 2
+    x[1, 1] = y[1, 1] = h[1]
+    for j in range(2, half + 1):
+        dh = h[j] - h[j - 1]
+        x[1, j], y[1, j] = s[1, j] / dh - x[1, j - 1], h[j]
+        for i in range(2, j):
+            x[i, j] = s[i, j] / dh * 2 - x[i, j - 1] + x[i - 1, j - 1] + x[i - 1, j]
+            y[i, j] = h[j]
+        x[j, j] = y[j, j] = h[j]
+    placed = place_in_rings(areas)
+    for (i, j), across in x.items():
+        found = placed[half + j - 1, half + i - 1]
+        assert found == pytest.approx((across, y[i, j]), abs=1e-15)
+
+
 def test_equal_areas_of_an_even_grid_by_hand():
     """4 x 4, equal areas: h_1 = side / 6, and the outer row from x(1,2) = S / dh - x(1,1)."""
     positions = place_in_rings(np.full((3, 3), 0.04 / 9))
