@@ -65,6 +65,8 @@ def parts(thing):
 def test_what_is_public_is_documented_and_typed(name):
     for part in parts(getattr(tt, name)):
         assert inspect.getdoc(part), part
+        if inspect.isclass(part) and issubclass(part, Warning):
+            continue  # takes what every warning does
         signature = inspect.signature(part)
         if not inspect.isclass(part):
             assert signature.return_annotation is not signature.empty, part

@@ -274,3 +274,5 @@ def test_other_commands_say_how_to_import(tmp_path, command, layout_file, capsys
     out = tmp_path / ("out.npz" if command == "reconstruct" else "out.yaml")
     assert main([*words, "--out", str(out)]) == 2
     assert "'tomotactile import" in capsys.readouterr().err
+    assert main(["inspect", words[1]]) == 2
+    assert "'tomotactile import" in capsys.readouterr().err

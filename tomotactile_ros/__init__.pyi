@@ -36,6 +36,7 @@ from tomotactile_ros.scenes.defects import Noise as Noise
 from tomotactile_ros.scenes.scene import Scene as Scene
 from tomotactile_ros.scenes.scene import load_scene as load_scene
 from tomotactile_ros.simulation import Simulator as Simulator
+from tomotactile_ros.support.errors import Doubt as Doubt
 from tomotactile_ros.support.errors import InputError as InputError
 from tomotactile_ros.view.figure import plot as plot
 

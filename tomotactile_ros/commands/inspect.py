@@ -18,7 +18,7 @@ from tomotactile_ros.commands.describe import (
     describe_tare,
     known_layout,
 )
-from tomotactile_ros.devices.recording import BAGS, read_frames
+from tomotactile_ros.devices.recording import BAGS, read_frames, refuse_to_import
 from tomotactile_ros.frames_file import DEFAULT_DRIVE, contacts_of, doubt_of, load_arrays
 from tomotactile_ros.layouts.layout import FORMAT as LAYOUT_FORMAT
 from tomotactile_ros.layouts.layout import Layout, load_layout
@@ -61,6 +61,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     path = _find(args.file)
+    refuse_to_import(path)
     if path.is_dir() or path.suffix in BAGS:
         _show(_describe_frames(path, _of_bag(path), args.layout))
         return

@@ -69,16 +69,21 @@ def read_frames(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such recording; expected frames.npz or a rosbag2")
-    if path.suffix.lower() in _TO_IMPORT:
-        raise InputError(
-            f"{path}: is no recording yet: 'tomotactile import {path} --layout LAYOUT --out frames.npz' makes "
-            "one of it"
-        )
+    refuse_to_import(path)
     if path.suffix != ".npz":
         return _checked(path, _bag_frames(path, layout_id, topic), electrodes)
     if topic:
         raise InputError(f"{path}: topic: only bags have topics")
     return _checked(path, _npz_frames(path, drive_voltage, layout_id), electrodes)
+
+
+def refuse_to_import(path: Path) -> None:
+    """Say how a file of another program becomes a recording."""
+    if path.suffix.lower() in _TO_IMPORT:
+        raise InputError(
+            f"{path}: is no recording yet: 'tomotactile import {path} --layout LAYOUT --out frames.npz' makes "
+            "one of it"
+        )
 
 
 def load_recording(

@@ -269,8 +269,9 @@ class Pipeline:
 
     def _doubt_at_once(self, voltages, grounded, drive_voltage) -> None:
         """Say once where rows that all are said to be read at once agree if they were read in turn."""
-        trial = Pipeline(self.layout, self.settings, model=self._model, sensor=self.sensor)
-        trial._baseline, trial._looked_for_times = self._baseline, _TIMES
+        settings = replace(self.settings, profile=self.profile)
+        trial = Pipeline(self.layout, settings, model=self._model, sensor=self.sensor)
+        trial._baseline, trial._estimator = self._baseline, self._estimator
         result = trial._process(voltages, grounded, drive_voltage, ROW_PERIOD, 0.0)
         if not result.reason:
             self._looked_for_times = _TIMES
@@ -317,7 +318,9 @@ class Pipeline:
             result.settling = float(self._state.settling.part.mean())
         if stamp is not None and numbered and not result.reason:
             lasts = row_period * max(len(grounded) - 1, 0)
-            timed = lasts if result.holds == lasts else 0.0  # not where all were taken for one state
+            timed = (
+                lasts if result.holds == lasts else 0.0
+            )  # not where all were taken for one state
             followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)
             result.contacts = [
                 replace(contact, id=each.number, age=each.age, velocity=each.velocity)
