@@ -175,7 +175,7 @@ class Outputs:
     def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:
         """The image in colours, contacts and electrodes in it, and the scale at its right."""
         peak = float(np.nanmax(pressure, initial=0.0))
-        scale = self._range or self._scale(peak, time.monotonic())
+        scale = self._range or self._scale(peak, self._now())
         rgb = colour(pressure, scale)
         drawn = self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
         return np.hstack([drawn, scale_bar(len(drawn), scale)])
