@@ -1,6 +1,5 @@
 # Everything works from a fresh clone: the setup script makes what is missing, then runs the command.
 DURATION ?= 20
-PROFILE ?= accurate
 PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
@@ -8,7 +7,7 @@ PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 .PHONY: help setup run test bench paper docs fuzz sanitize faults protocol lock clean
 
 help:
-	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=accurate)"
+	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=fast)"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
@@ -26,7 +25,7 @@ setup:
 
 run:
 	@$(SETUP) $(PROGRAMS)/live --duration $(DURATION) \
-		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') --profile '$(PROFILE)'
+		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') $(if $(PROFILE),--profile '$(PROFILE)')
 
 test: # where pytest-xdist is installed on all cores, the tests of a file one after the other
 	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \

@@ -17,6 +17,56 @@ from ros_support import Process, processes_of, program
 from tomotactile_ros.support.processes import Child, stop_all
 
 
+def test_contacts_do_not_wait_for_an_image(domain, probe):
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import Header
+
+    from tomotactile_ros.layouts.layout import load_layout
+    from tomotactile_ros.msg import ContactArray, VoltageFrame
+    from tomotactile_ros.nodes.conversions import image_to_message, make_header
+    from tomotactile_ros.nodes.listener import Listener
+
+    rclpy.init(args=[], domain_id=domain)
+    listener = Listener(10.0, load_layout("equal-8x8"))
+    try:
+        publishers = {
+            kind: probe.node.create_publisher(kind, topic, 2)
+            for kind, topic in (
+                (VoltageFrame, "voltage_frame"),
+                (Image, "pressure"),
+                (ContactArray, "contacts"),
+            )
+        }
+
+        def at(seconds) -> Header:
+            return make_header(1000.0 + seconds, "skin")
+
+        def shot(suits, *messages):
+            """The first shot that suits, while the messages are sent again and again."""
+            found = []
+
+            def come():
+                for message in messages:
+                    publishers[type(message)].publish(message)
+                rclpy.spin_once(listener, timeout_sec=0.05)
+                found.extend(each for each in [listener.take()] if each and suits(each))
+                return found
+
+            probe.until(come, "shot")
+            return found[-1]
+
+        frame = VoltageFrame(header=at(2.0), sequence=20, layout_id="equal-8x8")
+        contacts = ContactArray(header=at(2.1), state=ContactArray.VALID)
+        bare = shot(lambda s: True, frame, contacts)
+        assert bare.pressure is None and bare.scene_time == pytest.approx(2.1)
+        image = image_to_message(np.full((3, 3), 7.0), at(2.0))
+        whole = shot(lambda s: s.pressure is not None, frame, image, contacts)
+        assert whole.pressure.max() == 7.0 and whole.image_age == pytest.approx(0.1)
+    finally:
+        listener.destroy_node()
+        rclpy.shutdown()
+
+
 def start_live(domain, folder, *words):
     return Process(
         [program("live"), "--scene", write_scene(folder), "--out", str(folder / "p.png"), *words],

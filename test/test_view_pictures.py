@@ -11,6 +11,7 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.view import display as display_module
 from tomotactile_ros.view.colours import (
     OUTSIDE,
     Overlay,
@@ -319,6 +320,44 @@ def test_the_terminal_ends_with_the_picture_that_is_saved(monkeypatch, capsys):
         display.show(Shot(np.zeros((8, 8)), [], scene_time=float(number), rate=15.0, age=0.01))
     display.close()
     assert capsys.readouterr().out.splitlines()[-1].startswith("  2.00 s")
+
+
+def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(
+    monkeypatch, capsys, tmp_path
+):
+    """One of ten seconds ago stood beside what had moved on, as if something pressed there."""
+    saved = []
+    monkeypatch.setattr(
+        display_module, "save_pressure", lambda path, image, *_, **__: saved.append(image)
+    )
+    display, old = Display(LAYOUT, load_scene("idle")), pressed(UPPER_RIGHT)
+    for image, age in ((None, 0.0), (old, 0.3), (old, 9.0)):
+        shot = Shot(
+            image, [UPPER_RIGHT], 1.0, rate=0.1, age=0.01, image_age=age, late="3 of 100 rows"
+        )
+        display.show(shot)
+        display.save("p.png")
+    empty, recent, none = saved
+    assert np.nanmax(empty) == np.nanmax(none) == 0.0 and np.nanmax(recent) == np.nanmax(old)
+    lines = [line for line in capsys.readouterr().out.splitlines() if "written" not in line]
+    assert len(lines) == 1  # now and then, not with every shot
+    assert "contact 1:" in lines[0] and lines[0].endswith("; late 3 of 100 rows")
+
+
+def test_a_line_tells_at_once_that_contacts_come_to_be_known(monkeypatch, capsys):
+    now = [100.0]
+    monkeypatch.setattr(display_module.time, "monotonic", lambda: now[0])
+    display = Display(LAYOUT, load_scene("idle"))
+    for reason in ("not yet", "not yet", "", "", "torn"):
+        display.show(Shot(None, [], now[0] - 100.0, rate=0.0, age=0.0, reason=reason))
+        now[0] += 1.0
+    first, *_ = said = capsys.readouterr().out.splitlines()
+    assert [line.split("s  ")[1][:10] for line in said] == [
+        "contacts a",
+        "no contact",
+        "contacts a",
+    ]
+    assert first.endswith("not yet")
 
 
 def test_more_contacts_than_lines_leave_room_for_the_picture(monkeypatch):

@@ -7,6 +7,8 @@ from argparse import ArgumentParser, Namespace
 from collections import deque
 from contextlib import suppress
 
+import numpy as np
+
 from tomotactile_ros.commands.device_options import (
     FRESH,
     add_device_arguments,
@@ -14,6 +16,7 @@ from tomotactile_ros.commands.device_options import (
     source_of,
 )
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
+from tomotactile_ros.devices.health import late_of
 from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -28,7 +31,9 @@ HELP = "show a live picture of a sensor, simulated unless --port or --recording 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_device_arguments(parser, layout="equal-8x8")
-    parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
+    parser.add_argument(
+        "--profile", default=Settings.profile, choices=PROFILES, help=f"default: {Settings.profile}"
+    )
     add_tare_argument(parser)
     parser.add_argument(
         "--calibration", help="file of 'calibrate'; without it forces are not known"
@@ -62,24 +67,32 @@ def run(args: Namespace) -> None:
 def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
     """Images of the newest frames, for `duration` s from the first one on."""
     arrivals: deque[float] = deque(maxlen=32)
-    first = None
+    lates: deque[tuple[int, int]] = deque(
+        maxlen=128
+    )  # of frames that were shown: all since, those late
+    first = before = None
     while not stream.ended:
         frame = stream.take(newest=True)
         if frame is None:
             continue
         result = pipeline.process(frame)
         arrivals.append(time.monotonic())
+        lasts, age = len(frame.grounded) * frame.row_period, time.time() - frame.stamp
         if first is None:  # frame k of a simulated sensor begins k periods into the scene
-            before = frame.sequence * len(frame.grounded) * frame.row_period
-            first = frame.stamp - before, arrivals[0]
+            first = frame.stamp - frame.sequence * lasts, arrivals[0]
+        since = 1 if before is None else max(frame.sequence - before, 1)
+        before = frame.sequence
+        lates.append((since, since - 1 + (age - lasts > pipeline.settings.deadline)))
+        total, late = np.sum(lates, axis=0).tolist()
         span = arrivals[-1] - arrivals[0]
         yield Shot(
             pressure=result.image,
             contacts=result.contacts,
             scene_time=frame.stamp + result.holds - first[0],
             rate=(len(arrivals) - 1) / span if span > 0 else 0.0,
-            age=time.time() - frame.stamp,
+            age=age - result.holds,
             reason=result.reason,
+            late=late_of(late, total, "frames"),
         )
         if duration and arrivals[-1] - first[1] >= duration:
             return

@@ -68,6 +68,12 @@ class Trouble:
     which: str = ""
 
 
+def late_of(late: int, total: int, what: str) -> str:
+    """The number of frames or rows that came late or not at all, as it is shown everywhere; nothing
+    where none were due."""
+    return f"{late} of {total} {what}" if total else ""
+
+
 class Recent:
     """Sums of the last seconds: `counts` numbers each second, kept for `seconds`, by the time `now`."""
 

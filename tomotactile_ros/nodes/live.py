@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.reconstruction.settings import PROFILES, Settings
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.support.command_line import Parser, end_of_pipe, positive
 from tomotactile_ros.support.errors import InputError
@@ -18,9 +18,9 @@ from tomotactile_ros.support.processes import Child, stop_all
 from tomotactile_ros.view.display import Display
 
 DEFAULT_RATE = 15.625  # frames/s
-PATIENCE = 10.0  # s without the first image until it is said why
+PATIENCE = 10.0  # s without the first contacts until it is said why
 LEARNING = ("worn-sensor",)  # scenes that are there to be learned
-LIMIT = 60.0  # s without the first image until it is given up
+LIMIT = 60.0  # s without the first contacts until it is given up
 
 
 def main(args: list[str] | None = None) -> int:
@@ -46,10 +46,14 @@ def main(args: list[str] | None = None) -> int:
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
     parser = Parser(prog="live", description=__doc__)
-    parser.add_argument("--duration", type=positive, default=20.0, help="s after the first image")
+    parser.add_argument(
+        "--duration", type=positive, default=20.0, help="s after the first contacts (default: 20)"
+    )
     parser.add_argument("--layout", default="equal-8x8", help="layout file or installed name")
     parser.add_argument("--scene", default="default", help="scene file or installed name")
-    parser.add_argument("--profile", default="fast", choices=PROFILES, help="default: fast")
+    parser.add_argument(
+        "--profile", default=Settings.profile, choices=PROFILES, help=f"default: {Settings.profile}"
+    )
     parser.add_argument("--rate", type=positive, default=DEFAULT_RATE, help="frames/s")
     parser.add_argument("--out", default="out/pressure.png", help="picture written at the end")
     return parser.parse_args(args)
@@ -94,7 +98,7 @@ def _node(name: str, parameters: dict[str, str | float]) -> Child:
 
 
 def _watch(children: list[Child], layout: Layout, scene: Scene, options: argparse.Namespace) -> int:
-    """Show images until the time is over or somebody stops it; returns the exit status."""
+    """Show what is known until the time is over or somebody stops it; returns the exit status."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
@@ -127,11 +131,11 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
 
 
 def _show(children: list[Child], listener, display: Display, duration: float) -> str:
-    """Show images until the time is over; returns what went wrong, or nothing."""
+    """Show what is known until the time is over; returns what went wrong, or nothing."""
     import rclpy
 
-    end = None
-    start = time.monotonic()
+    end = heard = None  # s, when the first contacts came, withheld or not
+    known, start = False, time.monotonic()
     patience = PATIENCE
     while end is None or time.monotonic() < end:
         rclpy.spin_once(listener, timeout_sec=0.1)
@@ -140,10 +144,13 @@ def _show(children: list[Child], listener, display: Display, duration: float) ->
                 return f"{child.name} ended with status {child.status}: {child.last_words}"
         shot = listener.take()
         if shot is not None:
-            end = end or time.monotonic() + duration
+            heard = heard or time.monotonic()
+            known = known or not shot.reason
             display.show(shot)
-        elif end is None and time.monotonic() > start + patience:
-            reason = f"no image after {patience:g} s: {listener.complaints()}"
+        if end is None and heard and (known or time.monotonic() > heard + PATIENCE):
+            end = time.monotonic() + duration
+        if heard is None and time.monotonic() > start + patience:
+            reason = f"no contacts after {patience:g} s: {listener.complaints()}"
             if patience >= LIMIT:
                 return reason
             display.say(reason)

@@ -173,6 +173,7 @@ class Reconstruction:
         figures = {
             "profile": pipeline.profile,
             "contact law": law_in_words(self.parameters.values),
+            "late": self._rows.late() or self._watch.late(),
             **self._watch.figures(),
             **self._rows.figures(),
             **self._taring.figures(),
@@ -232,7 +233,7 @@ class Reconstruction:
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
         left_out = followed and self._rows.leaves_out(self._pipeline, frame)
-        if followed and self._pipeline.fits:
+        if followed and self._rows.draws(self._pipeline):
             with self._rows_lock:
                 result = self._rows.image(self._pipeline)
         if result is None and left_out:
@@ -263,7 +264,9 @@ class Reconstruction:
         self._bare = is_bare(layout_id, self._layout.id)
         now, took = seconds_now(self._node), time.monotonic() - start
         lasts = frame.row_period * len(frame.grounded)
-        self._watch.accepted(frame.sequence, frame.stamp, now - frame.stamp, took, lasts)
+        self._watch.accepted(
+            frame.sequence, frame.stamp, now - frame.stamp, took, lasts, self.parameters["deadline"]
+        )
         if followed and not left_out:
             self._rows.correct(self._pipeline, frame)
 

@@ -21,7 +21,13 @@ SPECS = (
     ),
     HARDWARE_ID,
     Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
-    Spec("deadline", 0.05, "For auto: time that a frame may take, s", low=1e-4, high=10.0),
+    Spec(
+        "deadline",
+        0.05,
+        "Time from the last row of a frame beyond which it counts as `late`, and that profile auto keeps to, s",
+        low=1e-4,
+        high=10.0,
+    ),
     Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
     Spec(
         "regularization",

@@ -60,7 +60,6 @@ class Rows:
         self._since, self._touching = 0, None
         self._left_out = False  # the last frame
         self._beside = Beside()
-        self._preparing = False  # seconds, where the profile has no estimator
 
     @property
     def wanted(self) -> bool:
@@ -70,24 +69,19 @@ class Rows:
     @property
     def followed(self) -> bool:
         """Whether contacts are those of rows now."""
-        late = self._now() - self._last > _PATIENCE
-        return self.wanted and (self._preparing or not late)
+        return self.wanted and self._now() - self._last <= _PATIENCE
 
     def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
         """Follow rows, and publish what is due."""
         of = pipeline, pipeline.baseline
         new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
-        resumed = not self.followed
+        if new or not self.followed:
+            follows = pipeline.follows
+            self._state, self._of = pipeline.rows(waits=False), of
+            if not follows:  # that took seconds, in which contacts came from frames
+                self.watch.skip(rows.sequence, len(rows.grounded))
+                return
         self._last = self._now()
-        if new or resumed:
-            if not pipeline.follows:
-                self.withheld = "preparing to follow rows"
-                self._outputs.withhold(self.withheld, make_header(rows.stamp, frame_id))
-            self._preparing = True
-            try:
-                self._state, self._of = pipeline.rows(waits=False), of
-            finally:
-                self._preparing = False
         begun, every = time.monotonic(), self._values()["publish_every"]
         for i, (voltages, ground) in enumerate(zip(rows.voltages, rows.grounded)):
             now = rows.stamp + i * rows.row_period
@@ -117,13 +111,17 @@ class Rows:
         self._left_out = mixed and not self._left_out
         return self._left_out
 
-    def image(self, pipeline: Pipeline) -> Result | None:
-        """An image of what rows tell, where a frame would show no more of it and the profile draws
-        contacts; None where the frame is to be processed."""
+    def draws(self, pipeline: Pipeline) -> bool:
+        """Whether rows tell all that an image of a frame would show, or more as something slides."""
         state = self._state
-        if state is None or self._of[0] is not pipeline or not pipeline.fits or not state.known:
-            return None
-        return pipeline.image_after_row(state)
+        if state is None or state.rows is None or self._of[0] is not pipeline:
+            return False
+        return state.known if pipeline.fits else state.clear
+
+    def image(self, pipeline: Pipeline) -> Result | None:
+        """An image of what rows tell; None where that has come to an end meanwhile."""
+        state = self._state
+        return pipeline.image_after_row(state) if state and self.draws(pipeline) else None
 
     def process(self, pipeline: Pipeline, frame: Frame) -> Result:
         """The result of a frame; where rows are followed, from the process beside as soon as that is
@@ -154,6 +152,10 @@ class Rows:
     def troubles(self, publishers: int = 1) -> list[Trouble]:
         """What is wrong with the rows of the last seconds, which so many publish."""
         return self.watch.troubles(publishers, self._values()["max_age"]) if self.followed else []
+
+    def late(self) -> str:
+        """How many rows of late were told late or not at all, for people; empty where none come."""
+        return self.watch.late() if self.followed else ""
 
     def figures(self) -> dict[str, float | int]:
         """Counts and times, where rows come."""

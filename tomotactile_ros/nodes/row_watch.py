@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tomotactile_ros.devices.health import Recent, Trouble
+from tomotactile_ros.devices.health import Recent, Trouble, late_of
 
 _RESTART = 2**16  # frames: a number farther away is that of another start
 _SOME = 0.01  # of the rows
@@ -79,6 +79,11 @@ class RowWatch:
                 share = 100 * number / (rows + lost + skipped)
                 found.append(Trouble(name, False, f"{share:.0f} % of the rows {text}"))
         return found
+
+    def late(self) -> str:
+        """How many rows of the last 10 s were known late, left out or lost, for people."""
+        rows, lost, skipped, late = self._recent.sums().astype(int).tolist()
+        return late_of(lost + skipped + late, rows + lost + skipped, "rows")
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far, rows/s over the last 10 s, times over the last 1000 messages."""

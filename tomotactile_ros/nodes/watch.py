@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from rclpy.node import Node
 
-from tomotactile_ros.devices.health import Recent, Trouble
+from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
@@ -46,15 +46,21 @@ class FrameWatch:
         self._since = self._begun = self._now()
         self._refusal = self._incompatible = ""
         # frames processed, missed, refused, stamped before the one before, longer than from one to
-        # the next
-        self._recent = Recent(5, _WINDOW, self._now)
+        # the next, told late
+        self._recent = Recent(6, _WINDOW, self._now)
         self._lasts = self._step = 0.0
 
     def accepted(
-        self, sequence: int, stamp: float, latency: float, duration: float, lasts: float = 0.0
+        self,
+        sequence: int,
+        stamp: float,
+        latency: float,
+        duration: float,
+        lasts: float = 0.0,
+        deadline: float = np.inf,
     ) -> None:
-        """Note a processed frame: its stamp, s, s from there to its image, s of work, and s that its
-        rows took."""
+        """Note a processed frame: its stamp, s, s from there to its image, s of work, s that its rows
+        took, and s from the last of them to the image beyond which it is late."""
         gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
@@ -66,7 +72,7 @@ class FrameWatch:
         if overlong:
             self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
-        self._recent.add(1, missed, 0, back, overlong)
+        self._recent.add(1, missed, 0, back, overlong, latency - lasts > deadline)
         self.processed += 1
         self._latencies.append(latency)
         self._ages.append((self._now(), latency, duration))
@@ -76,7 +82,7 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1, 0, 0)
+        self._recent.add(0, 0, 1, 0, 0, 0)
         self._refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
@@ -88,7 +94,7 @@ class FrameWatch:
 
         Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        processed, missed, refused, back, overlong = self._recent.sums()
+        processed, missed, refused, back, overlong, _ = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
@@ -131,6 +137,11 @@ class FrameWatch:
             text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
             found.append(Trouble("ahead", False, text))
         return found
+
+    def late(self) -> str:
+        """How many frames of the last 10 s were told late or not at all, for people."""
+        processed, missed, *_, late = self._recent.sums().astype(int).tolist()
+        return late_of(missed + late, processed + missed, "frames")
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""

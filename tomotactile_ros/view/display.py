@@ -11,38 +11,46 @@ from typing import TextIO
 
 import numpy as np
 
+from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale, full_scale
 from tomotactile_ros.view.contact_lines import contact_lines, fitting, number_of, withheld_line
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
-from tomotactile_ros.view.trails import Trails
+from tomotactile_ros.view.trails import LASTING, Trails
 
 _UNCALIBRATED = "no contact law: forces and pressures are not known"
-_PERIOD = {True: 0.1, False: 0.5}  # s between two pictures, and between two plain reports
+_PERIOD = {True: 0.1, False: 5.0}  # s between two pictures, and between two lines of text
+_LEAST = 0.5  # s between two lines where contacts come to be known or are no longer
 
 
 @dataclass
 class Shot:
-    """One image.
+    """What is known at one time, and the newest image to show under it.
 
     Attributes
     ----------
-    pressure : (H, W) Pa; without a contact law conductance, S/m², as `Result.image`.
+    pressure : (H, W) Pa; without a contact law conductance, S/m², as `Result.image`; None where there is no
+        image yet.
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
-    age : s from the frame's stamp to now.
+    age : s since the time of the contacts.
     reason : why contacts are withheld, if they are.
+    image_age : s from the image's frame to the time of the contacts, where these do not wait for images.
+    late : how many frames or rows of late were told late or not at all, for people; empty: not known.
     """
 
-    pressure: np.ndarray
+    pressure: np.ndarray | None
     contacts: Sequence
     scene_time: float
     rate: float
     age: float
     reason: str = ""
+    image_age: float = 0.0
+    late: str = ""
 
 
 class Display:
@@ -86,7 +94,9 @@ class Display:
         self.last = shot
         self._trails.add(shot.contacts, _places(shot.contacts), shot.scene_time)
         now = time.monotonic()
-        if now < self._next:
+        before = self._shown
+        news = before is None or bool(before.reason) != bool(shot.reason)  # known now, or no longer
+        if now < self._next - (_PERIOD[False] - _LEAST if news and not self._pictures else 0.0):
             return
         self._next = now + _PERIOD[self._pictures]
         self._show(shot)
@@ -99,7 +109,7 @@ class Display:
         truth = self._truth(last.scene_time)
         save_pressure(
             path,
-            last.pressure,
+            self._image(last),
             self._layout,
             last.contacts,
             truth,
@@ -127,8 +137,16 @@ class Display:
             self._report(shot)
 
     def _report(self, shot: Shot) -> None:
-        for line in self._lines(shot):
-            self.say(f"{shot.scene_time:6.2f} s  {line}")
+        late = [f"late {shot.late}"] if shot.late else []
+        self.say(f"{shot.scene_time:6.2f} s  {'; '.join([*self._lines(shot), *late])}")
+
+    def _image(self, shot: Shot) -> np.ndarray:
+        """(H, W) the image to show: one from before all trails would show what is not there any more; without
+        one, an empty sheet."""
+        if shot.pressure is not None and shot.image_age <= LASTING:
+            return shot.pressure
+        grid = Grid.for_outline(self._layout.outline, Settings().resolution)
+        return grid.fill(np.zeros(len(grid.pixels)))
 
     def _lines(self, shot: Shot, width: int = 200) -> list[str]:
         if shot.reason:
@@ -147,11 +165,12 @@ class Display:
         contacts = self._lines(shot, width)[: room.lines // 2]
         if not self._calibrated:
             contacts.append(fitting([_UNCALIBRATED], width))
-        peak = full_scale(shot.pressure, 0.0, 0.0)
+        pressure = self._image(shot)
+        peak = full_scale(pressure, 0.0, 0.0)
         scale = self._scale(peak, time.monotonic())
         placed = zip(shot.contacts, _places(shot.contacts), strict=True)
         image = picture(
-            shot.pressure,
+            pressure,
             self._layout.outline.bounds,
             scale,
             room.columns,
@@ -162,8 +181,10 @@ class Display:
             [(place, str(number_of(c, k))) for k, (c, place) in enumerate(placed, 1)],
         )
         head = [
-            f"{self._layout.name}: {shot.rate:.1f} images/s",
-            f", {1e3 * shot.age:.0f} ms old",
+            f"{self._layout.name}: {1e3 * shot.age:.0f} ms old",
+            f", {shot.rate:.1f} images/s",
+            *([f" (the last {shot.image_age:.1f} s ago)"] if shot.image_age > LASTING else []),
+            *([f", late {shot.late}"] if shot.late else []),
             f", {shot.scene_time:.2f} s",
             f", {self._source}",
         ]
