@@ -285,6 +285,7 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     ros_checks.check_contact(probe, "/left")
     idle = probe.wait_for(ContactArray, "/right/contacts")
     assert (idle.header.frame_id, list(idle.contacts)) == ("right_link", [])
+    assert "unknown" not in sensors.output  # `sensors` is given to all nodes, which have a `sensor`
     ends_cleanly(sensors)
     refused = start("sensors", {"sensors": "[left-hand]"})
     assert refused.wait() == 2 and "'left-hand' is no namespace" in refused.output
@@ -306,7 +307,7 @@ def test_each_thing_wrong_with_a_sensor_has_its_own_line(domain, poses, monkeypa
         ]
         member = part._skin.members["left"]
         for reason in ("nothing is grounded", "the driver has ended"):
-            member.arrival, member.complaint = time.monotonic() + 1e3, reason
+            member.arrival, member.complaint = part._now() + 1e3, reason
             part.report()
             assert log.new() == [f"left: {reason}"]
         member.arrival -= 2e3

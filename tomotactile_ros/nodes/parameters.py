@@ -26,6 +26,8 @@ from tomotactile_ros.support.params_files import TYPO
 
 OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
+# by all nodes of this process: what a command line gives without a node's name is given to each of them
+_DECLARED: set[str] = set()
 _ITEMS = {
     int: ("whole numbers", Parameter.Type.INTEGER_ARRAY),
     float: ("numbers", Parameter.Type.DOUBLE_ARRAY),
@@ -168,12 +170,13 @@ class Parameters:
         given = getattr(self._node, "_parameter_overrides", {})
         for name in given:
             close = difflib.get_close_matches(name, self._specs, n=1, cutoff=TYPO)
-            if close and not self._node.has_parameter(name):
+            if close and not self._node.has_parameter(name) and name not in _DECLARED:
                 self._node.get_logger().warning(
                     f"parameter '{name}' is unknown and ignored; did you mean '{close[0]}'?"
                 )
 
     def _declare(self, spec: Spec) -> Any:
+        _DECLARED.add(spec.name)
         default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
         try:
             parameter = self._node.declare_parameter(spec.name, default, spec.descriptor())
