@@ -22,13 +22,14 @@ PROFILES = ("fast", "balanced", "accurate")
 
 def images(frames, layout):
     """Name, (H, W) image and contacts by each method, of the first frame."""
-    voltages, drive = frames.voltages[0], frames.drive_voltage
+    frame = next(iter(frames))
+    voltages, drive = frame.voltages, frame.drive_voltage
     for profile in PROFILES:
         pipeline = tt.Pipeline(layout, tt.Settings(profile, contact_law=frames.contact_law))
-        result = pipeline.process(voltages, frames.grounded, drive)
+        result = pipeline.process(frame)
         yield f"{profile}: pressure / kPa", result.image / 1e3, result.contacts
     paper = tt.Pipeline(layout, tt.Settings("paper", contact_law=frames.contact_law))
-    yield "paper: potential / V", paper.process(voltages, frames.grounded, drive).potential, []
+    yield "paper: potential / V", paper.process(frame).potential, []
     yield "greit", tt.greit(voltages, layout, drive), []
     yield "jac", tt.jac(voltages, layout, drive), []
 
