@@ -27,7 +27,10 @@ from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.reconstruction import Pipeline, Settings
 
-COLUMNS = "frames ghosts missed withheld place worst force worst covered misfit time worst".split()
+COLUMNS = [
+    *("frames", "ghosts", "missed", "withheld", "place", "worst"),
+    *("force", "worst", "covered", "misfit", "time", "worst"),
+]
 
 
 def measured(trial: Trial) -> dict[str, list[float]]:
@@ -102,9 +105,13 @@ def main() -> None:
                 print(line("  before", figures(before[name])), flush=True)
             if given.out:
                 given.out.write_text(json.dumps(found))
-    for title, of in (("all", found), ("before", {name: before[name] for name in found if name in before})):
+    for title, of in (
+        ("all", found),
+        ("before", {name: before[name] for name in found if name in before}),
+    ):
         if of:
-            every = {key: sum((kept[key] for kept in of.values()), []) for key in next(iter(of.values()))}
+            keys = next(iter(of.values()))
+            every = {key: [each for kept in of.values() for each in kept[key]] for key in keys}
             print(line(title, figures(every)))
 
 
