@@ -67,7 +67,7 @@ def run(args: Namespace) -> None:
 def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
     """Images of the newest frames, for `duration` s from the first one on."""
     arrivals: deque[float] = deque(maxlen=32)
-    lates: deque[tuple[int, int]] = deque(
+    late_ones: deque[tuple[int, int]] = deque(
         maxlen=128
     )  # of frames that were shown: all since, those late
     first = before = None
@@ -82,8 +82,8 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             first = frame.stamp - frame.sequence * lasts, arrivals[0]
         since = 1 if before is None else max(frame.sequence - before, 1)
         before = frame.sequence
-        lates.append((since, since - 1 + (age - lasts > pipeline.settings.deadline)))
-        total, late = np.sum(lates, axis=0).tolist()
+        late_ones.append((since, since - 1 + (age - lasts > pipeline.settings.deadline)))
+        total, late = np.sum(late_ones, axis=0).tolist()
         span = arrivals[-1] - arrivals[0]
         yield Shot(
             pressure=result.image,

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import cast
 
-from rclpy.clock import JumpThreshold
+from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -19,6 +20,10 @@ from tomotactile_ros.devices.time_source import HostTime
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
 
 
+def _clock_of(node: Node) -> ROSClock:
+    return cast(ROSClock, node.get_clock())
+
+
 def seconds_now(node: Node) -> float:
     """What stamps of now are, s; 0 while simulated time is not known."""
     return node.get_clock().now().nanoseconds * 1e-9
@@ -26,7 +31,7 @@ def seconds_now(node: Node) -> float:
 
 def is_timeless(node: Node) -> bool:
     """Whether simulated time is wanted, and not known yet."""
-    clock = node.get_clock()
+    clock = _clock_of(node)
     return clock.ros_time_is_active and clock.now().nanoseconds == 0
 
 
@@ -43,8 +48,9 @@ class NodeTime:
     """The time of a node as a `devices.time_source.TimeSource`: it goes on in steps where it is simulated."""
 
     def __init__(self, node: Node):
-        self._clock, self._host = node.get_clock(), HostTime()
-        self._lock, self._waiting = threading.Lock(), set()
+        self._clock, self._host = _clock_of(node), HostTime()
+        self._lock = threading.Lock()
+        self._waiting: set[threading.Event] = set()
         self._before = 0.0
         least = Duration(nanoseconds=1)
         threshold = JumpThreshold(
@@ -100,7 +106,7 @@ class PassingTime:
     """
 
     def __init__(self, node: Node):
-        self._clock, self._lock = node.get_clock(), threading.Lock()
+        self._clock, self._lock = _clock_of(node), threading.Lock()
         self._passed = 0.0
         self._steady = self._moved = time.monotonic()
         self._there = self._clock.now().nanoseconds
