@@ -165,6 +165,18 @@ def test_derivatives_by_a_bar_on_an_even_sheet():
         assert np.abs(next(found) - true).max() < 1e-5 * np.abs(true).max()
 
 
+def test_contacts_far_apart_do_not_feel_each_other_through_others():
+    """Between the ends of a chain D was what tables err by, which falls no further."""
+    operator = SheetOperator(load_layout("equal-8x8"))
+    chain = [contact(x, 0.013, operator=operator)[0] for x in (-0.06, -0.02, 0.02, 0.06)]
+    touches = Touches(operator, np.array(chain), (2,) * 4, np.zeros(operator.modes))
+    first, *others = touches.parts
+    felt = [np.abs(touches.impedance[first, each]).max() for each in others]
+    assert felt[0] > 0 and felt[2] == 0
+    alone = Touches(operator, np.array(chain[:1]), (2,), np.zeros(operator.modes))
+    assert touches.impedance[first, first] == pytest.approx(alone.impedance, rel=1e-9)
+
+
 def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
     form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
     along = np.radians(33.0)

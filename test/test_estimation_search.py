@@ -450,6 +450,23 @@ def test_a_disc_that_covers_an_electrode_is_found_in_its_size():
     assert contact.radius == pytest.approx(true["radius"], rel=0.05)
 
 
+@pytest.mark.parametrize("count", [12, 16])
+def test_crowds_are_found_one_by_one(count):
+    """Of twelve contacts, 40 mm or more apart, four were reported, of sixteen fingers three, one where nothing is."""
+    random = np.random.default_rng(count)
+    rows = np.linspace(-0.07, 0.07, 4)
+    places = np.array([(x, y) for x in rows for y in rows])[:count] + random.uniform(-3e-3, 3e-3, (count, 2))
+    discs = [(x, y, random.uniform(4e-3, 7e-3), 1e4 * 5 ** random.random()) for x, y in places]
+    check(find("8x8", simulate("8x8", discs)), discs, place=1e-3, force=0.25)
+
+
+def test_a_wide_contact_at_low_pressure_is_one():
+    """To the first look it is six points, each a spacing from the next."""
+    (contact,) = estimate("8x8", simulate("8x8", [(0.01, -0.02, 0.04, 5e3)])).contacts
+    assert np.hypot(contact.x - 0.01, contact.y + 0.02) < 1e-3
+    assert contact.radius == pytest.approx(0.04, rel=0.05)
+
+
 def test_contacts_that_fade_away_are_not_needed_for_ever():
     """Whether they are is not asked in every frame: 12 % less in each is a small change each time."""
     state, seen = State(), []

@@ -247,7 +247,13 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
              return std::make_shared<Sheet>(t, matrix(untouched, "untouched").transpose(), vector(mean, "mean"),
                                             Rest{matrix(factor, "factor").transpose(), matrix(term, "term").transpose(),
                                                  matrix(share, "share"), vector(own, "own")});
-           }), "tables"_a, "untouched"_a, "mean"_a, "factor"_a, "term"_a, "share"_a, "own"_a);
+           }), "tables"_a, "untouched"_a, "mean"_a, "factor"_a, "term"_a, "share"_a, "own"_a)
+      .def("discs", [](const Sheet& sheet, const Array& places, double radius) {
+        Matrix share;
+        std::array<Matrix, 2> slopes;
+        sheet.discs_at(matrix<Points>(places, "places", 2), radius, share, slopes);
+        return py::make_tuple(share, py::make_tuple(slopes[0], slopes[1]));
+      }, "places"_a, "radius"_a);
 
   py::class_<Touches, std::shared_ptr<Touches>>(m, "Touches")
       .def(py::init([](const py::object& operator_, const Array& contacts, std::vector<int> across, const Array& coefficients) {
@@ -495,6 +501,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
   m.attr("SIMILAR") = kSimilar;
   m.attr("FIRST_DAMPING") = kFirstDamping;
   m.attr("STEPS") = kSteps;
+  m.attr("FEW") = kFew;
   m.def("similar", [](const Array& contacts, const Array& others, double pitch, double within) {
     return similar(matrix<Parameters>(contacts, "contacts", 6), matrix<Parameters>(others, "others", 6), pitch, within);
   }, "contacts"_a, "others"_a, "pitch"_a, "within"_a);

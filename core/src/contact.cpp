@@ -5,7 +5,6 @@
 namespace tomotactile {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kBound = 0.05;  // 1/g is bounded smoothly at this part of 1/c
 constexpr double kBare = 0.005;  // 1/g of a bare conductor in parts of 1/c
 constexpr int kOver = 3;         // patches to the width of a rectangle, at most

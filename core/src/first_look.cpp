@@ -8,9 +8,7 @@
 namespace tomotactile {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kPicks = 24;           // pixels that are picked at the most
-constexpr int kFew = 6;              // points that may slide into each other, as parts of something wide do
 constexpr int kSteps = 3, kLast = 8; // of sliding after a pick, and where no pick explains more
 constexpr double kReach = 0.3;       // spacings that a place slides in one step at the most
 constexpr double kSettled = 0.01;    // spacings: places that slide less stay
@@ -118,41 +116,6 @@ Vector FirstLook::along(const Columns& of) const {
   return of.driven.cwiseProduct(pulled).colwise().sum().transpose();
 }
 
-// H of discs, and its slopes: G is harmonic, its mean over a disc that at the centre, but where the disc reaches an
-// electrode, a ring: there the logarithm is averaged over the disc and the ring, the mean over the narrower one being a
-// quarter of its radius squared times the Laplacian, as far as that is within.
-void FirstLook::shares(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
-  const Tables& t = sheet_->tables();
-  const Index n = sheet_->count();
-  Matrix potentials = sheet_->potentials_at(places);
-  slopes = sheet_->steep_at(places);
-  const double scale = t.resistance / (2 * kPi), wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
-  for (Index p = 0; p < places.cols(); ++p)
-    for (Index e = 0; e < n; ++e) {
-      const Eigen::Vector2d apart = places.col(p) - t.used.col(e);
-      const double squared = apart.squaredNorm(), distance = std::sqrt(std::max(squared, 1e-18));
-      if (!(distance < radius + t.radius)) continue;
-      const double inside = std::min(distance / wide, 1.0);
-      const double part = std::min(std::max((wide + narrow - distance) / (2 * narrow), 0.0), 1.0);
-      const double mean = std::log(std::max(distance, wide)) - (1 - inside * inside) / 2 +
-                          narrow * narrow / (2 * wide * wide) * part * part * (3 - 2 * part);
-      const double slope = (inside < 1 ? distance / (wide * wide) : 1 / distance) -
-                           narrow / (4 * wide * wide) * 6 * part * (1 - part);
-      const double held = std::max(squared, t.radius * t.radius);
-      potentials(e, p) += scale * (0.5 * std::log(held) - mean);
-      const double more = scale * (1 / held - slope / distance);
-      slopes[0](e, p) += more * apart.x(), slopes[1](e, p) += more * apart.y();
-    }
-  const auto inverse = t.inverse.topLeftCorner(n, n);
-  share = (inverse * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
-  for (Matrix& each : slopes) each = (inverse.transpose() * each).eval();
-  if (sheet_->about_even()) return;
-  const Around around(t.coarse, places);
-  const Matrix added = sheet_->share_added(sheet_->mean(), around.nodes);
-  share += around.values(added);
-  slopes[0] += around.along_x(added, 0, places.cols()), slopes[1] += around.along_y(added, 0, places.cols());
-}
-
 // Where points slide to in so many steps at the most.
 FirstLook::Slid FirstLook::slid(Points places, double radius, int steps) const {
   const double pitch = sheet_->tables().pitch;
@@ -162,7 +125,7 @@ FirstLook::Slid FirstLook::slid(Points places, double radius, int steps) const {
   while (true) {
     Matrix share;
     std::array<Matrix, 2> slopes;
-    shares(places, radius, share, slopes);
+    sheet_->discs_at(places, radius, share, slopes);
     const Matrix driven = ratio_.transpose() * share, by_x = ratio_.transpose() * slopes[0], by_y = ratio_.transpose() * slopes[1];
     Matrix all_driven(driven.rows(), 5 * k), all_share(share.rows(), 5 * k);
     all_driven << driven, by_x, driven, by_y, driven;
@@ -267,10 +230,7 @@ Seen FirstLook::contacts() const {
     for (int each : picked) explained[each] = 0;
     Index best;
     if (!(explained.maxCoeff(&best) > kExplained * total_)) break;
-    const std::vector<int> one{int(best)};
-    Columns column{all_.driven(Eigen::all, one), all_.share(Eigen::all, one), all_.local(Eigen::all, one),
-                   all_.weighted(Eigen::all, one), all_.pulled(Eigen::all, one)};
-    products.col(Index(picked.size())) = between(all_, column);
+    products.col(Index(picked.size())) = between(all_, columns(all_.driven.col(best), all_.share.col(best)));
     picked.push_back(int(best));
     const auto chosen = products.leftCols(Index(picked.size()));
     strengths = non_negative(ridged(chosen(picked, Eigen::all), kRounding), along_(picked));

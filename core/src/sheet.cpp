@@ -5,7 +5,6 @@
 namespace tomotactile {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 
 // Diagonals that make the rows sum to 0: a floating sheet conducts nothing away.
 void balance(Matrix& matrix) {
@@ -151,6 +150,41 @@ std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
     }
   }
   return out;
+}
+
+// H of discs, and its slopes: G is harmonic, its mean over a disc that at the centre, but where the disc reaches an
+// electrode, a ring: there the logarithm is averaged over the disc and the ring, the mean over the narrower one being a
+// quarter of its radius squared times the Laplacian, as far as that is within.
+void Sheet::discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
+  const Tables& t = *tables_;
+  const Index n = count();
+  Matrix potentials = potentials_at(places);
+  slopes = steep_at(places);
+  const double scale = t.resistance / (2 * kPi), wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
+  for (Index p = 0; p < places.cols(); ++p)
+    for (Index e = 0; e < n; ++e) {
+      const Eigen::Vector2d apart = places.col(p) - t.used.col(e);
+      const double squared = apart.squaredNorm(), distance = std::sqrt(std::max(squared, 1e-18));
+      if (!(distance < radius + t.radius)) continue;
+      const double inside = std::min(distance / wide, 1.0);
+      const double part = std::min(std::max((wide + narrow - distance) / (2 * narrow), 0.0), 1.0);
+      const double mean = std::log(std::max(distance, wide)) - (1 - inside * inside) / 2 +
+                          narrow * narrow / (2 * wide * wide) * part * part * (3 - 2 * part);
+      const double slope = (inside < 1 ? distance / (wide * wide) : 1 / distance) -
+                           narrow / (4 * wide * wide) * 6 * part * (1 - part);
+      const double held = std::max(squared, t.radius * t.radius);
+      potentials(e, p) += scale * (0.5 * std::log(held) - mean);
+      const double more = scale * (1 / held - slope / distance);
+      slopes[0](e, p) += more * apart.x(), slopes[1](e, p) += more * apart.y();
+    }
+  const auto inverse = t.inverse.topLeftCorner(n, n);
+  share = (inverse * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
+  for (Matrix& each : slopes) each = (inverse.transpose() * each).eval();
+  if (about_even()) return;
+  const Around around(t.coarse, places);
+  const Matrix added = share_added(mean_, around.nodes);
+  share += around.values(added);
+  slopes[0] += around.along_x(added, 0, places.cols()), slopes[1] += around.along_y(added, 0, places.cols());
 }
 
 Vector Sheet::alone_at(const Points& places) const {

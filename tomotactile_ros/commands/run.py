@@ -67,9 +67,8 @@ def run(args: Namespace) -> None:
 def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
     """Images of the newest frames, for `duration` s from the first one on."""
     arrivals: deque[float] = deque(maxlen=32)
-    late_ones: deque[tuple[int, int]] = deque(
-        maxlen=128
-    )  # of frames that were shown: all since, those late
+    # of each frame that was shown: how many came since the one before, and how many of them late
+    late_ones: deque[tuple[int, int]] = deque(maxlen=128)
     first = before = None
     while not stream.ended:
         frame = stream.take(newest=True)

@@ -11,7 +11,6 @@ from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 
-_FEW = 6  # points that may be parts of one thing; more are a spacing from each other
 _LEFT = 3e-3  # of the sum of squares: what points leave of small contacts, all together
 _DISTINCT = 0.7  # spacings between points that are contacts each, not parts of one
 _ADJACENT = 2.2  # pixels: those nearer are taken for one contact at first
@@ -51,7 +50,7 @@ class FirstLook:
         """Points that explain all but what these leave of small contacts of `radius`, m; None where no
         few of them do."""
         places, strengths, left = self._points(radius)
-        few = len(places) <= _FEW
+        few = len(places) <= compiled.FEW
         if not len(places) or (few and left > _LEFT * self._core.total):
             return None
         points = self._gathered(places, strengths)
@@ -64,7 +63,7 @@ class FirstLook:
         places, strengths, _ = self._points(radius)
         points = self._gathered(places, strengths)
         strong = [each for each in points if each[1] > _STRONG * points[0][1]]
-        if len(strong) < _FEW and self._are_distinct(strong):
+        if len(strong) < compiled.FEW and self._are_distinct(strong):
             return strong
         single = not any(self._are_distinct([strong[0], each]) for each in strong[1:])
         return strong[:1] if single else []

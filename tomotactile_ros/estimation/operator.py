@@ -200,14 +200,8 @@ class SheetOperator:
     def shares(self, places: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """H (n, Q) of discs of `radius`, m, at `places` (Q, 2), on the sheet that it is right about,
         and its slopes (2, n, Q), 1/m: from tables."""
-        potentials, steep = self.potentials(places, np.full(len(places), radius))
-        inverse = self._inverse[:-1, :-1]
-        share = inverse @ potentials.T + self._inverse[:-1, -1:]
-        slopes = np.matmul(steep, inverse).transpose(0, 2, 1)
-        if self._mean.any():
-            added, steeper = self.share_added(self._mean, Around(self.lattice, places))
-            share, slopes = share + added, slopes + steeper
-        return share, slopes
+        share, slopes = self.core.discs(places, radius)
+        return share, np.array(slopes)
 
     def placed(self, places: np.ndarray):
         """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest`

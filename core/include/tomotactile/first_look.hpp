@@ -17,6 +17,8 @@
 
 namespace tomotactile {
 
+constexpr int kFew = 6;  // points that may be parts of something wide; more are a spacing from each other
+
 // Points with conductances, S, and what they leave of the square of the currents.
 struct Seen {
   Points places;
@@ -64,7 +66,6 @@ class FirstLook {
   Matrix between(const Columns& these, const Columns& others) const;
   Vector along(const Columns& of) const;
   Vector squares(const Columns& of) const;
-  void shares(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
   Slid slid(Points places, double radius, int steps) const;
   Vector gains(const Slid& points, bool beside) const;
   double beside(const Slid& points, Index pixel) const;

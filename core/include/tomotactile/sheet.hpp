@@ -86,7 +86,6 @@ class Sheet {
   const Matrix& untouched() const { return untouched_; }
   bool even(const Vector& sheet) const { return !rest_ && sheet.isZero(0.0); }
   bool about_even() const { return !rest_; }
-  const Vector& mean() const { return mean_; }  // coefficients of the sheet that it is right about
 
   Matrix admittance_of(const Vector& sheet) const;                     // n x n, S
   std::vector<Matrix> admittance_change(const Vector& sheet) const;    // J of n x n, S
@@ -97,6 +96,8 @@ class Sheet {
   // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m.
   Matrix potentials_at(const Points& places) const;
   std::array<Matrix, 2> steep_at(const Points& places) const;
+  // H of discs of a radius, m, at places, n x P, on the sheet that it is right about; its slopes, 1/m.
+  void discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
   Vector alone_at(const Points& places) const;        // what is only known of places with themselves, ohm
   std::array<Vector, 2> alone_steep_at(const Points& places) const;
 

@@ -19,6 +19,8 @@ using Parameters = Eigen::Matrix<double, 6, Eigen::Dynamic>;  // one contact a c
 using Rates = Eigen::Matrix<double, 3, Eigen::Dynamic>;
 using Mask = Eigen::Array<bool, 6, Eigen::Dynamic>;
 
+constexpr double kPi = 3.14159265358979323846;
+
 // What a caller handed over that cannot be: shown to the user in one line.
 struct BadInput : std::invalid_argument {
   using std::invalid_argument::invalid_argument;
