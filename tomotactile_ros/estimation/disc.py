@@ -11,31 +11,9 @@ from tomotactile_ros.scenes.contact import Contact
 MOST_PATCHES = 24  # to the width of a disc
 
 
-FEW_ACROSS = 3  # patches to the width of a disc that is small beside the spacing of electrodes
-
-
-def _few_patches() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A patch in the middle and six about it with what counts of a disc: its second moments; as an even
-    charge its mean logarithm of the distance of its points to each other, - 1/4; as a conductor, which
-    has all its charge in the six, that potential, 0."""
-    angle = np.pi / 3 * np.arange(6)
-    points = np.vstack([np.zeros((1, 2)), _RING * np.column_stack([np.cos(angle), np.sin(angle)])])
-    outer = 0.5 / _RING**2
-    own = _RING**-5 / 6  # product of their distances is 6 R^5
-    inner = np.exp((-0.25 - 2 * outer * (1 - outer) * np.log(_RING)) / (1 - outer) ** 2)
-    share = np.append(1 - outer, np.full(6, outer / 6))
-    return points, share, np.append(inner, np.full(6, own))
-
-
-_RING = 0.9  # radius of the six
-_FEW_PATCHES = _few_patches()
-
-
 @lru_cache(maxsize=32)
 def unit_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Patches of the disc of radius 1: points (P, 2), shares of its area (P,), radii (P,)."""
-    if across <= FEW_ACROSS:
-        return _FEW_PATCHES
     points, areas, radii = Contact("disc", center=(0.0, 0.0), radius=1.0).patches(across)
     return points, areas / np.pi, radii
 
