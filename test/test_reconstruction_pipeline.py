@@ -478,7 +478,7 @@ def test_rows_that_are_not_read_now_and_then_do_not_hide_a_touch(pipelines, fram
         rows = frame.copy()
         rows[[*unread, 63]] = 0.0
         result = pipelines[profile].process(rows, GROUNDED, DRIVE)
-        assert result.state == "withheld" and "come in turn" in result.reason
+        assert result.state == "withheld" and "touched and untouched in turn" in result.reason
     rows = frame.copy()
     rows[40:] = 0.0
     result = pipelines[profile].process(rows, GROUNDED, DRIVE, 1e-3)

@@ -244,6 +244,7 @@ Step Linear::step(double damping) const {
     contact[kStrength] = std::min(std::max(contact[kStrength], least), std::max(most, least));
   }
   out.unknowns = equations ? followed(std::move(moved), step) : std::move(moved);
+  if (!out.unknowns.is_finite()) out.unknowns = u, out.promised = 0;  // of readings that nothing explains: no way leads on
   return out;
 }
 

@@ -37,6 +37,11 @@ bool Unknowns::is_moving() const { return rated() > 0; }
 
 Index Unknowns::rated() const { return std::count(moving.begin(), moving.end(), true); }
 
+bool Unknowns::is_finite() const {
+  return contacts.allFinite() && rates.allFinite() && sheet.allFinite() && gain.allFinite() && offset.allFinite() &&
+         resistance.allFinite() && aside.allFinite() && bond.allFinite();
+}
+
 void Unknowns::check(const Sheet& on) const {
   const Index k = contacts.cols(), n = on.count();
   if (Index(across.size()) != k || free.cols() != k || rates.cols() != k || Index(moving.size()) != k)
@@ -48,9 +53,7 @@ void Unknowns::check(const Sheet& on) const {
     if ((free != strengths).any() || is_moving()) throw BadInput("of cells that are bonded the conductances alone are free");
   }
   if (sheet.size() != on.modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
-  if (!contacts.allFinite() || !rates.allFinite() || !sheet.allFinite() || !gain.allFinite() || !offset.allFinite() ||
-      !resistance.allFinite() || !aside.allFinite() || !bond.allFinite())
-    throw BadInput("contacts, sheet and channels must be finite");
+  if (!is_finite()) throw BadInput("contacts, sheet and channels must be finite");
   if (gain.size() != n || offset.size() != n || resistance.size() != n || aside.rows() != n)
     throw BadInput("gains, offsets, resistances, places are not given for each electrode in use");
 }

@@ -35,6 +35,7 @@ struct Unknowns {
   Eigen::MatrixX2d aside;   // n x 2: how far electrodes lie aside of where the layout has them, m
 
   bool is_moving() const;
+  bool is_finite() const;
   Index rated() const;  // number of contacts that move
   void check(const Sheet& sheet) const;  // throws BadInput
 };
