@@ -126,7 +126,8 @@ class ThreadedDevice:
 
     def __init__(self, electrodes: int, rate: float = 0.0) -> None:
         self.time: TimeSource = HostTime()
-        self.health = Health(lambda: self._now())
+        # not by `_now`: what a serial device learns is captured, figures from any thread are not
+        self.health = Health(lambda: self.time.now())
         self._electrodes = electrodes
         self.max_age = math.inf
         self.run_length = 1

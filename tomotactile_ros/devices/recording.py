@@ -209,7 +209,9 @@ def check_unit(place: str, frames: Iterable[np.ndarray], drive_voltage: float) -
 def _check_alike(path, frame: Frame, first: Frame, driven_alike: bool = True) -> None:
     where = f"{path}: frame {frame.sequence}"
     if not np.array_equal(frame.grounded, first.grounded):
-        raise InputError(f"{where} grounds other electrodes than the first one")
+        same = np.array_equal(np.sort(frame.grounded), np.sort(first.grounded))
+        how = "the same electrodes in another order" if same else "it grounds other electrodes"
+        raise InputError(f"{where} has other ground conditions than the first one: {how}")
     if driven_alike and frame.drive_voltage != first.drive_voltage:
         raise InputError(
             f"{where} was driven with {frame.drive_voltage:g} V, the first one with "
