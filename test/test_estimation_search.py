@@ -455,7 +455,9 @@ def test_crowds_are_found_one_by_one(count):
     """Of twelve contacts, 40 mm or more apart, four were reported, of sixteen fingers three, one where nothing is."""
     random = np.random.default_rng(count)
     rows = np.linspace(-0.07, 0.07, 4)
-    places = np.array([(x, y) for x in rows for y in rows])[:count] + random.uniform(-3e-3, 3e-3, (count, 2))
+    places = np.array([(x, y) for x in rows for y in rows])[:count] + random.uniform(
+        -3e-3, 3e-3, (count, 2)
+    )
     discs = [(x, y, random.uniform(4e-3, 7e-3), 1e4 * 5 ** random.random()) for x, y in places]
     check(find("8x8", simulate("8x8", discs)), discs, place=1e-3, force=0.25)
 
