@@ -273,7 +273,7 @@ class Pipeline:
         trial = Pipeline(self.layout, settings, model=self._model, sensor=self.sensor)
         trial._baseline, trial._estimator = self._baseline, self._estimator
         result = trial._process(voltages, grounded, drive_voltage, ROW_PERIOD, 0.0)
-        if not result.reason:
+        if result.contacts:  # nothing that touches would be no explanation
             self._looked_for_times = _TIMES
             doubt(
                 "row_period: 0 says that all rows are read at once, and they contradict each other; read one after the "
