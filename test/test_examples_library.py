@@ -191,5 +191,5 @@ def test_the_cells_of_the_notebook_run_in_order():
     names: dict = {}
     for cell in cells:
         exec(compile(cell, "first_image.ipynb", "exec"), names)  # noqa: S102 - that is the test
-    assert len(cells) == 5 and len(names["few"]) == 16
+    assert len(cells) == 5 and len(names["few"].grounded) == 16
     assert names["result"].state == "valid" and len(names["result"].contacts) == 2

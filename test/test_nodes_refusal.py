@@ -137,7 +137,7 @@ def test_without_a_publisher_it_says_so(probe, start):
 def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monkeypatch):
     begun, enough = threading.Event(), threading.Event()
 
-    def process(*frame):
+    def process(*frame, numbered):
         begun.set()
         enough.wait()
         raise InputError("stopped by the test")
@@ -159,8 +159,8 @@ def test_frames_that_wait_for_a_long_image_are_not_kept(domain, monkeypatch):
     """Hundreds waited while nothing explained one for 20 s: 16 kB and more each."""
     begun, enough, seen = threading.Event(), threading.Event(), []
 
-    def process(self, voltages, grounded, drive, period, stamp):
-        seen.append(stamp)
+    def process(self, frame, numbered):
+        seen.append(frame.stamp)
         begun.set()
         enough.wait()
         raise InputError("stopped by the test")
@@ -183,9 +183,8 @@ def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):
     """A median over the last 1000 frames said for minutes that all was well; and for ever where
     `max_age` is less than a second."""
     now = [1000.0]
-    monkeypatch.setattr(
-        "tomotactile_ros.nodes.watch.time", SimpleNamespace(monotonic=lambda: now[0])
-    )
+    passing = SimpleNamespace(now=lambda: now[0])
+    monkeypatch.setattr("tomotactile_ros.nodes.watch.PassingTime", lambda node: passing)
     rclpy.init(args=None, domain_id=domain)
     node = rclpy.create_node("probe")
     watch = FrameWatch(node, "/voltage_frame")
