@@ -318,8 +318,6 @@ def test_ledger_lets_touches_fade_and_tells_them_apart():
     assert ledger.weight(aside, 1.0) == first
     assert ledger.weight(np.vstack([here, aside]), 1.0) == first
     assert ledger.weight(here, 1.0, time=10 * 3600.0) > 0.9 * first
-    ledger.fade(10 * 3600.0)
-    assert ledger.touches == 1 and not ledger.fade(20 * 3600.0) and ledger.touches == 0
 
 
 # -- a recording --------------------------------------------------------------------------------

@@ -22,7 +22,6 @@ _MODEL = 0.25  # m where the fit shows no more than noise
 _APART = 0.2  # spacings from which on a touch is another one
 _HARDER = 0.4  # of ln c, likewise
 _FADING = 3600.0  # s in which what was counted falls to 1/e
-_LEAST = 1e-3  # counts below are forgotten
 
 
 class Ledger:
@@ -48,14 +47,6 @@ class Ledger:
         found[1] = found[1] * _faded(time - found[2]) + 1.0
         found[2] = max(time, found[2])
         return False
-
-    def fade(self, time: float) -> None:
-        """Forget what has faded away by `time` (s)."""
-        self._touches = [t for t in self._touches if t[1] * _faded(time - t[2]) > _LEAST]
-
-    @property
-    def touches(self) -> int:
-        return len(self._touches)
 
     def _number(self, contacts, time):
         found = self._find(contacts)

@@ -68,12 +68,6 @@ def profiles(layout: Layout) -> dict[str, Pipeline]:
     return {name: first.with_settings(replace(settings, profile=name)) for name in PROFILES}
 
 
-def accurate(layout: Layout) -> dict[str, Pipeline]:
-    """The profile that fits contacts, sheet and channels together; it takes too long to be among
-    the three."""
-    return {"accurate": Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=LAW))}
-
-
 def find_methods(name: str) -> Methods:
     """The function that `name`, module:function, says; InputError where there is none."""
     module, _, function = name.partition(":")
