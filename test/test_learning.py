@@ -331,10 +331,24 @@ def test_gains_offsets_and_resistances_from_eight_touches():
     assert bound < 5e-4
     assert (ratio / ratio.mean()).std() < 2 * bound
     assert rms((state["offset"] - truth().offset) / state.std("offset")) < 2
-    error = state["resistance"] - truth().ground_resistance
+    error = findings.resistance(state) - truth().ground_resistance
     known = findings.resistance_deviation(state, operator())
     assert rms(error / known) < 1.5 and (known > state.std("resistance")).all()
     assert np.abs(findings.field(state, operator())[0]).max() < 0.05
+
+
+@pytest.mark.parametrize("ohms", [0.0, 40.0])
+def test_resistances_are_not_negative_and_as_far_off_as_is_said(ohms):
+    """Finite elements take more off an electrode's impedance than an ideal sensor has to ground."""
+    channels = Channels(ground_resistance=Uniform(ohms, ohms, 3))
+    ideal = replace(simulator().scene, defects=Defects(channels=channels))
+    sensor = Simulator(layout(), ideal, row_period=0.0)
+    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
+    state = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE).state
+    said = findings.resistance(state)
+    assert (state["resistance"] < 0).any() and (said >= 0).all()
+    error = said - channels.of(16).ground_resistance
+    assert rms(error / findings.resistance_deviation(state, operator())) < 1.5
 
 
 def test_the_grounded_electrodes_own_reading_tells_its_resistance():
@@ -460,6 +474,19 @@ def test_sensor_file_keeps_all_of_it(tmp_path):
     assert (back.touches, back.frames, back.idle) == (8, 8, 8)
 
 
+def test_a_sensor_file_has_resistances_that_can_be_and_keeps_those_that_explain_readings(tmp_path):
+    state, path = learned().state, tmp_path / "sensor.yaml"
+    mean = state.mean.copy()
+    mean[state.slice("resistance")] = np.linspace(-100.0, 200.0, 16)
+    save_sensor(path, layout(), operator(), state.learned(mean, state.covariance))
+    content = yaml.safe_load(path.read_text())
+    assert min(content["resistance"]) == 0 and max(content["resistance"]) == 200
+    assert (np.array(content["resistance_deviation"]) > content["excess_deviation"]).all()
+    back = load_sensor(path, layout())
+    assert back["resistance"] == pytest.approx(mean[state.slice("resistance")])
+    assert back.std("resistance") == pytest.approx(state.std("resistance"), rel=1e-6)
+
+
 def test_electrodes_that_lie_aside_are_learned_and_kept(tmp_path):
     """0.5 mm in x and in y: as well as is said. A sheet that is uneven looks much the same."""
     found = learn(inner(), frames(5e-4), np.arange(16), DRIVE, noise=NOISE)
@@ -475,9 +502,12 @@ def test_electrodes_that_lie_aside_are_learned_and_kept(tmp_path):
 
 
 def test_a_sensor_file_of_before_says_nothing_of_where_electrodes_lie(tmp_path):
+    """And has as resistances what explains readings."""
     state, path = learned().state, tmp_path / "sensor.yaml"
     save_sensor(path, layout(), operator(), state)
     content = yaml.safe_load(path.read_text())
+    for end in ("", "_deviation"):
+        content[f"resistance{end}"] = content.pop(f"excess{end}")
     for part in ("aside_x", "aside_y"):
         del content[part], content[f"{part}_deviation"], content["expected"][part]
     count = len(state.mean) - 2 * 16
@@ -487,6 +517,7 @@ def test_a_sensor_file_of_before_says_nothing_of_where_electrodes_lie(tmp_path):
     path.write_text(yaml.safe_dump(content))
     back = load_sensor(path, layout())
     assert back["gain"] == pytest.approx(state["gain"]) and not back["aside_x"].any()
+    assert back["resistance"] == pytest.approx(state["resistance"])
     expected = ChannelPrior().aside * operator().pitch
     assert back.std("aside_y") == pytest.approx(expected)
 

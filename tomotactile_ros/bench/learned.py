@@ -204,7 +204,8 @@ def compared(state: SensorState, learned: Learned, case: Case, layout: Layout) -
         },
         "offset": _compared(state["offset"] - offset, state.std("offset")),
         "resistance": _compared(
-            state["resistance"] - ohms, findings.resistance_deviation(state, learned.operator)
+            findings.resistance(state) - ohms,
+            findings.resistance_deviation(state, learned.operator),
         ),
         "sheet": _compared(values - values.mean() - true, deviation),
         "ratio": {"found": findings.anisotropy(state)[0], "true": ratio_true},

@@ -3,7 +3,9 @@
 Numbers that people read stand in plain lists with their deviations. Correlations and the modes of
 the sheet are packed: float32, little endian, zlib, base64. Modes are kept as values at places on
 the sheet: eigenvectors differ between machines in sign and order, and a later release may take
-others; what was learned is brought into the modes of the machine that reads.
+others; what was learned is brought into the modes of the machine that reads. Resistances to ground
+stand as people want them, with all that they may be off; the distribution is that of `excess`, which has
+in it what the model's electrodes err.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from scipy.linalg import block_diag
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.state import PARTS, SensorState
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -31,6 +34,7 @@ MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
 _MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up to 256 cells
 _DIGITS = 9
 _ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was known of them
+_EXCESS = "excess"  # earlier files have it as `resistance`
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
 
 
@@ -61,8 +65,10 @@ def save_sensor(
         "expected": {part: _round(state.expected[state.slice(part)][-1]) for part in PARTS},
     }
     for part in PARTS[1:]:
-        content[part] = _round(state[part])
-        content[f"{part}_deviation"] = _round(state.std(part))
+        values, spread = findings.of_channels(state, operator, part)
+        content[part], content[f"{part}_deviation"] = _round(values), _round(spread)
+    content[_EXCESS] = _round(state["resistance"])
+    content[f"{_EXCESS}_deviation"] = _round(state.std("resistance"))
     deviation = state.deviation
     correlation = state.covariance / deviation[:, None] / deviation
     content["sheet"] = {
@@ -85,7 +91,7 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     `model` of the sheet, as the estimator takes it.
     """
     reader = Reader.open(path, FORMAT, MAX_BYTES)
-    keys = [f"{part}{end}" for part in PARTS[1:] for end in ("", "_deviation")]
+    keys = [f"{part}{end}" for part in (*PARTS[1:], _EXCESS) for end in ("", "_deviation")]
     reader.only(
         "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", *keys
     )
@@ -93,6 +99,8 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     operator = SheetOperator(layout, model)
     count = layout.electrodes
     parts = [part for part in PARTS[1:] if part not in _ASIDE or part in reader]
+    if _EXCESS in reader:
+        parts[parts.index("resistance")] = _EXCESS
     keys = [f"{part}{end}" for part in parts for end in ("", "_deviation")]
     channels = {key: np.array(reader.numbers(key, count)) for key in keys}
     for key in keys:

@@ -106,8 +106,8 @@ def _channels(figure, learned):
     numbers = np.arange(state.electrodes)
     good = ~np.isin(numbers, list(learned.faults))
     for axes, (part, unit, label, shift) in zip(figure.subplots(3, 1, sharex=True), parts):
-        values = unit * (state[part] + shift)
-        spread = unit * findings.deviation(state, learned.operator, part)
+        values, spread = findings.of_channels(state, learned.operator, part)
+        values, spread = unit * (values + shift), unit * spread
         found = good & (state.known(part) >= findings.FOUND)
         axes.axhline(0, color="0.7", linewidth=0.8)
         for which, colour in ((found, _LEARNED), (good & ~found, _EXPECTED)):

@@ -34,6 +34,7 @@ def sensor_to_message(
         anisotropy_direction=math.radians(direction),
     )
     for name in PARTS[1:]:
-        setattr(message, name, state[name].tolist())
-        setattr(message, f"{name}_deviation", findings.deviation(state, operator, name).tolist())
+        values, spread = findings.of_channels(state, operator, name)
+        setattr(message, name, values.tolist())
+        setattr(message, f"{name}_deviation", spread.tolist())
     return message
