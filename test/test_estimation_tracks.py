@@ -112,6 +112,28 @@ def test_whoever_follows_contacts_in_between_says_which_are_the_same():
     assert [(each.number, each.age) for each in rows] == [(2, 1.3), (3, pytest.approx(0.03))]
 
 
+@pytest.mark.parametrize("late", [0.2, 0.9, 5.0])
+def test_a_frame_that_is_told_late_ends_and_moves_nothing(late):
+    """Its estimate took long; rows went on meanwhile, and saw a second touch begin."""
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0)], 1.0, 0.063, [(7, 0.1)])
+    rows = [At(0.01 * late, 0.0, (0.01, 0.0)), At(0.09, 0.0)]
+    now = 1.0 + late
+    first = [each.number for each in tracks.follow(rows, now, 0.063, [(7, 0.1 + late), (9, 0.0)])]
+    assert [each.number for each in tracks.follow([At(0.0, 0.0)], 1.0, 0.063)] == [1]
+    after = tracks.follow(rows, now + 0.008, 0.063, [(7, 0.108 + late), (9, 0.008)])
+    assert [each.number for each in after] == first == [1, 2]
+    assert [each.age for each in after] == [pytest.approx(0.108 + late), pytest.approx(0.008)]
+
+
+def test_one_that_moved_may_be_as_far_as_it_would_have_got():
+    """Nothing is told of 18 s, in which it went to and fro; one that rested is where it was."""
+    tracks = Tracks(0.025)
+    tracks.follow([At(0.0, 0.0, (0.03, 0.0)), At(0.0, 0.09)], 0.0, 0.063)
+    later = [At(-0.05, -0.04, (0.03, 0.0)), At(0.1, 0.09)]
+    assert [each.number for each in tracks.follow(later, 18.0, 0.063)] == [1, 3]
+
+
 def test_a_clock_that_jumps_back_begins_anew():
     tracks = Tracks(0.025)
     tracks.follow([At(0.0, 0.0)], 100.0)

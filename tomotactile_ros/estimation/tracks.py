@@ -8,13 +8,15 @@ than in the frame before, by more than both deviations allow, moves, also where 
 alone do not tell it from rest.
 
 Only a frame, or a row, without a contact ends it. Time for which nothing is told ends none, however
-long: no reading says that anything was let go.
+long: no reading says that anything was let go. Nor does what is told late, of a time before: a frame whose
+estimate took long, while rows went on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -27,7 +29,8 @@ _RESTS = 1e-3  # probability of a way as long between two frames of a contact th
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
 _GOES_ON = 1.0  # s for which a velocity tells where a contact has gone, as `row_state` has it
-_DISORDER = 0.3  # s: rows and frames are told in turns, and not always in the order of their times
+# s: how late a frame may be told, after rows of later times; earlier ones are of a clock that was set back
+_LATE = 10.0
 
 
 class Placed(Protocol):
@@ -54,7 +57,7 @@ def has_moved(way: np.ndarray, spread: np.ndarray) -> bool:
     return bool(way @ np.linalg.solve(spread, way) > chdtri(len(way), _RESTS))
 
 
-@dataclass
+@dataclass(eq=False)
 class _Track:
     number: int
     given: int  # number by whoever follows contacts in between, 0 without
@@ -66,7 +69,8 @@ class _Track:
 
 
 class Tracks:
-    """Numbers and ages of contacts; numbers begin at 1 and are never given twice.
+    """Numbers and ages of contacts, for any number of threads; numbers begin at 1 and are never given
+    twice.
 
     Parameters
     ----------
@@ -77,6 +81,7 @@ class Tracks:
         self._pitch = pitch
         self._tracks: list[_Track] = []
         self._last = 0  # the highest number that was given
+        self._lock = Lock()
 
     def follow(
         self,
@@ -93,34 +98,53 @@ class Tracks:
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
-        self._tracks = [t for t in self._tracks if time - t.seen > -_DISORDER]
-        given = given or [(0, 0.0)] * len(contacts)
+        with self._lock:
+            return self._follow(contacts, time, timed, given or [(0, 0.0)] * len(contacts))
+
+    def _follow(self, contacts, time, timed, given) -> list[Followed]:
+        latest = max((track.seen for track in self._tracks), default=time)
+        if latest - time > _LATE:
+            self._tracks = []
         same = {t.given: t for t in self._tracks if t.given}
         chosen = [same.get(number) for number, _ in given]
         self._match(chosen, contacts, time, timed)
         tracks, found = [], []
         for contact, track, (number, age) in zip(contacts, chosen, given):
-            place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
-            covariance = self._covariance(contact)
             if track is None:
                 self._last += 1
-                track = _Track(self._last, number, time - age, time, place, covariance, velocity)
-            elif not velocity.any() and time > track.seen:
-                way = place - track.place
-                if has_moved(way, covariance + track.covariance):
-                    velocity = way / (time - track.seen)
-            track.given, track.place, track.covariance = number, place, covariance
-            track.velocity, track.seen = velocity, max(time, track.seen)
+                track = self._new(contact, time, age, number)
+            elif time >= track.seen:
+                self._go_on(track, contact, time, number)
             tracks.append(track)
-            x, y = velocity.tolist()
+            x, y = track.velocity.tolist()
             found.append(Followed(track.number, max(time - track.begun, 0.0), (x, y)))
+        if time < latest <= time + _LATE:
+            tracks += [track for track in self._tracks if track not in tracks]
         self._tracks = tracks
         return found
 
+    def _new(self, contact: Placed, time: float, age: float, given: int) -> _Track:
+        """Of a contact that has just been told for the first time."""
+        place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
+        covariance = self._covariance(contact)
+        return _Track(self._last, given, time - age, time, place, covariance, velocity)
+
+    def _go_on(self, track: _Track, contact: Placed, time: float, given: int) -> None:
+        """Take in where it is now."""
+        place, velocity = np.array([contact.x, contact.y]), np.array(contact.velocity)
+        covariance = self._covariance(contact)
+        if not velocity.any() and time > track.seen:
+            way = place - track.place
+            if has_moved(way, covariance + track.covariance):
+                velocity = way / (time - track.seen)
+        track.given, track.place, track.covariance = given, place, covariance
+        track.velocity, track.seen = velocity, time
+
     def begin(self) -> None:
         """Forget the numbers that were `given`: whoever follows contacts in between begins anew."""
-        for track in self._tracks:
-            track.given = 0
+        with self._lock:
+            for track in self._tracks:
+                track.given = 0
 
     def _covariance(self, contact: Placed) -> np.ndarray:
         """(2, 2) of its place, m²."""
@@ -135,16 +159,20 @@ class Tracks:
         if not new or not tracks:
             return
         places = np.array([[contacts[i].x, contacts[i].y] for i in new])
-        lasts = np.array([min(max(time - track.seen, 0.0), _GOES_ON) for track in tracks])
+        gone = np.array([time - track.seen for track in tracks])
+        goes_on = np.clip(gone, -_GOES_ON, _GOES_ON)
         before = np.array([track.velocity for track in tracks])
         change = np.array([contacts[i].velocity for i in new])[:, None] - before
-        ways = lasts[:, None] * (before + change / 2 if timed else before)
+        ways = goes_on[:, None] * (before + change / 2 if timed else before)
         expected = np.array([track.place for track in tracks]) + ways
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
+        gone, lasts = np.abs(gone), np.abs(goes_on)
         # what it did while no row was read is as even as it may be
         way = _FASTEST * (np.minimum(lasts, timed) if timed else lasts)
         if timed:
             way = way + np.hypot(*change.transpose(2, 0, 1)) / 2 * lasts
+        # afterwards nobody knows where, but no farther than it would have got
+        way = way + np.hypot(*before.T) * (gone - lasts)
         reach = REACH * self._pitch + way
         cost = np.minimum(apart / reach, 1.0)
         for row, column in zip(*linear_sum_assignment(cost)):

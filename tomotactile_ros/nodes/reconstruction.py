@@ -240,6 +240,7 @@ class Reconstruction:
             return
         if result is None:
             result = self._rows.process(self._pipeline, frame)
+            followed = followed or self._rows.followed  # since: they know better by now
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
         self._taring.remember(frame)
