@@ -106,7 +106,7 @@ def measure(system: str, scene: str, profile: str, options: argparse.Namespace) 
             if begun and frames is not None:
                 node.destroy_subscription(frames)
                 frames = None
-            if end is None and audit.times:
+            if end is None and audit.messages:
                 end = time.monotonic() + 60 * options.minutes
             assert all(child.status is None for child in children), "a node has ended"
     finally:
