@@ -108,11 +108,12 @@ def _channels(figure, learned):
     for axes, (part, unit, label, shift) in zip(figure.subplots(3, 1, sharex=True), parts):
         values, spread = findings.of_channels(state, learned.operator, part)
         values, spread = unit * (values + shift), unit * spread
+        below = np.minimum(spread, values) if part == "resistance" else spread  # none is negative
         found = good & (state.known(part) >= findings.FOUND)
         axes.axhline(0, color="0.7", linewidth=0.8)
         for which, colour in ((found, _LEARNED), (good & ~found, _EXPECTED)):
             axes.errorbar(
-                numbers[which], values[which], spread[which], fmt="o", color=colour, markersize=3,
+                numbers[which], values[which], (below[which], spread[which]), fmt="o", color=colour, markersize=3,
                 capsize=2, linewidth=1,
             )  # fmt: skip
         axes.set_ylabel(label)
