@@ -138,7 +138,10 @@ def test_the_page_has_each_number_beside_that_of_the_article(run, nodes, images,
     trials = [
         experiment.Trial(
             "nothing", {each: (np.array([0.02]), np.array([0.01])) for each in EXPERIMENT}
-        )
+        ),
+        experiment.Trial(
+            "joints", {each: (np.full(2, 0.02), np.array([0.017, 0.021])) for each in EXPERIMENT}
+        ),
     ]
     both = [("equal", found(0.0001)), ("mine", found(0.0002))]
     reader = Reader()
@@ -154,6 +157,9 @@ def test_the_page_has_each_number_beside_that_of_the_article(run, nodes, images,
     for equal, optimized in EXPERIMENT.values():
         assert f"{equal} → {optimized} (× {optimized / equal:.2f})" in reader.cells
     assert "10.0, × 0.50 (0.50 to 0.50)" in reader.cells
+    assert "“joints” changed leaves the least" in text
+    assert "within these limits at side × 0.86, corner × 1.02:" in text
+    assert "outside at centre × 0.80:" in text
     assert "0.150, 0.195" in reader.cells and "50 %" in reader.cells
     assert any(cell.startswith("× 2.00 (2.00 to 2.00)") for cell in reader.cells)
     pictures.save_spreads(

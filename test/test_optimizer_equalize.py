@@ -210,8 +210,8 @@ def test_a_grid_on_a_round_sheet_gets_the_areas_of_eq_12():
         assert np.abs(after.layout.positions).max(axis=0) == pytest.approx(0.065)
 
 
-def test_electrodes_as_single_nodes_come_nearest_to_the_paper():
-    """8 x 8: mean HWHM x 0.960, as the paper has it; an independent program found 0.960, too."""
+def test_with_electrodes_as_single_nodes_the_mean_of_8_x_8_gets_better_as_in_the_paper():
+    """Mean HWHM x 0.960, as the paper has it; an independent program found 0.960, too."""
     layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
     steps = list(equalize(layout, 5, model="point_nodes"))
     mean = [step.metrics["hwhm"]["mean"] for step in steps]

@@ -1,4 +1,5 @@
-"""The paper's model of a uniform rectangle: electrodes and contacts are points with a radius.
+"""The paper's assumption on a uniform rectangle in closed form: electrodes and contacts are points
+with a radius. (The article itself computes with finite elements: `point_nodes`.)
 
 Distances below the radius count as the radius, those to mirror images in the rim too: the mean of
 ln |p - q| over a circle around p is ln max(|p - q|, radius). Unlike the models in `sheet`,
@@ -41,14 +42,14 @@ def paper_transfer(
     """
     if not layout.outline.is_uniform_rectangle:
         raise InputError(
-            f"layout {layout.name!r}: the paper's model needs a rectangle without holes, this "
+            f"layout {layout.name!r}: points with a radius need a rectangle without holes, this "
             f"outline is a {layout.outline.kind}; use model fem"
         )
     radius = default_contact_radius(layout) if radius is None else radius
     if radius > _LARGEST_CONTACT * layout.radius:
         raise InputError(
-            f"contact radius: {1e3 * radius:g} mm is too large for the paper's model of "
-            f"electrodes of {1e3 * layout.radius:g} mm, at most half of that works; "
+            f"contact radius: {1e3 * radius:g} mm is too large where electrodes "
+            f"of {1e3 * layout.radius:g} mm are points, at most half of that works; "
             "use model closed_form"
         )
     contacts = Contacts(np.asarray(points, float), layout.outline.size, radius)

@@ -66,7 +66,7 @@ DEFAULT_AIMS = Aims()
 
 
 class Objective:
-    """Score of electrode positions: in the paper's model on a uniform rectangle, and by finite
+    """Score of electrode positions: in closed form on a uniform rectangle, and by finite
     elements on every other outline.
 
     Finite elements have no gradient, and their mesh, which changes with the electrodes, roughens

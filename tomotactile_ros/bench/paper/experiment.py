@@ -66,6 +66,19 @@ class Trial:
     words: str
     hwhm: dict[str, tuple[np.ndarray, np.ndarray]]
 
+    def ratio(self, place: str) -> float:
+        """Median of optimized over equal, conductor by conductor."""
+        return float(np.median(self._ratios(place)))
+
+    def limits(self, place: str) -> tuple[float, float]:
+        """Between which 90 % of these ratios lie."""
+        low, high = np.percentile(self._ratios(place), (5, 95))
+        return float(low), float(high)
+
+    def _ratios(self, place):
+        equal, optimized = self.hwhm[place]
+        return optimized / equal
+
 
 class OneStep:
     """Images by eq. 1 with the J of `transfer`, whose points are the pixels of `grid`."""

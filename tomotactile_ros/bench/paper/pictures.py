@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 
 from tomotactile_ros.bench.paper.article import MODELS, REPORTED, SIDE
 from tomotactile_ros.bench.paper.experiment import Image
@@ -111,13 +111,15 @@ def save_images(path: Path, named: Sequence[tuple[str, dict[str, Image]]]) -> No
                 title += (
                     f"\nHWHM {100 / SIDE * image.hwhm:.1f} %, PE {100 / SIDE * image.error:.1f} %"
                 )
-                for contact in image.scene.truth(0.0):
-                    each.plot(1e3 * contact["x"], 1e3 * contact["y"], "r+", markersize=9)
+            for contact in image.scene.contacts:
+                each.add_patch(Polygon(1e3 * contact.vertices, fill=False, color="red"))
+                if contact.shape == "disc":  # too small to be seen
+                    each.plot(*(1e3 * contact.centroid), "r+", markersize=9)
             each.set_title(title, fontsize=9)
         _name_row(row, name)
     _label(axes)
     figure.suptitle(
-        "Reconstructed potential, from 0 (dark) to the maximum of each image; +: the conductor",
+        "Reconstructed potential, from 0 (dark) to the maximum of each image; red: the conductors",
         fontsize=11,
     )
     save_figure(figure, path)
