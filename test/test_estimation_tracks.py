@@ -138,3 +138,17 @@ def test_a_clock_that_jumps_back_begins_anew():
     tracks = Tracks(0.025)
     tracks.follow([At(0.0, 0.0)], 100.0)
     assert numbers(tracks, [At(0.0, 0.0)], 1.0) == [2]
+
+
+@pytest.mark.parametrize("given", [None, [(7, 0.1)]], ids=["frames", "rows"])
+@pytest.mark.parametrize("back", [1.0, 5.0])
+def test_a_clock_set_back_by_seconds_is_no_frame_that_is_told_late(back, given):
+    """Frames alone, or rows alone, come in the order of their times: nothing is kept of the time after."""
+    tracks = Tracks(0.025)
+    tracks.follow(
+        [At(0.0, 0.0, (0.1, 0.0)), At(0.09, 0.0)], 100.0, 0.063, given and [*given, (9, 0.0)]
+    )
+    [now] = tracks.follow([At(0.0, 0.0)], 100.0 - back, 0.063, given)
+    assert (now.number, now.velocity) == (3, (0.0, 0.0))
+    rests = tracks.follow([At(0.0, 0.0)], 100.1 - back, 0.063, given)
+    assert [each.number for each in rests] == [3]

@@ -29,7 +29,9 @@ _RESTS = 1e-3  # probability of a way as long between two frames of a contact th
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
 _GOES_ON = 1.0  # s for which a velocity tells where a contact has gone, as `row_state` has it
-# s: how late a frame may be told, after rows of later times; earlier ones are of a clock that was set back
+# s: how much earlier than the last one a frame may be, or a row: of a clock that was set back if more
+_DISORDER = 0.3
+# s: the same of a frame told after rows that went on meanwhile, or of a row after frames
 _LATE = 10.0
 
 
@@ -81,6 +83,7 @@ class Tracks:
         self._pitch = pitch
         self._tracks: list[_Track] = []
         self._last = 0  # the highest number that was given
+        self._told = {False: -np.inf, True: -np.inf}  # s, the last frame, and the last row
         self._lock = Lock()
 
     def follow(
@@ -88,23 +91,29 @@ class Tracks:
         contacts: Sequence[Placed],
         time: float,
         timed: float = 0.0,
-        given: Sequence[tuple[int, float]] = (),
+        given: Sequence[tuple[int, float]] | None = None,
     ) -> list[Followed]:
         """What is known of each of `contacts`, all that were there at `time`, s; `timed` : how long the rows
         of a frame took, s, if they tell velocities, so that 0 is rest at the last of them.
 
-        given : number and age, s, of each by whoever follows them in between (`row_estimator`): those with
-            the same number as before are the same
+        given : number and age, s, of each by whoever follows them in between (`row_estimator`), None for a
+            frame; those with the same number as before are the same
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
         with self._lock:
+            self._begin_if_set_back(time, given is not None)
             return self._follow(contacts, time, timed, given or [(0, 0.0)] * len(contacts))
+
+    def _begin_if_set_back(self, time: float, by_row: bool) -> None:
+        """Forget all contacts where the clock was: rows come in the order of their times, and so do frames,
+        but a frame may be told long after rows of later times."""
+        if self._told[by_row] - time > _DISORDER or self._told[not by_row] - time > _LATE:
+            self._tracks, self._told = [], dict.fromkeys(self._told, -np.inf)
+        self._told[by_row] = max(self._told[by_row], time)
 
     def _follow(self, contacts, time, timed, given) -> list[Followed]:
         latest = max((track.seen for track in self._tracks), default=time)
-        if latest - time > _LATE:
-            self._tracks = []
         same = {t.given: t for t in self._tracks if t.given}
         chosen = [same.get(number) for number, _ in given]
         self._match(chosen, contacts, time, timed)
@@ -118,7 +127,7 @@ class Tracks:
             tracks.append(track)
             x, y = track.velocity.tolist()
             found.append(Followed(track.number, max(time - track.begun, 0.0), (x, y)))
-        if time < latest <= time + _LATE:
+        if time < latest:
             tracks += [track for track in self._tracks if track not in tracks]
         self._tracks = tracks
         return found
