@@ -14,6 +14,7 @@ from tomotactile_ros.bench import (
     accuracy,
     cases,
     compare,
+    deadlines,
     growth,
     libraries,
     pace,
@@ -36,7 +37,6 @@ from tomotactile_ros.commands import bench
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.reconstruction import Pipeline, comparison
-from tomotactile_ros.reconstruction.profiles import MEASURED
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import plain
 
@@ -180,7 +180,6 @@ def test_the_front_leaves_out_what_is_slower_and_worse():
         for time, distance in points
     ]
     assert list(trade.front(rows, "worn")) == [rows[0], rows[2]]
-    assert trade.nearest(rows, "worn") == rows[2:]
 
 
 def _scored(contacts, truth, state="valid"):
@@ -393,47 +392,25 @@ def test_ratios_do_not_see_that_others_use_the_processor():
     assert timing.summary(crowded)["median"] == 14.5
 
 
-def test_auto_is_compared_with_the_nearest_to_the_truth_in_time(row, monkeypatch):
-    def measured(profile, time, textbook, worn):
-        frame = {"median": time, "p99": 1.5 * time}
-        changes = {"frame": dict.fromkeys(accuracy.SENSORS, frame), "profile": profile}
-        changes["ospa"] = {"textbook": textbook, "worn": worn}
-        return row | {"layout": cases.DEFAULT_LAYOUT, "resolution": 40} | changes
+def test_more_time_is_worse_only_where_it_is():
+    def rows(*distances):
+        return [{"sensor": "worn", "ospa": ospa} for ospa in distances]
 
-    class Accurate:
-        def __init__(self, layout, settings):
-            assert settings.profile == "auto"
-            self.profile = "accurate"
-
-    monkeypatch.setattr(run, "Pipeline", Accurate)
-    rows = [
-        measured("fast", 1.0, 3.0, 3.0),
-        measured("balanced", 4.0, 2.0, 1.0),
-        measured("accurate", 5.0, 1.99, 3.5),
-    ]
-    choices = run.auto_choices([row, *rows])
-    # nothing is between the times of the two slower ones
-    assert [choice["deadline"] for choice in choices] == pytest.approx([1 / 3, 6**0.5, 15.0])
-    assert [choice["nearest"]["textbook"] for choice in choices] == [
-        ["fast"], ["fast"], ["balanced", "accurate"],
-    ]  # fmt: skip
-    assert choices[-1]["nearest"]["worn"] == ["balanced"]
-    assert report._agreement(choices, "textbook").endswith("at 1 of 3 deadlines")
-    assert report._agreement(choices, "worn").endswith("at 0 of 3 deadlines")
+    assert deadlines.is_better_with_time(rows(5e-3, 3e-3, 3.1e-3), "worn")
+    assert not deadlines.is_better_with_time(rows(3e-3, 5e-3, 1e-3), "worn")
+    assert report._worth(rows(3e-3, 5e-3), "worn") == "worn: more time IS WORSE SOMEWHERE"
 
 
-@pytest.mark.parametrize("case", ["textbook", "gains 2 %"])
-def test_auto_has_the_profiles_in_the_order_of_their_accuracy(case):
-    """Of frames of the reference model, by the measure that ghosts and missed contacts enter."""
-    pressed = states("textbook-8x8", most=24).every(3)
-    trial = presses(case, pressed, WIRINGS[case])
-    distances = [
-        judge(pipeline, trial)["ospa"]["mean"]
-        for _, pipeline in sorted(
-            profiles(trial.layout).items(), key=lambda p: MEASURED.index(p[0])
-        )
-    ]
-    assert all(a <= 1.02 * b for a, b in pairwise(distances))  # 2 %: what is worth a slower one
+def test_every_result_counts_at_the_time_for_which_it_holds(monkeypatch):
+    """Two discs of the default scene, 4 x 4: with as much time as there is, all is found and complete."""
+    monkeypatch.setattr(deadlines, "FRAMES", 3)
+    monkeypatch.setattr(deadlines, "DEADLINES", (60.0,))
+    monkeypatch.setattr(
+        deadlines, "SENSORS", {"4 x 4": deadlines.SENSORS["4 x 4"]}
+    )
+    (row,) = deadlines.measure()
+    assert (row["ghosts"], row["missed"], row["withheld"], row["complete"]) == (0, 0, 0, 3)
+    assert 0 < row["ospa"] < 1e-3 and row["force"] < 0.2
 
 
 def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
@@ -494,11 +471,10 @@ def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
     def part(name, found):
         return run.Part(name, lambda: 1.0, lambda tick: done.append(name) or found)
 
-    names = ["trade a", "peers", "growth", "stability"]
+    names = ["trade a", "deadlines", "peers", "growth", "stability"]
     todo = [part(name, [name]) for name in names]
-    monkeypatch.setattr(run, "auto_choices", lambda rows: [])
     path = tmp_path / "bench.quick.part.json"
-    stopped = [*todo[:2], run.Part("growth", lambda: 1.0, _stopped), todo[3]]
+    stopped = [*todo[:3], run.Part("growth", lambda: 1.0, _stopped), todo[4]]
     monkeypatch.setattr(run, "parts", lambda mode: stopped)
     with pytest.raises(KeyboardInterrupt):
         run.measure("quick", store.Store(path))
@@ -560,21 +536,12 @@ def _not_installed(*_):
     raise ImportError
 
 
-class NoChoice:
-    """Stands for a pipeline that is asked for `auto`."""
-
-    profile = "fast"
-
-    def __init__(self, layout, settings):
-        assert settings.profile == "auto"
-
-
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     small = cases.Case("equal-4x4")
     monkeypatch.setattr(pace, "frame_seconds", lambda profile: 0.01)
-    monkeypatch.setattr(run, "Pipeline", NoChoice)
     for module in (cases, run):
         monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
+    monkeypatch.setattr(deadlines, "FRAMES", 1)
     monkeypatch.setattr(trade, "REFERENCE", small)
     monkeypatch.setattr(run, "quick_cases", lambda: [small])
     monkeypatch.setattr(run, "QUICK", replace(EFFORT, size=trials.Size(2, 1)))
@@ -595,7 +562,8 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     assert run_command("--out", out, "--readme", text) == 0
     result = json.loads(out.read_text())
     assert set(result) == {
-        "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "auto", "peers",
+        "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "deadlines",
+        "peers",
         "growth", "stability", "sensor",
     }  # fmt: skip
     assert {row["method"] for row in result["sensor"]["crowd"]} == set(cases.PROFILES)

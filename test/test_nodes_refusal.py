@@ -137,7 +137,7 @@ def test_without_a_publisher_it_says_so(probe, start):
 def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monkeypatch):
     begun, enough = threading.Event(), threading.Event()
 
-    def process(*frame, numbered):
+    def process(*frame, numbered, deadline):
         begun.set()
         enough.wait()
         raise InputError("stopped by the test")
@@ -159,7 +159,7 @@ def test_frames_that_wait_for_a_long_image_are_not_kept(domain, monkeypatch):
     """Hundreds waited while nothing explained one for 20 s: 16 kB and more each."""
     begun, enough, seen = threading.Event(), threading.Event(), []
 
-    def process(self, frame, numbered):
+    def process(self, frame, numbered, deadline):
         seen.append(frame.stamp)
         begun.set()
         enough.wait()

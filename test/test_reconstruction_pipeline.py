@@ -15,7 +15,6 @@ from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.frame_checks import rows_of
 from tomotactile_ros.reconstruction.pipeline import CONTRADICTS
-from tomotactile_ros.reconstruction.profiles import choose
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.scenes.scene import Scene
@@ -343,19 +342,6 @@ def test_settings_are_checked(bad, key):
 def test_excluded_electrode_must_exist(layout):
     with pytest.raises(InputError, match="electrode 64 does not exist"):
         Pipeline(layout, Settings(excluded=(64,)))
-
-
-def test_auto_takes_the_most_accurate_profile_within_the_deadline(layout):
-    times = {"fast": 1e-3, "balanced": 5e-3, "accurate": 50e-3}
-    assert choose(times, 0.1)[0] == "accurate"
-    assert choose(times, 0.01)[0] == "balanced"
-    assert choose(times, 0.002)[0] == "fast"
-    chosen, report = choose(times, 1e-4)
-    assert chosen == "fast"
-    assert "none meets it" in report
-    pipeline = Pipeline(layout, Settings("auto", deadline=60.0))
-    assert pipeline.profile == "accurate"
-    assert "accurate" in pipeline.report
 
 
 SMALL = equal_grid(3, 3, (0.1, 0.1), 0.002, 1e4)  # on which a search takes little time

@@ -8,6 +8,8 @@ from math import inf
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.accuracy import SENSORS
+from tomotactile_ros.bench.deadlines import SENSORS as SENSORS_IN_TIME
+from tomotactile_ros.bench.deadlines import is_better_with_time
 from tomotactile_ros.bench.extremes import BEYOND, PROFILES
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
@@ -39,10 +41,13 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield tables.LEGEND
     yield from result["left_out"]
     yield ""
-    yield "What `profile: auto` takes, and of the profiles in time those nearest to the truth (OSPA)"
-    header = ("deadline ms", "auto", *(f"nearest, {sensor}" for sensor in SENSORS))
-    yield from tables.text(header, map(_choice, result["auto"]))
-    yield from map(partial(_agreement, result["auto"]), SENSORS)
+    yield "What time buys: frames that follow one another, profile auto"
+    header = (
+        *("sensor", "deadline ms", "OSPA mm", "ghosts", "missed", "force %"),
+        *("withheld", "complete", "median ms", "worst ms"),
+    )
+    yield from tables.text(header, map(_deadline, result["deadlines"]), width)
+    yield from map(partial(_worth, result["deadlines"]), SENSORS_IN_TIME)
     yield ""
     yield "The sensor as it is, 40 x 40 pixels"
     measured = {part: rows for part, rows in result["sensor"].items() if "skipped" not in rows}
@@ -81,14 +86,17 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     yield _beyond(several)
 
 
-def _choice(row):
-    nearest = (", ".join(row["nearest"][sensor]) for sensor in SENSORS)
-    return tables.milliseconds(row["deadline"]), row["auto"], *nearest
+def _deadline(row):
+    force = "-" if row["force"] is None else f"{100 * row['force']:.1f}"
+    counts = f"{row['withheld']} of {row['frames']}", f"{row['complete']} of {row['frames']}"
+    times = (tables.milliseconds(row[key]) for key in ("median", "worst"))
+    place = f"{1e3 * row['ospa']:.2f}", row["ghosts"], row["missed"], force
+    return row["sensor"], tables.milliseconds(row["deadline"]), *place, *counts, *times
 
 
-def _agreement(rows, sensor):
-    agree = sum(row["auto"] in row["nearest"][sensor] for row in rows)
-    return f"{sensor}: auto is among the nearest in time at {agree} of {len(rows)} deadlines"
+def _worth(rows, sensor):
+    better = "is never worse" if is_better_with_time(rows, sensor) else "IS WORSE SOMEWHERE"
+    return f"{sensor}: more time {better}"
 
 
 def _peers(peers):

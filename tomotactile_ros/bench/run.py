@@ -5,34 +5,27 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import Any
 
-import numpy as np
-
-from tomotactile_ros.bench import growth, machine, pace, peers, stability
-from tomotactile_ros.bench.accuracy import SENSORS
+from tomotactile_ros.bench import deadlines, growth, machine, pace, peers, stability
 from tomotactile_ros.bench.cases import (
     DEFAULT_LAYOUT,
     PROFILES,
-    Case,
-    find_layout,
     full_cases,
-    is_default,
     left_out,
     quick_cases,
 )
 from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.run import run as run_sensor
 from tomotactile_ros.bench.store import Store
-from tomotactile_ros.bench.trade import FULL, QUICK, Trade, nearest
-from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.bench.trade import FULL, QUICK, Trade
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.progress import Progress
 
-FORMAT = "tomotactile-bench/6"
+FORMAT = "tomotactile-bench/7"
 QUICK_GROWTH = (4, 8, 12), (20, 40, 80)
 Tick = Callable[[float], None]
 _TRADE = "trade"
@@ -74,9 +67,8 @@ def measure(mode: str, store: Store) -> dict:
         "peak_memory": max(part["peak_memory"] for part in kept.values()),
         "trade": rows,
         "left_out": left_out(full_cases()) if mode == "full" else [],
-        "auto": auto_choices(rows),
         "sensor": {name: kept[name]["found"] for name in SENSOR if name in kept},
-        **{name: kept[name]["found"] for name in ("peers", "growth", "stability")},
+        **{name: kept[name]["found"] for name in ("deadlines", "peers", "growth", "stability")},
     }
 
 
@@ -91,6 +83,7 @@ def parts(mode: str) -> list[Part]:
     return [
         *_trade_parts(trade, groups),
         *_sensor_parts(8 if quick else 1),
+        Part("deadlines", deadlines.work, deadlines.measure),
         Part("peers", lambda: 15, lambda tick: peers.compare(trade.trials(DEFAULT_LAYOUT))),
         Part("growth", partial(growth.work, *sizes), partial(growth.measure, *sizes)),
         Part("stability", partial(_stability_work, thinned), partial(_stability_part, thinned)),
@@ -160,30 +153,3 @@ def _ticker(progress, before, most):
 def _peak():
     """Bytes."""
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def auto_choices(rows: list[dict]) -> list[dict]:
-    """What `profile: auto` takes, and for each sensor the profiles in time that are nearest to the
-    truth.
-
-    Deadlines (s) lie between nearly all frames of a profile and a typical one of the next slower:
-    the one is in time then, the other not, and a busy machine does not decide. Profiles that no
-    deadline can tell apart have none between them.
-    """
-    order = sorted(filter(is_default, rows), key=lambda row: row["frame"]["textbook"]["median"])
-    times = [row["frame"]["textbook"] for row in order]
-    between = [
-        np.sqrt(a["p99"] * b["median"]) for a, b in pairwise(times) if a["p99"] < b["median"]
-    ]
-    layout = find_layout(DEFAULT_LAYOUT)
-    out = []
-    for deadline in [times[0]["median"] / 3, *between, 3 * times[-1]["median"]]:
-        in_time = [row for row, time in zip(order, times) if time["median"] <= deadline]
-        settings = replace(Case(DEFAULT_LAYOUT, "auto").settings, deadline=float(deadline))
-        chosen = Pipeline(layout, settings).profile
-        best = {
-            sensor: [row["profile"] for row in nearest(in_time or order[:1], sensor)]
-            for sensor in SENSORS
-        }
-        out.append({"deadline": float(deadline), "auto": chosen, "nearest": best})
-    return out

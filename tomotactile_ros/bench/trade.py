@@ -225,11 +225,6 @@ def _same_memory(case):
     return case.layout, case.profile, case.resolution
 
 
-def nearest(rows: list[dict], sensor: str) -> list[dict]:
-    """Those that are nearest to the truth on one of `SENSORS`, within what is worth a choice."""
-    best = min(row["ospa"][sensor] for row in rows)
-    return [row for row in rows if (1 - _WORTH) * row["ospa"][sensor] <= best]
-
 
 def front(rows: list[dict], sensor: str) -> Iterator[dict]:
     """Rows that are nearer to the truth on one of `SENSORS` than all faster ones, by what is worth

@@ -23,6 +23,7 @@ from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import (
     DEFAULT_LAW,
+    IMAGES,
     PROFILES,
     ContactEstimate,
     Result,
@@ -66,9 +67,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--deadline",
         type=float,
-        default=0.05,
-        help="time that profile auto may take for a frame, s",
+        help="time that a frame may take, s (default: as long as it needs)",
     )
+    parser.add_argument("--image", choices=IMAGES, help="default: as the profile makes it")
+    parser.add_argument("--no-contacts", action="store_true", help="linear images alone")
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
 
@@ -85,6 +87,8 @@ def run(args: Namespace) -> None:
         contact_law=law,
         contact_radius=args.contact_radius,
         deadline=args.deadline,
+        image=args.image,
+        contacts=not args.no_contacts,
         model=args.model,
     )
     with complaints_at(f"{args.frames}: "):
@@ -98,13 +102,16 @@ def run(args: Namespace) -> None:
     recorded = replace(recorded, stamps=stamps)
     latency: list[float] = []
     left_out: dict[int, str] = {}
+    cut = 0
     withheld: Counter[str] = Counter()
     noise, settling = [], 0.0
     process = _every_row if args.every_row else _every_frame
-    with results_writer(args.out, images=not args.every_row, law=law) as take:
+    images = not args.every_row and args.image != "none"
+    with results_writer(args.out, images, law) as take:
         frames = track(recorded, "reconstructing frames", len(recorded))
         for result, lasted, holds in process(pipeline, frames, args.frames):
             latency.append(lasted)
+            cut += not result.complete
             left_out.update(result.faults)
             withheld.update([result.reason] * bool(result.reason))
             noise += [result.noise] * bool(np.isfinite(result.noise))
@@ -115,6 +122,8 @@ def run(args: Namespace) -> None:
         f"{args.out}: {len(latency)} {each}s, {pipeline.report}, "
         f"{1e3 * np.median(latency):.2f} ms a {each}"
     )
+    if cut:
+        print(f"deadline: not all was tried in {cut} of {len(latency)} {each}s")
     if told:
         print(told)
     for reason, count in withheld.most_common():
@@ -187,7 +196,7 @@ def results_writer(
     file.
 
     pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s,
-        stamps (N,) s;
+        stamps (N,) s, complete (N,) whether all was tried by the deadline;
     without a contact law: conductance (N, H, W) S/m² with `images`, and pressure NaN;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.
@@ -202,7 +211,7 @@ def results_writer(
             )
             if law is None:
                 writer.append(conductance=np.asarray(result.conductance, np.float32))
-        writer.append(latency=latency, stamps=float(stamp))
+        writer.append(latency=latency, stamps=float(stamp), complete=result.complete)
         contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
         writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
         reasons.append(result.reason)

@@ -21,6 +21,7 @@ from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
+from tomotactile_ros.reconstruction.deadline import period_of
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.support.command_line import positive
 from tomotactile_ros.support.files import check_picture
@@ -74,14 +75,15 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
         frame = stream.take(newest=True)
         if frame is None:
             continue
-        result = pipeline.process(frame)
+        limit = period_of(frame)
+        result = pipeline.process(frame, deadline=limit)
         arrivals.append(time.monotonic())
         lasts, age = len(frame.grounded) * frame.row_period, time.time() - frame.stamp
         if first is None:  # frame k of a simulated sensor begins k periods into the scene
             first = frame.stamp - frame.sequence * lasts, arrivals[0]
         since = 1 if before is None else max(frame.sequence - before, 1)
         before = frame.sequence
-        late_ones.append((since, since - 1 + (age - lasts > pipeline.settings.deadline)))
+        late_ones.append((since, since - 1 + (age - lasts > limit)))
         total, late = np.sum(late_ones, axis=0).tolist()
         span = arrivals[-1] - arrivals[0]
         yield Shot(

@@ -425,7 +425,7 @@ class Estimator:
         moves = timed and start is not None and start.moving.any()
         if moves and search.untouched(rows, prior) is None:
             fit = search.moved(start, rows, prior, *_GOES_ON)
-            if fit.chi_squared + fit.of_sensor < _MOVED * rows.count:
+            if fit.chi_squared + fit.of_sensor < _MOVED * state.misfit * rows.count:
                 return search.one_more(fit), 0, False
             _ask(followed)
             followed = None
@@ -523,7 +523,7 @@ class Estimator:
         moves = (np.hypot(*by_rows.velocities.T) > SLIDING).any()
         there = there.after(ahead) if moves else there.in_motion(False)
         state.unknowns, state.used, state.equations, state.fit = there, used, None, None
-        state.misfit, state.refused, state.needed = 1.0, 0.0, None
+        state.refused, state.needed = 0.0, None
         return by_rows.estimate
 
     def _there(

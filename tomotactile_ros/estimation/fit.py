@@ -14,6 +14,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import CONDUCTANCE
+from tomotactile_ros.support.interrupt import check
 
 
 class Fit:
@@ -44,6 +45,7 @@ class Fit:
         prediction: Any = None,
         core: Any = None,
     ):
+        check()
         self.operator, self.rows, self.prior = operator, rows, prior
         if core is None:
             core = compiled.Fit(operator.core, unknowns, rows.core, prior.core, prediction)

@@ -15,22 +15,28 @@ from tomotactile_ros.spatial import SpatialContacts
 
 
 def contacts_to_message(
-    contacts: Sequence[ContactEstimate], placed: SpatialContacts, header: Header, stale: str = ""
+    contacts: Sequence[ContactEstimate],
+    placed: SpatialContacts,
+    header: Header,
+    stale: str = "",
+    complete: bool = True,
 ) -> ContactArray:
-    """Contact estimates, strongest first, and where they are; `stale` says why that is too old."""
+    """Contact estimates, strongest first, and where they are; `stale` says why that is too old,
+    `complete` whether all was tried in time."""
     return ContactArray(
         header=header,
         state=ContactArray.STALE if stale else ContactArray.VALID,
         reason=stale,
+        complete=complete,
         contacts=[_contact(c, placed, i) for i, c in enumerate(contacts)],
     )
 
 
 def withheld_message(
-    header: Header, reason: str, state: int = ContactArray.WITHHELD
+    header: Header, reason: str, state: int = ContactArray.WITHHELD, complete: bool = True
 ) -> ContactArray:
-    """Contacts that are not known, and why."""
-    return ContactArray(header=header, state=state, reason=reason)
+    """Contacts that are not known, and why; `complete` : whether all was tried."""
+    return ContactArray(header=header, state=state, reason=reason, complete=complete)
 
 
 def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> Contact:

@@ -94,8 +94,9 @@ class Outputs:
             values = self._grid.gather(pressure)
             self._surface.publish(cloud_to_message(self._points, values, header))
 
-    def publish_contacts(self, contacts: list, header: Header) -> None:
-        """Publish contacts that are known; `header` has the time for which they hold.
+    def publish_contacts(self, contacts: list, header: Header, complete: bool = True) -> None:
+        """Publish contacts that are known; `header` has the time for which they hold, `complete` is
+        whether all was tried in time.
 
         Where that is longer ago than `max_age` they are not valid, and the wrench is not known.
         """
@@ -103,7 +104,7 @@ class Outputs:
         placed = in_space(self._layout.surface, contacts)
         stale = self._too_old(header)
         with self._order:
-            self._contacts.publish(contacts_to_message(contacts, placed, header, stale))
+            self._contacts.publish(contacts_to_message(contacts, placed, header, stale, complete))
             if self._wrench.get_subscription_count() > 0:
                 wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
                 self._wrench.publish(wrench_to_message(*wrench, header))
@@ -124,10 +125,11 @@ class Outputs:
             self._touched_before = touched
             self._touched.publish(Bool(data=touched))
 
-    def withhold(self, reason: str, header: Header) -> None:
-        """Say that contacts are not known at the time of `header`; no image is published."""
+    def withhold(self, reason: str, header: Header, complete: bool = True) -> None:
+        """Say that contacts are not known at the time of `header`, whether or not all was tried; no image
+        is published."""
         with self._order:
-            self._withhold(withheld_message(header, reason))
+            self._withhold(withheld_message(header, reason, complete=complete))
 
     def watch(self) -> None:
         """Take back what was said last, once, where nothing has been said for `max_age`."""

@@ -38,6 +38,7 @@ from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.reconstruction.deadline import period_of
 from tomotactile_ros.reconstruction.settings import doubt_of_noise, doubt_of_settling
 from tomotactile_ros.support.errors import InputError
 
@@ -73,6 +74,7 @@ class Reconstruction:
         self._withheld = ""
         self._noise = np.nan  # V rms of a reading, as the last frame showed it
         self._settling = 0.0  # part of the row before that readings keep
+        self._rest = 0.0  # s that the last frame took beside its reconstruction
         self._bare = False  # frames name their layout without the hash
         self._outputs = Outputs(node)
         self._rows = Rows(node, lambda: self.parameters.values, self._outputs)
@@ -123,6 +125,8 @@ class Reconstruction:
         """Stop processing frames, and say last that it is not known any more what touches."""
         with self._lock, self._rows_lock:
             self._active = False
+            if self._pipeline is not None:
+                self._pipeline.stop()
         if self._node.context.ok():
             with unless_stopped(self._node):
                 self._outputs.take_back("the reconstruction was stopped")
@@ -173,6 +177,7 @@ class Reconstruction:
         figures = {
             "profile": pipeline.profile,
             "contact law": law_in_words(self.parameters.values),
+            "cut": self._watch.cut(),
             "late": self._rows.late() or self._watch.late(),
             **self._watch.figures(),
             **self._rows.figures(),
@@ -228,7 +233,7 @@ class Reconstruction:
                 self._outputs.watch()
 
     def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
-        start = time.monotonic()
+        start, sought, values = time.monotonic(), 0.0, self.parameters.values
         self._check(frame, layout_id)
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
@@ -238,8 +243,11 @@ class Reconstruction:
                 result = self._rows.image(self._pipeline)
         if result is None and left_out:
             return
+        limit = values["deadline"] or period_of(frame)
         if result is None:
-            result = self._rows.process(self._pipeline, frame)
+            begun = time.monotonic()
+            result = self._rows.process(self._pipeline, frame, max(limit - self._rest, 0.0))
+            sought = time.monotonic() - begun
             followed = followed or self._rows.followed  # since: they know better by now
         frame_id = self.parameters["frame_id"] or header.frame_id
         header = Header(stamp=header.stamp, frame_id=frame_id)
@@ -251,25 +259,29 @@ class Reconstruction:
             self._outputs.say_touched(not result.idle, holds)
         if result.reason:
             if not followed:
-                self._outputs.withhold(result.reason, holds)
-        elif not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
-            raise InputError("the voltages give an image with infinite pressures")
+                self._outputs.withhold(result.reason, holds, result.complete)
         else:
-            if not followed:  # before the pictures, which may take long
-                self._outputs.publish_contacts(result.contacts, holds)
-            self._outputs.publish(result.pressure, result.contacts, header)
+            drawn = values["image"] != "none"
+            if drawn and not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
+                raise InputError("the voltages give an image with infinite pressures")
+            if not followed and values["contacts"]:  # before the pictures, which may take long
+                self._outputs.publish_contacts(result.contacts, holds, result.complete)
+            if drawn:  # with the time of its frame, which may be one before
+                shown = header if result.holds >= 0 else holds
+                self._outputs.publish(result.pressure, result.contacts, shown)
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise
         self._settling = result.settling or self._settling
         self._bare = is_bare(layout_id, self._layout.id)
         now, took = seconds_now(self._node), time.monotonic() - start
+        self._rest = took - sought
         lasts = frame.row_period * len(frame.grounded)
         self._watch.accepted(
-            frame.sequence, frame.stamp, now - frame.stamp, took, lasts, self.parameters["deadline"]
+            frame.sequence, frame.stamp, now - frame.stamp, took, lasts, limit, result.complete
         )
         if followed and not left_out:
-            self._rows.correct(self._pipeline, frame)
+            self._rows.correct(self._pipeline, frame, limit)
 
     def _check(self, frame: Frame, layout_id: str) -> None:
         """Refuse, as InputError, what is not of this layout."""
@@ -296,6 +308,8 @@ class Reconstruction:
         if pipeline is not self._pipeline:
             self._log.info(pipeline.report)
             self._log.info(f"forces by the contact law {law_in_words(values)}")
+            if self._pipeline is not None:
+                self._pipeline.stop()
         with self._rows_lock:
             self._pipeline = pipeline
             self._outputs.configure(self._layout, pipeline.grid, values)

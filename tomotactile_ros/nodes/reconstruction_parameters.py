@@ -6,7 +6,7 @@ from tomotactile_ros.nodes import learning, row_contacts, tare
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
-from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.reconstruction.settings import IMAGES, PROFILES
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
 
@@ -23,11 +23,13 @@ SPECS = (
     Spec("profile", "fast", "How much work goes into an image", choices=PROFILES),
     Spec(
         "deadline",
-        0.05,
-        "Time from the last row of a frame beyond which it counts as `late`, and that profile auto keeps to, s",
-        low=1e-4,
+        0.0,
+        "Time from the last row of a frame to its result, s; 0: one frame period",
+        low=0.0,
         high=10.0,
     ),
+    Spec("image", "", "What images show; empty: as the profile makes them", choices=("", *IMAGES)),
+    Spec("contacts", True, "Look for contacts; false: linear images alone"),
     Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
     Spec(
         "regularization",
@@ -96,7 +98,7 @@ _PLAIN_SETTINGS = (
     "resolution",
     "noise",
     "contact_radius",
-    "deadline",
+    "contacts",
     "excluded",
     "threshold",
     "model",
@@ -107,6 +109,7 @@ def settings_of(values: dict[str, Any]) -> Settings:
     """Settings of the pipeline; InputError where a calibration cannot be read."""
     return Settings(
         regularization=values["regularization"] or None,
+        image=values["image"] or None,
         contact_law=_contact_law(values),
         **{key: values[key] for key in _PLAIN_SETTINGS},
     )

@@ -64,7 +64,8 @@ class Rows:
     @property
     def wanted(self) -> bool:
         """Whether rows are to be followed."""
-        return self._values()["publish_every"] > 0
+        values = self._values()
+        return values["contacts"] and values["publish_every"] > 0
 
     @property
     def followed(self) -> bool:
@@ -123,25 +124,25 @@ class Rows:
         state = self._state
         return pipeline.image_after_row(state) if state and self.draws(pipeline) else None
 
-    def process(self, pipeline: Pipeline, frame: Frame) -> Result:
-        """The result of a frame; where rows are followed, from the process beside as soon as that is
-        ready."""
+    def process(self, pipeline: Pipeline, frame: Frame, deadline: float) -> Result:
+        """The result of a frame within a `deadline`, s; where rows are followed, from the process beside
+        as soon as that is ready."""
         if self.followed and self._beside.takes(pipeline):
             try:
-                return self._beside.process(*_words(frame))
+                return self._beside.process(*_words(frame), deadline)
             except ConnectionError as error:
                 self._node.get_logger().warning(str(error))
-        return pipeline.process(frame, numbered=not self.followed)
+        return pipeline.process(frame, numbered=not self.followed, deadline=deadline)
 
-    def correct(self, pipeline: Pipeline, frame: Frame) -> None:
+    def correct(self, pipeline: Pipeline, frame: Frame, deadline: float) -> None:
         """Let a frame, that was processed last if it was at all, correct what rows tell, if they ask for
-        it."""
+        it; `deadline` as in `process`."""
         state = self._state
         if state is None or self._of[0] is not pipeline or not state.asks:
             return
         maker = self._beside if self._beside.takes(pipeline) else pipeline
         try:
-            maker.correct(state, *_words(frame))
+            maker.correct(state, *_words(frame), deadline=deadline)
         except ConnectionError as error:  # the next frame tells
             self._node.get_logger().warning(str(error))
 

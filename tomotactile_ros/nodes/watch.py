@@ -46,8 +46,8 @@ class FrameWatch:
         self._since = self._begun = self._now()
         self._refusal = self._incompatible = ""
         # frames processed, missed, refused, stamped before the one before, longer than from one to
-        # the next, told late
-        self._recent = Recent(6, _WINDOW, self._now)
+        # the next, told late, cut by the deadline
+        self._recent = Recent(7, _WINDOW, self._now)
         self._lasts = self._step = 0.0
 
     def accepted(
@@ -58,9 +58,11 @@ class FrameWatch:
         duration: float,
         lasts: float = 0.0,
         deadline: float = np.inf,
+        complete: bool = True,
     ) -> None:
         """Note a processed frame: its stamp, s, s from there to its image, s of work, s that its rows
-        took, and s from the last of them to the image beyond which it is late."""
+        took, s from the last of them to the image beyond which it is late, and whether all was tried by
+        then."""
         gap = 0 if self._sequence is None else (sequence - self._sequence - 1) % 2**32
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
@@ -72,7 +74,7 @@ class FrameWatch:
         if overlong:
             self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
-        self._recent.add(1, missed, 0, back, overlong, latency - lasts > deadline)
+        self._recent.add(1, missed, 0, back, overlong, latency - lasts > deadline, not complete)
         self.processed += 1
         self._latencies.append(latency)
         self._ages.append((self._now(), latency, duration))
@@ -82,7 +84,7 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1, 0, 0, 0)
+        self._recent.add(0, 0, 1, 0, 0, 0, 0)
         self._refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
@@ -94,7 +96,7 @@ class FrameWatch:
 
         Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        processed, missed, refused, back, overlong, _ = self._recent.sums()
+        processed, missed, refused, back, overlong, _, cut = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
@@ -112,6 +114,12 @@ class FrameWatch:
                 "are too slow"
             )
             found.append(Trouble("missed", False, text))
+        if cut > _MANY * processed:
+            text = (
+                f"the deadline came before all was tried in {cut:.0f} of {processed:.0f} frames: this machine "
+                "is too slow for it, or too much touches at once"
+            )
+            found.append(Trouble("cut", False, text))
         if back:
             text = (
                 f"the stamps of {back:.0f} frames lie before those of the frames before them, ids and "
@@ -140,8 +148,13 @@ class FrameWatch:
 
     def late(self) -> str:
         """How many frames of the last 10 s were told late or not at all, for people."""
-        processed, missed, *_, late = self._recent.sums().astype(int).tolist()
+        processed, missed, *_, late, _ = self._recent.sums().astype(int).tolist()
         return late_of(missed + late, processed + missed, "frames")
+
+    def cut(self) -> str:
+        """In how many frames of the last 10 s the deadline came before all was tried, for people."""
+        processed, *_, cut = self._recent.sums().astype(int).tolist()
+        return late_of(cut, processed, "frames")
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""

@@ -59,17 +59,19 @@ class Beside:
         except ConnectionError:
             return False
 
-    def process(self, voltages, grounded, drive_voltage, row_period, stamp) -> Result:
+    def process(
+        self, voltages, grounded, drive_voltage, row_period, stamp, deadline=None
+    ) -> Result:
         """As `Pipeline.process`, with contacts that have no numbers."""
-        frame = voltages, grounded, drive_voltage, row_period
-        return self._ask("process", *frame)
+        frame = voltages, grounded, drive_voltage, row_period, stamp
+        return self._ask("process", *frame, False, deadline)
 
     def correct(
-        self, state: RowsState, voltages, grounded, drive_voltage, row_period, stamp
+        self, state: RowsState, voltages, grounded, drive_voltage, row_period, stamp, deadline=None
     ) -> None:
         """As `Pipeline.correct`, of the frame that was just given to `process` if any was."""
         frame = voltages, grounded, drive_voltage, row_period, stamp
-        seen = self._ask("correct", *frame, state.clear)
+        seen = self._ask("correct", *frame, state.clear, deadline)
         if seen is not None:
             state.tell(seen)
 

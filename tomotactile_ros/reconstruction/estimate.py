@@ -129,6 +129,29 @@ def contacts_and_pressure(blobs, values, found, law, grid):
     return sorted(contacts, key=lambda contact: -contact.force), pressure
 
 
+def all_as_one(values, spacing, law, grid) -> tuple[ContactEstimate, np.ndarray]:
+    """All that an image of conductance (K,), S, shows as one contact, where it shows no single ones; and
+    (K,) its pressure, Pa.
+
+    It is in the centre, with the deviation of what the image shows and half the `spacing` of electrodes,
+    m, which an image resolves: each of several contacts is as far from there. Its force has a deviation of
+    its own size.
+    """
+    shown = np.maximum(values, 0.0)
+    pressure = law.pressure(shown / grid.cell_area)
+    weights = shown / shown.sum()
+    centre = weights @ grid.pixels
+    apart = grid.pixels - centre
+    covariance = (weights[:, None] * apart).T @ apart + (spacing / 2) ** 2 * np.eye(2)
+    radius = 2.0 * float(np.linalg.det(covariance)) ** 0.25  # an even disc has half of it
+    area, force = np.pi * radius**2, float(pressure.sum() * grid.cell_area)
+    place, spread = map(float, centre), tuple(covariance.ravel().tolist())
+    contact = ContactEstimate(
+        *place, force, force / area, area, radius, spread, force_std=force, probability=1.0
+    )
+    return replace(contact, conductance=float(shown.sum())), pressure
+
+
 def part_on_sheet(position: np.ndarray, area: float, outline: Outline) -> float:
     """How much of a disc of `area` (m^2) at `position` (2,), m, is on the sheet: nothing presses
     beside it."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,9 +35,11 @@ from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.reconstruction.deadline import Within
 from tomotactile_ros.reconstruction.estimate import (
     EVEN_DISC,
     Strength,
+    all_as_one,
     contacts_and_pressure,
     described,
     disc_cells,
@@ -54,7 +57,6 @@ from tomotactile_ros.reconstruction.frame_checks import (
 from tomotactile_ros.reconstruction.linear import LinearImage
 from tomotactile_ros.reconstruction.mistakes import Doubts
 from tomotactile_ros.reconstruction.model import Model
-from tomotactile_ros.reconstruction.profiles import MEASURED, choose, median_times, trial_frame
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 from tomotactile_ros.reconstruction.unusable_electrodes import (
     broken_channels,
@@ -68,7 +70,7 @@ from tomotactile_ros.support import memory
 from tomotactile_ros.support.errors import InputError, doubt
 
 # profiles whose contacts are fitted to the readings, not read from an image: patches to the width of each
-ESTIMATED = {"balanced": BOUNDED, "accurate": MOST_ACROSS}
+ESTIMATED = {"balanced": BOUNDED, "accurate": MOST_ACROSS, "auto": MOST_ACROSS}
 # electrodes that an image needs: with fewer, forces were up to 3.5 times too large
 FEWEST = 9
 MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the square
@@ -77,10 +79,50 @@ MOST_ELECTRODES = 1024  # of 32 x 32; set-up time and memory grow with the squar
 _LEFT_OVER = 0.05
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
+UNDECIDED = "the deadline came before it was known what touches, if anything"
+NO_IMAGE = "something changed between the rows of the frame, or many readings are missing: no image is made"
 CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 _TIMES = 3  # frames without times that are withheld and looked at again, as if their rows had them
+_NO_IMAGE = np.empty((0, 0))
 _KEPT = 8  # regularised inverses for patterns of missing readings
+
+
+class _Given(NamedTuple):
+    """A frame as it is to be reconstructed: as of `Pipeline.process`, when its first row was read, s,
+    and the potentials `before` (E,) that, V: NaN where they are not known; None: if rows have times."""
+
+    voltages: np.ndarray
+    grounded: np.ndarray
+    drive_voltage: float
+    row_period: float
+    began: float
+    before: np.ndarray | None
+
+    @property
+    def lasts(self) -> float:
+        """Time from the first row to the last, s."""
+        return self.row_period * max(len(self.grounded) - 1, 0)
+
+    def once(self) -> _Given:
+        """The same with each electrode grounded once, the last time."""
+        voltages, grounded = last_of_each(self.voltages, self.grounded)
+        return self._replace(voltages=voltages, grounded=grounded)
+
+
+class _Found(NamedTuple):
+    """The result of a frame, the frame itself, what it tells rows, if that is known, and whether its
+    contacts are those that are there, one by one, to be followed."""
+
+    result: Any  # Result; None of a frame of which only rows are told
+    given: _Given
+    seen: FrameSeen | None = None
+    one_by_one: bool = True
+
+    @property
+    def holds(self) -> float:
+        """Time for which the result holds, s."""
+        return self.given.began + self.result.holds
 
 
 class Pipeline:
@@ -112,6 +154,8 @@ class Pipeline:
         _check_sides(layout)
         self.grid = Grid.for_outline(layout.outline, settings.resolution)
         self.profile = settings.profile
+        limit = "" if settings.deadline is None else f" within {1e3 * settings.deadline:.3g} ms"
+        self.report = f"profile {self.profile}{limit}"
         self._model = model or Model(layout, self.grid, settings.model, settings.noise)
         self._excluded = np.zeros(layout.electrodes, bool)
         self._excluded[list(settings.excluded)] = True
@@ -123,10 +167,8 @@ class Pipeline:
         if settings.level is not None:
             self._linear_for(np.empty(0, int))
         self._model.local(np.flatnonzero(~self._excluded))
-        self.report = f"profile {self.profile}"
-        if settings.profile == "auto":
-            self.profile, self.report = self._measure_profiles()
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
+        self._typical_impedance = float(np.median(self._model.transfer.point_self))  # D, ohm
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
         self._imaged_before: tuple | None = None  # last frame, where an image explained it
@@ -134,13 +176,13 @@ class Pipeline:
         self._looked_for_times = 0  # frames
         self._explained_one = False  # the last touched frame was what the layout says
         self._exchanged = False  # wires seemed to be exchanged in the last frame that was asked
-        self._estimate_of_frame: FrameSeen | None = None
+        self._within: Within[_Found] = Within()
+        self._found: _Found | None = None  # of the last frame
         self._rows: RowEstimator | None = None
         self._changing = Changing(self._row_estimator)
-        self._began = self._ended = 0.0  # s, of the rows of the last frame
-        # (E,) V, potentials in the row before this frame and in its last one, if rows have times
-        self._row_before: np.ndarray | None = None
-        self._last_row: np.ndarray | None = None
+        self._told = -math.inf  # s, for which the last result holds
+        self._ended = 0.0  # s, when the last row of the last frame was read
+        self._last_row: np.ndarray | None = None  # (E,) V, potentials in it, if rows have times
         self._tracks = Tracks(float(np.median(layout.pitches)))
         if self.profile in ESTIMATED or left < FEWEST or layout.scan:
             self._estimator = self._make_estimator()
@@ -172,6 +214,10 @@ class Pipeline:
         other._baseline = self._baseline
         other._tracks = self._tracks
         return other
+
+    def stop(self) -> None:
+        """End a search that goes on after its deadline."""
+        self._within.stop()
 
     def tare(self, frames: Iterable[Frame | tuple[np.ndarray, np.ndarray]]) -> None:
         """Take the mean of untouched `frames`, or pairs (voltages, grounded), off all that follow."""
@@ -223,6 +269,7 @@ class Pipeline:
 
     def _forget(self) -> None:
         """Start the next frame from scratch."""
+        self.stop()
         self._state.forget()
         self._changing.forget()
         self._imaged_before = None
@@ -235,6 +282,7 @@ class Pipeline:
         row_period: float = 0.0,
         stamp: float | None = None,
         numbered: bool = True,
+        deadline: float | None = None,
     ) -> Result:
         """Reconstruct one frame.
 
@@ -249,6 +297,8 @@ class Pipeline:
             contradict that, it is said once, as a `Doubt`
         stamp : s, time of the first row; with it contacts are followed from frame to frame
         numbered : whether they are to be; not where rows are, whose contacts have the numbers
+        deadline : s that it may take, for this frame in the place of the settings' deadline. What is
+            not found by then is looked for on, and the frames after this one begin with it
 
         Raises InputError where the frame does not fit the layout.
         """
@@ -261,18 +311,61 @@ class Pipeline:
             raise InputError("grounded: is missing; a Frame has it, voltages alone do not")
         else:
             given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
-        result = self._process(*given, stamp, numbered)
-        if result.reason and not given[-1] > 0 and self._looked_for_times < _TIMES:
+        given = self._given(*given, stamp)
+        search, glance = partial(self._process, given), partial(self._glance, given)
+        if self.settings.contacts:
+            found = self._in_time(search, glance, deadline, self._is_news)
+        else:
+            found = self._pictured(given)
+        result, self._found = found.result, found
+        self._told = found.holds
+        if found.given is not given:  # of a frame before, whose search has ended since
+            result.holds += found.given.began - given.began
+            result.complete = False
+        if result.reason and not given.row_period > 0 and self._looked_for_times < _TIMES:
             self._looked_for_times += 1
-            self._doubt_at_once(*given[:-1])
-        return result
+            self._doubt_at_once(given)
+        if stamp is not None and numbered and found.one_by_one:
+            result.contacts = self._numbered(result, found.given, stamp)
+        if self.settings.image == "none":
+            result.pressure = result.potential = _NO_IMAGE
+        return self._as_known(result)
 
-    def _doubt_at_once(self, voltages, grounded, drive_voltage) -> None:
+    def _given(self, voltages, grounded, drive_voltage, row_period, stamp) -> _Given:
+        """A frame after the one before, of which it is remembered when it ended and how."""
+        drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
+        ended, rows = self._ended, max(len(grounded) - 1, 0)
+        began = ended + row_period if stamp is None else stamp
+        self._ended = began + row_period * rows
+        at_once = abs(began - ended - row_period) < row_period / 2
+        before, self._last_row = self._last_row if at_once else None, None
+        if row_period > 0 and len(grounded):
+            self._last_row = self._row_at_end(voltages, grounded)
+            if before is None:  # it is not known
+                before = np.full(self.layout.electrodes, np.nan)
+        return _Given(voltages, grounded, drive_voltage, row_period, began, before)
+
+    def _is_news(self, found: _Found) -> bool:
+        """Whether what a search has found after its deadline holds for later than what was told since."""
+        return found.result is not None and found.holds > self._told
+
+    def _numbered(self, result: Result, given: _Given, stamp: float) -> list[ContactEstimate]:
+        """Contacts of a result with the numbers of those in frames before."""
+        # not where all rows were taken for those of one state
+        held = stamp + result.holds - given.began
+        lasts = given.lasts if abs(held - given.lasts) < given.row_period / 2 else 0.0
+        followed = self._tracks.follow(result.contacts, stamp + result.holds, lasts)
+        return [
+            replace(contact, id=each.number, age=each.age, velocity=each.velocity)
+            for contact, each in zip(result.contacts, followed)
+        ]
+
+    def _doubt_at_once(self, given: _Given) -> None:
         """Say once where rows that all are said to be read at once agree if they were read in turn."""
-        settings = replace(self.settings, profile=self.profile)
+        settings = replace(self.settings, deadline=None)
         trial = Pipeline(self.layout, settings, model=self._model, sensor=self.sensor)
-        trial._baseline, trial._estimator = self._baseline, self._estimator
-        result = trial._process(voltages, grounded, drive_voltage, ROW_PERIOD, 0.0)
+        trial._baseline = self._baseline
+        result = trial._process(given._replace(row_period=ROW_PERIOD, began=0.0)).result
         if result.contacts:  # nothing that touches would be no explanation
             self._looked_for_times = _TIMES
             doubt(
@@ -280,53 +373,23 @@ class Pipeline:
                 "other they do not: give each frame its times, Frame(..., stamp=..., row_period=...) in Python"
             )
 
-    def _process(
-        self,
-        voltages: np.ndarray,
-        grounded: np.ndarray,
-        drive_voltage: float,
-        row_period: float,
-        stamp: float | None,
-        numbered: bool = True,
-    ) -> Result:
-        """The same, of arrays."""
-        drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
-        self._estimate_of_frame = None
-        before = self._ended
-        self._began = before + row_period if stamp is None else stamp
-        self._ended = self._began + row_period * max(len(grounded) - 1, 0)
-        at_once = abs(self._began - before - row_period) < row_period / 2
-        self._row_before, self._last_row = self._last_row if at_once else None, None
-        if row_period > 0 and len(grounded):
-            self._last_row = self._row_at_end(voltages, grounded)
-            if self._row_before is None:  # it is not known
-                self._row_before = np.full(self.layout.electrodes, np.nan)
-        once = last_of_each(voltages, grounded) if self.fits else (voltages, grounded)
-        mistake = self._no_ground(voltages, grounded, drive_voltage)
-        mistake = mistake or self._mistake(*once, drive_voltage)
+    def _process(self, given: _Given) -> _Found:
+        """What there is to say of a frame, however long it takes."""
+        once = given.once() if self.fits else given
+        mistake = self._no_ground(given) or self._mistake(once)
         if mistake:  # what a frame is withheld for, rows are, too
-            self._estimate_of_frame = FrameSeen(Estimate([], [], "withheld", mistake), None)
-            lasts = row_period * max(len(grounded) - 1, 0)
-            result = self._withheld(mistake, self._excluded, {}, math.nan, lasts)
-        elif self.profile in ESTIMATED:
-            result = self._estimated(voltages, grounded, drive_voltage, row_period)
+            result = self._withheld(mistake, self._excluded, {}, math.nan, given.lasts)
+            found = _Found(result, given, FrameSeen(Estimate([], [], "withheld", mistake), None))
+        elif self.fits:
+            found = self._estimated(given)
         else:
-            result = self._imaged(voltages, grounded, drive_voltage, row_period)
+            found = self._imaged(given)
+        result = found.result
         if result.contacts or result.reason:
             self._explained_one = not result.reason
         if self._state.settling is not None:
             result.settling = float(self._state.settling.part.mean())
-        if stamp is not None and numbered and not result.reason:
-            lasts = row_period * max(len(grounded) - 1, 0)
-            timed = (
-                lasts if result.holds == lasts else 0.0
-            )  # not where all were taken for one state
-            followed = self._tracks.follow(result.contacts, stamp + result.holds, timed)
-            result.contacts = [
-                replace(contact, id=each.number, age=each.age, velocity=each.velocity)
-                for contact, each in zip(result.contacts, followed)
-            ]
-        return self._as_known(result)
+        return found
 
     def _row_at_end(self, voltages, grounded) -> np.ndarray:
         """(E,) potentials in the last row of a frame, V, with the tare taken off."""
@@ -339,11 +402,15 @@ class Pipeline:
         settings = self.settings
         return result if settings.contact_law is not None else result.without_law(settings.law)
 
-    def _no_ground(self, voltages, grounded, drive_voltage) -> str:
+    def _no_ground(self, given: _Given) -> str:
         """What is wrong where readings do not depend on what is grounded, or whole rows on nothing."""
-        chosen = np.asarray(grounded, int)
-        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        return self._doubt(rows, chosen, drive_voltage)
+        return self._doubt(*self._rows_of(given), given.drive_voltage)
+
+    def _rows_of(self, given: _Given) -> tuple[np.ndarray, np.ndarray]:
+        """(L, E) readings, V, with the tare taken off, and (L,) grounded electrodes."""
+        chosen = np.asarray(given.grounded, int)
+        rows = rows_of(self.layout, given.voltages, given.grounded)
+        return self._expected_zero(rows, chosen), chosen
 
     def _doubt(self, rows: np.ndarray, chosen: np.ndarray, drive_voltage: float) -> str:
         """The same of rows (L, E), V, with the tare taken off."""
@@ -365,12 +432,12 @@ class Pipeline:
         several = int(np.count_nonzero(bad)), int(np.count_nonzero(~self._excluded))
         return doubt or too_many_are_bad(*several)
 
-    def _mistake(self, voltages, grounded, drive_voltage) -> str:
+    def _mistake(self, given: _Given) -> str:
         """What was probably done wrong where a frame is not what the layout says, looked for until
         one was explained: no search among contacts would end well."""
         if self._explained_one:
             return ""
-        frame = self._expected_zero(ordered(self.layout, voltages, grounded))
+        frame = self._expected_zero(ordered(self.layout, given.voltages, given.grounded))
         missing = np.isnan(frame)
         if is_idle(frame, missing, self._excluded, self.settings.threshold * self.settings.noise):
             return ""
@@ -379,7 +446,7 @@ class Pipeline:
             self._doubts = Doubts(self.layout, transfer, self.settings.noise)
         frame[:, self._excluded] = np.nan
         frame[self._excluded] = np.nan
-        return self._doubts.mistake([frame], drive_voltage)
+        return self._doubts.mistake([frame], given.drive_voltage)
 
     def rows(self, waits: bool = True) -> RowsState:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
@@ -471,25 +538,38 @@ class Pipeline:
         row_period: float,
         stamp: float,
         clear: bool | None = None,
+        deadline: float | None = None,
     ) -> None:
         """Let a frame, the one that was just given to `process` if any was, correct rows that are
-        followed meanwhile, maybe in another thread.
+        followed meanwhile, maybe in another thread; or one before it whose search has ended since.
 
-        Arguments as for `process`. Profiles that make images take as long as `accurate` for it.
+        Arguments as for `process`. Profiles that make images take as long as `accurate` for it, or the
+        `deadline`, s; what is not known by then is told by the next call after it is.
         `clear` : whether rows are clear, should the state not be theirs: a frame within which
         something changes then tells nothing.
         """
-        seen, self._estimate_of_frame = self._estimate_of_frame, None
-        if seen is not None:
-            state.tell(seen.at(stamp, row_period, len(grounded)))
-            return
-        chosen = np.asarray(grounded, int)
-        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        clear = state.clear if clear is None else clear
-        given = rows, chosen, drive_voltage, row_period, state.frames, clear
-        seen = self._row_estimator().look(*given)
-        if seen is not None:
-            state.tell(seen.at(stamp, row_period, len(chosen)))
+        found, self._found = self._found, None
+        if found is None or found.seen is None:
+            found = self._within.late
+        if (found is None or found.seen is None) and not self._within.busy:
+            clear = state.clear if clear is None else clear
+            given = _Given(voltages, grounded, drive_voltage, row_period, stamp, None)
+            search = partial(self._looked, given, state.frames, clear)
+            nothing = partial(_Found, None, given)
+            found = self._in_time(search, nothing, deadline, lambda found: found.seen is not None)
+        if found is not None and found.seen is not None:
+            given = found.given
+            state.tell(found.seen.at(given.began, given.row_period, len(given.grounded)))
+
+    def _looked(self, given: _Given, frames: State, clear: bool) -> _Found:
+        """What a frame tells rows, and nothing of what else there is to say of it."""
+        rows = *self._rows_of(given), given.drive_voltage, given.row_period
+        return _Found(None, given, self._row_estimator().look(*rows, frames, clear))
+
+    def _in_time(self, search, glance, deadline: float | None, is_result) -> _Found:
+        """What `search` finds, or by the deadline, s, or that of the settings, see `Within.result`."""
+        limit = self.settings.deadline if deadline is None else deadline
+        return search() if limit is None else self._within.result(search, glance, limit, is_result)
 
     def _row_estimator(self) -> RowEstimator:
         rows = self._rows
@@ -497,50 +577,72 @@ class Pipeline:
             rows = self._rows = RowEstimator(self._estimates(), doubt=self._doubt)
         return rows
 
-    def _estimated(self, voltages, grounded, drive_voltage, row_period) -> Result:
+    def _estimated(self, given: _Given) -> _Found:
         """What the estimator says; with a regularization, beside the image of eq. 1."""
-        frame = voltages, grounded, drive_voltage, row_period
-        estimate = self._as_wired(*frame)
+        estimate = self._as_wired(given)
         if estimate is None:
-            estimate = self._estimate(*frame)
+            estimate = self._estimate(given)
             # where something began or ended within the frame, its last rows contradict all others
             if not _is_sure(estimate) and not estimate.first:
-                estimate = self._without_contradicting(estimate, *frame)
-        lasts = row_period * max(len(grounded) - 1, 0)
-        if self.fits:
-            self._estimate_of_frame = FrameSeen.of(estimate, self._state)
+                estimate = self._without_contradicting(estimate, given)
+        seen = FrameSeen.of(estimate, self._state) if self.fits else None
         noise = estimate.noise or math.nan
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(estimate.left_out)] = True
-        if estimate.state != "valid":
-            why = estimate.reason, bad, estimate.left_out, estimate.misfit, lasts
-            return replace(self._withheld(*why), noise=noise)
-        idle = not estimate.contacts
         contacts = [_reported(each) for each in estimate.contacts]
         covariances = [np.reshape(each.position_covariance, (2, 2)) for each in contacts]
+        reason = estimate.reason
         if any(may_be_anywhere(each, self.layout) for each in covariances):
-            why = ANYWHERE, bad, estimate.left_out, estimate.misfit, lasts
-            return replace(self._withheld(*why), noise=noise)
-        pressure, conductance = self._drawn(estimate.parts)
+            reason = ANYWHERE
+        if reason:
+            why = reason, bad, estimate.left_out, estimate.misfit, given.lasts
+            return _Found(replace(self._withheld(*why), noise=noise), given, seen)
+        idle = not contacts
         level = self.settings.level
-        if level is None or idle:
-            typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
-            potential = drive_voltage * np.minimum(conductance * typical, 1.0)
+        if self.settings.image == "none":
+            images = _NO_IMAGE, _NO_IMAGE
         else:
-            once = last_of_each(voltages, grounded)
-            potential = self._one_step(self._without_baseline(*once), bad)
-        return Result(
-            self.grid.fill(potential),
-            self.grid.fill(pressure),
+            pressure, conductance = self._drawn(estimate.parts)
+            if level is None or idle:
+                potential = self._potential(conductance, given)
+            else:
+                potential = self._one_step(self._without_baseline(given.once()), bad)
+            images = self.grid.fill(potential), self.grid.fill(pressure)
+        result = Result(
+            *images,
             contacts,
             _numbers(bad),
             idle,
             level or 0.0,
             misfit=estimate.misfit,
             faults=estimate.left_out,
-            holds=lasts,
+            holds=given.lasts,
             noise=noise,
         )
+        return _Found(result, given, seen)
+
+    def _potential(self, conductance: np.ndarray, given: _Given) -> np.ndarray:
+        """(K,) V, by which contacts of a `conductance` (K,), S, raise the potential of their pixels."""
+        return given.drive_voltage * np.minimum(conductance * self._typical_impedance, 1.0)
+
+    def _pictured(self, given: _Given) -> _Found:
+        """The linear image alone; its potential by eq. 1 where that is asked for."""
+        read = self._read(given, doubtful=True)
+        frame, bad, local, measured = read
+        reason = self._no_ground(given) or ("" if local is None or measured is not None else NO_IMAGE)
+        faults, middle = self._faults(frame, bad), given.lasts / 2
+        if reason:
+            return _Found(self._withheld(reason, bad, faults, math.nan, middle), given)
+        if local is None:
+            return _Found(self._idle(bad, faults, middle), given)
+        values = local.image(measured).astype(float)
+        level = self.settings.level
+        potential = self._potential(values, given) if level is None else self._one_step(frame, bad)
+        pressure = self.settings.law.pressure(np.maximum(values, 0.0) / self.grid.cell_area)
+        images = self.grid.fill(potential), self.grid.fill(pressure)
+        kept = local.regularization(local.level(measured)) if level is None else level
+        result = Result(*images, [], _numbers(bad), False, kept, faults=faults, holds=middle)
+        return _Found(result, given)
 
     def _drawn(self, discs) -> tuple[np.ndarray, np.ndarray]:
         """(K,) pressure, Pa, and conductance, S, of contacts of the estimator."""
@@ -553,7 +655,7 @@ class Pipeline:
             conductance[pixels] += each.conductance * covered
         return pressure, conductance
 
-    def _as_wired(self, voltages, grounded, drive_voltage, row_period) -> Estimate | None:
+    def _as_wired(self, given: _Given) -> Estimate | None:
         """The estimate without wires that seem to be exchanged, which is sure then; None where none do.
 
         Asked until a touch was explained by all, and from then on where wires were: with them, all
@@ -561,14 +663,14 @@ class Pipeline:
         """
         if self._explained_one and not self._exchanged:
             return None
-        frame = self._expected_zero(ordered(self.layout, *last_of_each(voltages, grounded)))
-        exchanged = self._exchanged_wires(frame, drive_voltage)
+        once = given.once()
+        frame = self._expected_zero(ordered(self.layout, once.voltages, once.grounded))
+        exchanged = self._exchanged_wires(frame, given.drive_voltage)
         if exchanged is not None:
             self._exchanged = bool(exchanged.any())
         if exchanged is None or not self._exchanged:
             return None
-        given = voltages, grounded, drive_voltage, row_period
-        estimate = self._without(exchanged, *given)
+        estimate = self._without(exchanged, given)
         return estimate if _is_sure(estimate) else None
 
     def _exchanged_wires(self, frame, drive_voltage) -> np.ndarray | None:
@@ -587,14 +689,14 @@ class Pipeline:
         exchanged[used] = swapped_channels(meter, part, drive_voltage, measured)
         return exchanged
 
-    def _without_contradicting(self, estimate, voltages, grounded, drive_voltage, row_period):
+    def _without_contradicting(self, estimate: Estimate, given: _Given) -> Estimate:
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
-        bad = self._read(*last_of_each(voltages, grounded), drive_voltage)[1]
+        bad = self._read(given.once())[1]
         if not set(_numbers(bad)) - set(estimate.left_out):
             return estimate
         before = copy(self._state)
-        again = self._without(bad, voltages, grounded, drive_voltage, row_period)
+        again = self._without(bad, given)
         valid = again.state == "valid"
         if not valid or (estimate.state == "valid" and again.misfit > estimate.misfit / 2):
             self._state = before
@@ -603,23 +705,19 @@ class Pipeline:
         again.left_out.update(known)
         return again
 
-    def _without(self, bad, voltages, grounded, drive_voltage, row_period) -> Estimate:
+    def _without(self, bad: np.ndarray, given: _Given) -> Estimate:
         """The estimate without the channels `bad` (E,)."""
-        found = self._estimate(voltages, grounded, drive_voltage, row_period, without=bad)
+        found = self._estimate(given, without=bad)
         found.left_out.update(dict.fromkeys(_numbers(bad), CONTRADICTS))
         return found
 
-    def _estimate(
-        self, voltages, grounded, drive_voltage, row_period=0.0, began=None, without=None
-    ):
-        chosen = np.asarray(grounded, int)
-        rows = self._expected_zero(rows_of(self.layout, voltages, grounded), chosen)
-        began, first = (self._began, self._row_before) if began is None else (began, None)
-        given = rows, chosen, drive_voltage
+    def _estimate(self, given: _Given, without: np.ndarray | None = None) -> Estimate:
+        rows, chosen = self._rows_of(given)
+        drive_voltage, row_period, began = given.drive_voltage, given.row_period, given.began
         kept = rows if without is None else without_channels(rows, chosen, without)
-        follow = partial(self._changing.estimate, kept, *given[1:], began, row_period)
-        how = {"first": first, "without": without}
-        estimate = self._estimates().estimate(*given, self._state, row_period, follow, **how)
+        follow = partial(self._changing.estimate, kept, chosen, drive_voltage, began, row_period)
+        read = rows, chosen, drive_voltage, self._state, row_period, follow
+        estimate = self._estimates().estimate(*read, first=given.before, without=without)
         if row_period > 0 and self._state.fit is not None:
             seen = FrameSeen.of(estimate, self._state)
             self._changing.saw(seen.at(began, row_period, len(chosen)))
@@ -633,9 +731,9 @@ class Pipeline:
         readings = readings - self._baseline[grounded]
         return readings if self.sensor is None else readings + self.sensor["offset"]
 
-    def _without_baseline(self, voltages, grounded):
+    def _without_baseline(self, given: _Given) -> np.ndarray:
         """(E, E) ordered frame, V, with the tare taken off."""
-        frame = ordered(self.layout, voltages, grounded)
+        frame = ordered(self.layout, given.voltages, given.grounded)
         return frame if self._baseline is None else frame - self._baseline
 
     def _withheld(self, reason, bad, faults, misfit, holds) -> Result:
@@ -654,27 +752,33 @@ class Pipeline:
             holds=holds,
         )
 
-    def _imaged(self, voltages, grounded, drive_voltage, row_period) -> Result:
+    def _imaged(self, given: _Given) -> _Found:
         """The linear image and the contacts that its blobs show; what the estimator says where a
         frame is none that one linear step is made for, see `_read`."""
-        given = voltages, grounded, drive_voltage, row_period
-        frame, bad, local, measured = self._read(voltages, grounded, drive_voltage)
-        middle = row_period * max(len(grounded) - 1, 0) / 2
+        shown = self._shown(given, self._read(given))
+        if shown is None:
+            return self._handed_over(given)
+        self._state.forget()
+        self._imaged_before = given  # should the next frame need what was there
+        return _Found(shown, given)
+
+    def _shown(self, given: _Given, read: tuple) -> Result | None:
+        """What the linear image says of a frame `read` as `_read` does; None where one step is not
+        enough."""
+        frame, bad, local, measured = read
         if local is None:
             if not self._rests(frame, bad):
-                return self._handed_over(*given)
-            self._explained(*given)
-            return self._idle(bad, self._faults(frame, bad), middle)
+                return None
+            return self._idle(bad, self._faults(frame, bad), given.lasts / 2)
         image = None
         if measured is not None and np.count_nonzero(~bad) >= FEWEST:
             image = described(local, measured, self._disc_change, self.settings.contact_radius)
         if image is None or image.left_over > _LEFT_OVER:
-            return self._handed_over(*given)
-        self._explained(*given)
+            return None
         level = self.settings.level
         if level is None:
             level = local.regularization(local.level(measured))
-            potential = drive_voltage * np.minimum(image.values * local.typical_impedance, 1.0)
+            potential = self._potential(image.values, given)
         else:
             potential = self._one_step(frame, bad)
         contacts, pressure = contacts_and_pressure(
@@ -688,22 +792,48 @@ class Pipeline:
             False,
             level,
             faults=self._faults(frame, bad),
-            holds=middle,
+            holds=given.lasts / 2,
         )
 
-    def _explained(self, voltages, grounded, drive_voltage, row_period) -> None:
-        """Remember a frame that needed no estimate, should the next one need what was there."""
-        self._state.forget()
-        before = np.array(voltages, float), np.array(grounded), drive_voltage, row_period
-        self._imaged_before = *before, self._began
+    def _glance(self, given: _Given) -> _Found:
+        """What one linear image tells of a frame: its contacts, or that something presses somewhere where
+        they do not explain it; nothing where the readings need more than one look."""
+        reason = self._no_ground(given)
+        if reason:
+            result = self._withheld(reason, self._excluded, {}, math.nan, given.lasts)
+            return _Found(result, given)
+        read = self._read(given, doubtful=True)
+        shown = self._shown(given, read)
+        if shown is not None:
+            return _Found(replace(shown, complete=False), given)
+        frame, bad, local, measured = read
+        if measured is None:
+            faults = self._faults(frame, bad)
+            result = self._withheld(UNDECIDED, bad, faults, math.nan, given.lasts / 2)
+            return _Found(replace(result, complete=False), given)
+        values = local.image(measured).astype(float)
+        contact, pressure = all_as_one(values, local.spacing, self.settings.law, self.grid)
+        potential = self._potential(values, given)
+        result = Result(
+            self.grid.fill(potential),
+            self.grid.fill(pressure),
+            [contact],
+            _numbers(bad),
+            False,
+            local.regularization(local.level(measured)),
+            faults=self._faults(frame, bad),
+            holds=given.lasts / 2,
+            complete=False,
+        )
+        return _Found(result, given, one_by_one=False)
 
-    def _handed_over(self, voltages, grounded, drive_voltage, row_period) -> Result:
+    def _handed_over(self, given: _Given) -> _Found:
         """What the estimator says of a frame that no image explains; of the last that one did it is
         asked first, because a frame that changes tells little of what rests beside."""
-        if self._imaged_before is not None:
-            self._estimate(*self._imaged_before)
-            self._imaged_before = None
-        return self._estimated(voltages, grounded, drive_voltage, row_period)
+        before, self._imaged_before = self._imaged_before, None
+        if before is not None:
+            self._estimate(before)
+        return self._estimated(given)
 
     def _rests(self, frame, bad) -> bool:
         """Whether a frame without a contact is one of an untouched sheet: it was read, and nothing is
@@ -724,23 +854,27 @@ class Pipeline:
         """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
         as for `process`."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
-        estimate = self._estimate(voltages, grounded, drive_voltage)
+        given = _Given(voltages, grounded, drive_voltage, 0.0, self._ended, None)
+        estimate = self._estimate(given)
         found = [
             Strength(np.array([each.x, each.y]), each.conductance, each.area)
             for each in estimate.contacts
         ]
         return sorted(found, key=lambda strength: -strength.conductance)
 
-    def _read(self, voltages, grounded, drive_voltage):
+    def _read(self, given: _Given, doubtful: bool = False):
         """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if
         idle.
 
         None for the last alone where one linear step is not enough: readings are missing, the touch
-        began or ended between rows, or channels contradict reciprocity and none of them is broken.
+        began or ended between rows, or channels contradict reciprocity and none of them is broken. Where
+        `doubtful` measurements will do, channels are not asked for that.
         """
-        if self._state.settling is not None:
+        voltages, grounded, drive_voltage = given[:3]
+        settling = self._state.settling
+        if settling is not None:
             rows, chosen = rows_of(self.layout, voltages, grounded), np.asarray(grounded, int)
-            voltages = self._state.settling.taken_off(rows, chosen, self._row_before)
+            voltages = settling.taken_off(rows, chosen, given.before)
         frame = ordered(self.layout, voltages, grounded)
         if self._baseline is not None:
             frame -= self._baseline
@@ -757,7 +891,7 @@ class Pipeline:
         used = np.flatnonzero(~bad)
         if len(used) < 2:
             return frame, bad, None, None
-        local, measured = self._measure(frame, bad, drive_voltage)
+        local, measured = self._measure(frame, bad, drive_voltage, doubtful)
         return frame, bad, local, None if changes else measured
 
     def _silent(self, frame) -> tuple[np.ndarray, bool]:
@@ -769,21 +903,7 @@ class Pipeline:
         bad |= stuck_channels(frame, ~missing, noise)
         return bad, is_idle(frame, missing, bad, self.settings.threshold * noise)
 
-    def _measure_profiles(self):
-        """The profile to use, and a line for the log."""
-        trial = trial_frame(self._model.transfer, self.layout.sheet_resistance, self.settings.noise)
-        grounded, works = np.arange(self.layout.electrodes), {}
-        for profile in MEASURED:
-            settings = replace(self.settings, profile=profile)
-            other = Pipeline(self.layout, settings, model=self._model)
-            works[profile] = partial(other._process_anew, trial, grounded, 3.3)
-        return choose(median_times(works), self.settings.deadline)
-
-    def _process_anew(self, *frame):
-        self._forget()
-        return self._process(*frame, 0.0, None)
-
-    def _measure(self, frame, bad, drive_voltage):
+    def _measure(self, frame, bad, drive_voltage, doubtful):
         """`LocalImage` and `Grounded` of the good channels, see `_read`; broken ones are added to
         `bad` (E,)."""
         noise = self.settings.noise
@@ -797,7 +917,7 @@ class Pipeline:
             if np.count_nonzero(np.isnan(part)) > len(used):
                 return local, None
             measured = local.meter.read(part, drive_voltage)
-            if not is_doubtful(local.meter, part, measured, noise):
+            if doubtful or not is_doubtful(local.meter, part, measured, noise):
                 return local, measured
             broken = broken_channels(part, drive_voltage, noise)
             if not broken.any():

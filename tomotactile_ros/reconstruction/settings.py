@@ -12,7 +12,9 @@ from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
+IMAGES = ("none", "paper", "contacts")
 PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
+IN_TIME = 0.05  # s: a robot that grasps is told within a twentieth of a second
 PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 # of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
@@ -29,30 +31,36 @@ class Settings:
     ----------
     profile : `fast` (one linear step to an image, contacts from it), `balanced` and `accurate`
         (contacts, sheet and channels fitted to the readings together; `balanced` looks no further
-        than a fit that explains them), `auto`: the most accurate that meets the deadline on this
-        machine, or `paper`: the potential image is that of Kojima et al. 2023, eq. 1, all else as in
-        `fast`.
+        than a fit that explains them), `auto`: `accurate` within a deadline of 50 ms if none is given, or
+        `paper`: the potential image is that of Kojima et al. 2023, eq. 1, all else as in `fast`.
+    image : `none`; `paper`, its potential by eq. 1; `contacts`, as the profile finds them; None: `paper` with
+        that profile, else `contacts`.
+    contacts : whether contacts are looked for; without, the pressure is that of one linear step: blurred over
+        the distance of electrodes, and at most the true one, as the sheet around a contact holds currents back
+        and only contacts tell how much.
     resolution : image cells along the longer side of the sheet.
-    regularization : lambda_J^2 of the potential image, Kojima et al. 2023, eq. 1, without unit, 0
-        to 1e30; None: the profile's own image, of `paper` 1000. Contacts and pressure do not depend on it.
+    regularization : lambda_J^2 of eq. 1, without unit, 0 to 1e30; given, the potential image is that of
+        eq. 1 in any profile; None: 1000 where it is. Contacts and their pressure do not depend on it.
     noise : of a reading, V rms, or less: what readings show to be more is taken as that.
     contact_law : conductance per area against pressure, from calibration; None: there is none, as
         of bare conductors and sensors that are not calibrated, and results have no forces.
     contact_radius : typical radius of a contact, m. Frames hardly tell how large a small contact
         is.
-    deadline : time for one frame, s; only `auto` uses it.
+    deadline : time for one frame, s; None: as long as it takes. See `deadline.Within`.
     excluded : electrodes whose readings are never used.
     threshold : a frame is idle while its mean reading stays below this many times the noise.
     model : of the sheet, `auto`, `closed_form` or `fem`.
     """
 
     profile: str = "fast"
+    image: str | None = None
+    contacts: bool = True
     resolution: int = 40
     regularization: float | None = None
     noise: float = 0.001
     contact_law: ContactLaw | None = DEFAULT_LAW
     contact_radius: float = 0.005
-    deadline: float = 0.05
+    deadline: float | None = None
     excluded: tuple[int, ...] = ()
     threshold: float = 3.0
     model: str = "auto"
@@ -62,6 +70,11 @@ class Settings:
             raise InputError(
                 f"profile: {checks.show(self.profile)} is none of {', '.join(PROFILES)}"
             )
+        if self.image not in (None, *IMAGES):
+            raise InputError(f"image: {checks.show(self.image)} is none of {', '.join(IMAGES)}")
+        if not self.contacts and self.image in ("none", "contacts"):
+            left = "leaves nothing to do" if self.image == "none" else "draws the contacts"
+            raise InputError(f"contacts: are not looked for, and image {self.image} {left}")
         if self.model not in MODELS:
             raise InputError(f"model: {checks.show(self.model)} is none of {', '.join(MODELS)}")
         if self.regularization is not None:
@@ -71,7 +84,10 @@ class Settings:
         checks.integer(self.resolution, "resolution", 2, 200)
         checks.positive(self.noise, "noise", "voltage in V")
         checks.length(self.contact_radius, "contact_radius")
-        checks.positive(self.deadline, "deadline", "time in s")
+        if self.deadline is not None:
+            checks.positive(self.deadline, "deadline", "time in s")
+        elif self.profile == "auto":
+            object.__setattr__(self, "deadline", IN_TIME)
         checks.positive(self.threshold, "threshold", "number")
         excluded = tuple(checks.integer(e, "excluded", 0, 65534) for e in self.excluded)
         object.__setattr__(self, "excluded", excluded)
@@ -85,9 +101,10 @@ class Settings:
     @property
     def level(self) -> float | None:
         """lambda_J^2 of the potential image; None: it is not one of eq. 1."""
-        if self.regularization is None and self.profile == "paper":
-            return PAPER
-        return self.regularization
+        if self.image in ("none", "contacts"):
+            return None
+        of_paper = "paper" in (self.image, self.profile)
+        return PAPER if self.regularization is None and of_paper else self.regularization
 
 
 def _plus_minus(spread: float, unit: str) -> str:
@@ -162,6 +179,8 @@ class Result:
     noise : of a reading, V rms, as the readings show it, what the settings say at the least; NaN
         where nothing was fitted.
     settling : part of the row before that readings keep, mean of the channels; 0 where none was found.
+    complete : whether all was tried; else the deadline came before: contacts are those of a glance, with wide
+        deviations, or one contact stands for all, or they are withheld.
     conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
         pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
@@ -179,6 +198,7 @@ class Result:
     holds: float = 0.0
     noise: float = math.nan
     settling: float = 0.0
+    complete: bool = True
     conductance: np.ndarray | None = None
 
     @property

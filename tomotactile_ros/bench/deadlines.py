@@ -1,0 +1,115 @@
+"""What time buys: contacts by the deadline of a frame, where frames follow one another in real time.
+
+A sensor is scanned without a pause; every frame is given to the reconstruction when its last row is
+there. Each result is compared with what touched at the time for which it says that it holds; contacts
+whose stated deviation is 10 mm and more name no place: they are neither found nor ghosts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.trials import make_scene
+from tomotactile_ros.evaluation.scoring import REACH, score_frame
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.reconstruction import ContactEstimate, Pipeline, Settings
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.simulation import Simulator
+
+DEADLINES = 0.3e-3, 1e-3, 3e-3, 10e-3, 30e-3, 100e-3  # s
+FRAMES = 16
+# what one frame more or less that is told by a glance changes, m: noise of the clock
+_NOISE = 0.01 / FRAMES
+SENSORS: dict[str, tuple[str, Callable[[Layout], Scene]]] = {
+    "textbook": ("equal-8x8", lambda layout: load_scene("default")),
+    "worn": ("equal-8x8", lambda layout: load_scene("worn-sensor")),
+    "hand": ("equal-8x8", lambda layout: load_scene("hand")),
+    "ten": ("equal-8x8", lambda layout: _crowd(layout, 10)),
+    "4 x 4": ("equal-4x4", lambda layout: load_scene("default")),
+}
+
+
+def work() -> float:
+    """s that `measure` takes, roughly."""
+    return 0.1 * FRAMES * len(SENSORS) * len(DEADLINES)
+
+
+def measure(tick: Callable[[float], None] = lambda work: None) -> list[dict]:
+    """A row for each sensor and deadline of profile `auto`: mean OSPA distance, m, ghosts, missed,
+    median relative error of forces (None without any), withheld, complete, of so many frames; median and
+    worst time, s."""
+    rows = []
+    for name, (layout_name, make) in SENSORS.items():
+        layout = find_layout(layout_name)
+        scene = make(layout)
+        simulator = Simulator(layout, scene)
+        lasts = simulator.row_period * len(simulator.grounded)
+        frames = [simulator.measure(i * lasts, i) for i in range(FRAMES)]
+        for deadline in DEADLINES:
+            settings = Settings("auto", deadline=deadline, contact_law=scene.contact_law)
+            rows.append(
+                {"sensor": name, "deadline": deadline} | _judge(layout, settings, scene, frames)
+            )
+            tick(0.1 * FRAMES)
+    return rows
+
+
+def is_better_with_time(rows: list[dict], sensor: str) -> bool:
+    """Whether no longer deadline leads to a larger OSPA distance than a shorter one, beyond noise."""
+    distances = [row["ospa"] for row in rows if row["sensor"] == sensor]
+    return bool((np.diff(distances) < _NOISE).all())
+
+
+def _judge(layout, settings, scene, frames) -> dict:
+    pipeline, times, scores, withheld, complete = Pipeline(layout, settings), [], [], 0, 0
+    begun = time.monotonic()
+    for number, frame in enumerate(frames):
+        lasts = frame.row_period * len(frame.grounded)
+        time.sleep(max(begun + (number + 1) * lasts - time.monotonic(), 0.0))
+        start = time.perf_counter()
+        result = pipeline.process(frame)
+        times.append(time.perf_counter() - start)
+        withheld += bool(result.reason)
+        complete += result.complete
+        truth = scene.truth(frame.stamp + result.holds)
+        scores.append(score_frame(list(filter(_names_a_place, result.contacts)), truth))
+    pipeline.stop()
+    forces = np.concatenate([score.force for score in scores])
+    return {
+        "frames": len(frames),
+        "ospa": float(np.mean([score.ospa for score in scores])),
+        "ghosts": sum(score.ghosts + score.doubled for score in scores),
+        "missed": sum(score.missed for score in scores),
+        "force": float(np.median(np.abs(forces))) if len(forces) else None,
+        "withheld": withheld,
+        "complete": complete,
+        "median": float(np.median(times)),
+        "worst": float(np.max(times)),
+    }
+
+
+def _names_a_place(contact: ContactEstimate) -> bool:
+    """Whether the deviation that is stated does not reach beyond the distance at which a contact is a
+    ghost."""
+    return bool(np.sqrt(contact.position_covariance[0] + contact.position_covariance[3]) < REACH)
+
+
+def _crowd(layout: Layout, number: int) -> Scene:
+    """So many fingertips at rest, 20 % of the side and more from each other, of 1 to 5 N."""
+    random, size = np.random.default_rng(3), np.array(layout.outline.size)
+    places: list[np.ndarray] = []
+    while len(places) < number:
+        place = (0.8 * size) * (random.random(2) - 0.5)
+        if all(np.hypot(*(place - other)) > 0.2 * size.max() for other in places):
+            places.append(place)
+    contacts = tuple(
+        Contact("disc", center=place, radius=0.006, force=force)
+        for place, force in zip(places, np.linspace(1.0, 5.0, number), strict=True)
+    )
+    return replace(make_scene(layout), contacts=contacts)
