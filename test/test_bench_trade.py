@@ -4,7 +4,6 @@ import argparse
 import json
 import sys
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,10 +28,9 @@ from tomotactile_ros.bench import (
     trade,
     trials,
 )
-from tomotactile_ros.bench.sensor.parts import PARTS, WIRINGS
+from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.readings import untouched
-from tomotactile_ros.bench.sensor.states import states
-from tomotactile_ros.bench.sensor.trial import Trial, judge, presses, profiles
+from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.optimizer.grounding import scans
@@ -405,9 +403,7 @@ def test_every_result_counts_at_the_time_for_which_it_holds(monkeypatch):
     """Two discs of the default scene, 4 x 4: with as much time as there is, all is found and complete."""
     monkeypatch.setattr(deadlines, "FRAMES", 3)
     monkeypatch.setattr(deadlines, "DEADLINES", (60.0,))
-    monkeypatch.setattr(
-        deadlines, "SENSORS", {"4 x 4": deadlines.SENSORS["4 x 4"]}
-    )
+    monkeypatch.setattr(deadlines, "SENSORS", {"4 x 4": deadlines.SENSORS["4 x 4"]})
     (row,) = deadlines.measure()
     assert (row["ghosts"], row["missed"], row["withheld"], row["complete"]) == (0, 0, 0, 3)
     assert 0 < row["ospa"] < 1e-3 and row["force"] < 0.2
@@ -542,6 +538,8 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     for module in (cases, run):
         monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
     monkeypatch.setattr(deadlines, "FRAMES", 1)
+    monkeypatch.setattr(deadlines, "DEADLINES", (0.1,))
+    monkeypatch.setattr(deadlines, "SENSORS", {"4 x 4": deadlines.SENSORS["4 x 4"]})
     monkeypatch.setattr(trade, "REFERENCE", small)
     monkeypatch.setattr(run, "quick_cases", lambda: [small])
     monkeypatch.setattr(run, "QUICK", replace(EFFORT, size=trials.Size(2, 1)))

@@ -16,6 +16,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_support import LIMIT, ends_cleanly
+from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -48,6 +49,28 @@ def test_one_process_does_the_same(probe, start, scene):
     ros_checks.check_stamps(probe, 0.5)
     ros_checks.check_tare(probe)
     ends_cleanly(tactile)
+
+
+def test_images_and_contacts_are_published_as_asked_for(probe, start, scene):
+    common = {"scene": scene, "layout": "equal-4x4"}
+    for name, wanted in {"contacts": {"image": "none"}, "images": {"contacts": False}}.items():
+        start("tactile", common | wanted, namespace=f"/{name}")
+    contacts = probe.listen(ContactArray, "/images/contacts")
+    images = probe.listen(Image, "/contacts/pressure")
+    image = probe.wait_for(Image, "/images/pressure", lambda image: max(image.data) > 0)
+    assert np.nanmax(np.frombuffer(image.data, np.float32)) > 0
+    probe.wait_for(ContactArray, "/contacts/contacts", lambda m: m.complete and len(m.contacts) > 0)
+    assert not contacts and not images
+
+
+def test_contacts_come_within_the_deadline_and_say_so(probe, start, scene):
+    """A tenth of a millisecond is none: what a glance tells, and what searches have found since."""
+    start("tactile", {"scene": scene, "layout": "equal-4x4", "delivery": "frames", "deadline": 1e-4})
+    probe.wait_for(ContactArray, "/contacts", lambda m: len(m.contacts) > 0 and not m.complete)
+    cut = "too slow for it, or too much touches at once"
+    ros_checks.check_diagnostics(
+        probe, "reconstruction: reconstruction", DiagnosticStatus.WARN, cut
+    )
 
 
 def test_two_sensors_by_namespace_with_names_changed(probe, start, scene):

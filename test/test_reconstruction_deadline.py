@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tomotactile_ros.frame import Frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.deadline import Within, period_of
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -142,7 +144,7 @@ def test_a_program_ends_while_a_search_goes_on():
         "begun.wait()\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], timeout=LIMIT, capture_output=True, text=True
+        [sys.executable, "-c", program], timeout=LIMIT, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -166,7 +168,8 @@ def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout):
     places = 0.05 * (np.indices((3, 3)).reshape(2, -1).T - 1)
     scene = load_scene("default")
     touches = [
-        {"shape": "disc", "center": place.tolist(), "radius": 0.012, "force": 2.0} for place in places
+        {"shape": "disc", "center": place.tolist(), "radius": 0.012, "force": 2.0}
+        for place in places
     ]
     simulator = Simulator(layout, _with_contacts(scene, touches))
     frame = simulator.measure(0.0)
@@ -182,10 +185,6 @@ def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout):
 
 
 def _with_contacts(scene, touches):
-    from dataclasses import replace
-
-    from tomotactile_ros.scenes.contact import Contact
-
     return replace(scene, contacts=tuple(Contact(**each) for each in touches), noise=scene.noise)
 
 

@@ -51,12 +51,13 @@ def measure(tick: Callable[[float], None] = lambda work: None) -> list[dict]:
         simulator = Simulator(layout, scene)
         lasts = simulator.row_period * len(simulator.grounded)
         frames = [simulator.measure(i * lasts, i) for i in range(FRAMES)]
+        pipeline = Pipeline(layout, Settings("auto", contact_law=scene.contact_law))
         for deadline in DEADLINES:
-            settings = Settings("auto", deadline=deadline, contact_law=scene.contact_law)
-            rows.append(
-                {"sensor": name, "deadline": deadline} | _judge(layout, settings, scene, frames)
-            )
+            pipeline.untare()  # from the beginning
+            judged = _judge(pipeline, scene, frames, deadline)
+            rows.append({"sensor": name, "deadline": deadline} | judged)
             tick(0.1 * FRAMES)
+        pipeline.stop()
     return rows
 
 
@@ -66,20 +67,19 @@ def is_better_with_time(rows: list[dict], sensor: str) -> bool:
     return bool((np.diff(distances) < _NOISE).all())
 
 
-def _judge(layout, settings, scene, frames) -> dict:
-    pipeline, times, scores, withheld, complete = Pipeline(layout, settings), [], [], 0, 0
+def _judge(pipeline, scene, frames, deadline) -> dict:
+    times, scores, withheld, complete = [], [], 0, 0
     begun = time.monotonic()
     for number, frame in enumerate(frames):
         lasts = frame.row_period * len(frame.grounded)
         time.sleep(max(begun + (number + 1) * lasts - time.monotonic(), 0.0))
         start = time.perf_counter()
-        result = pipeline.process(frame)
+        result = pipeline.process(frame, deadline=deadline)
         times.append(time.perf_counter() - start)
         withheld += bool(result.reason)
         complete += result.complete
         truth = scene.truth(frame.stamp + result.holds)
         scores.append(score_frame(list(filter(_names_a_place, result.contacts)), truth))
-    pipeline.stop()
     forces = np.concatenate([score.force for score in scores])
     return {
         "frames": len(frames),

@@ -90,7 +90,7 @@ def _deadline(row):
     force = "-" if row["force"] is None else f"{100 * row['force']:.1f}"
     counts = f"{row['withheld']} of {row['frames']}", f"{row['complete']} of {row['frames']}"
     times = (tables.milliseconds(row[key]) for key in ("median", "worst"))
-    place = f"{1e3 * row['ospa']:.2f}", row["ghosts"], row["missed"], force
+    place = f"{1e3 * row['ospa']:.2f}", str(row["ghosts"]), str(row["missed"]), force
     return row["sensor"], tables.milliseconds(row["deadline"]), *place, *counts, *times
 
 

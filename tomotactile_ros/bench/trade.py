@@ -225,7 +225,6 @@ def _same_memory(case):
     return case.layout, case.profile, case.resolution
 
 
-
 def front(rows: list[dict], sensor: str) -> Iterator[dict]:
     """Rows that are nearer to the truth on one of `SENSORS` than all faster ones, by what is worth
     it."""

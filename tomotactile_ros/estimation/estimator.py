@@ -89,7 +89,7 @@ _DRIFTED = 0.05  # spacings that a contact which rested has moved in a frame, as
 # steps and patches of a fit of contacts that go on moving: if these do not do, the motion has changed,
 # which rows show
 _GOES_ON = 2, 300
-_MOVED = 1.25  # chi-squared per reading, the sensor's share included, of those that did: 1.0 to 1.2
+_MOVED = 1.25  # chi-squared of those that did, in parts of the last, with the share of the sensor: 1.0 to 1.2
 SLIDING = 0.02  # m/s: the way within a frame is a part of a contact's width
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
 _STEADY = 1.0  # of ln c in a second: what changes faster in one frame is expected to in the next

@@ -629,7 +629,9 @@ class Pipeline:
         """The linear image alone; its potential by eq. 1 where that is asked for."""
         read = self._read(given, doubtful=True)
         frame, bad, local, measured = read
-        reason = self._no_ground(given) or ("" if local is None or measured is not None else NO_IMAGE)
+        reason = self._no_ground(given) or (
+            "" if local is None or measured is not None else NO_IMAGE
+        )
         faults, middle = self._faults(frame, bad), given.lasts / 2
         if reason:
             return _Found(self._withheld(reason, bad, faults, math.nan, middle), given)
