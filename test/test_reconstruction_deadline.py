@@ -149,7 +149,18 @@ def test_a_program_ends_while_a_search_goes_on():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate", "auto", "paper"])
+@pytest.mark.parametrize("profile", ["fast", "paper"])
+def test_an_image_that_explains_a_frame_waits_for_nothing(layout, frames, profile):
+    """A search of a frame before may go on meanwhile."""
+    pipeline = Pipeline(layout, Settings(profile, deadline=AT_ONCE))
+    gate = threading.Event()
+    assert pipeline._within.result(lambda: gate.wait(LIMIT), bool, AT_ONCE, anything) is False
+    result = pipeline.process(frames[0])
+    gate.set()
+    assert result.complete and len(result.contacts) == 2
+
+
+@pytest.mark.parametrize("profile", ["balanced", "accurate", "auto"])
 def test_a_glance_is_right_within_its_deviations(layout, frames, profile):
     pipeline = Pipeline(layout, Settings(profile, deadline=AT_ONCE))
     # whoever waits for the interpreter may find the search at its end

@@ -281,7 +281,7 @@ class Reconstruction:
             frame.sequence, frame.stamp, now - frame.stamp, took, lasts, limit, result.complete
         )
         if followed and not left_out:
-            self._rows.correct(self._pipeline, frame, limit)
+            self._rows.correct(self._pipeline, frame, max(limit - took, 0.0))
 
     def _check(self, frame: Frame, layout_id: str) -> None:
         """Refuse, as InputError, what is not of this layout."""

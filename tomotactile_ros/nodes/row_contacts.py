@@ -34,7 +34,7 @@ SPECS = (
         high=65535,
     ),
 )
-_TURNS, _TURN = 10, 0.005  # times, s, that a frame waits for its last rows
+_TURNS, _TURN = 2, 0.005  # times, s, that a frame waits for its last rows
 _LONGEST = 1.0  # s of work for the rows of one message; those left over then are left out
 _PATIENCE = 1.0  # s without rows after which contacts are those of frames again
 

@@ -312,9 +312,10 @@ class Pipeline:
         else:
             given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
         given = self._given(*given, stamp)
-        search, glance = partial(self._process, given), partial(self._glance, given)
         if self.settings.contacts:
-            found = self._in_time(search, glance, deadline, self._is_news)
+            found = self._imaged(given) or self._in_time(
+                partial(self._process, given), partial(self._glance, given), deadline, self._is_news
+            )
         else:
             found = self._pictured(given)
         result, self._found = found.result, found
@@ -380,16 +381,19 @@ class Pipeline:
         if mistake:  # what a frame is withheld for, rows are, too
             result = self._withheld(mistake, self._excluded, {}, math.nan, given.lasts)
             found = _Found(result, given, FrameSeen(Estimate([], [], "withheld", mistake), None))
-        elif self.fits:
-            found = self._estimated(given)
         else:
-            found = self._imaged(given)
+            found = self._estimated(given) if self.fits else self._handed_over(given)
         result = found.result
         if result.contacts or result.reason:
             self._explained_one = not result.reason
+        self._settled(result)
+        return found
+
+    def _settled(self, result: Result) -> Result:
+        """The same, which says what readings keep of the row before."""
         if self._state.settling is not None:
             result.settling = float(self._state.settling.part.mean())
-        return found
+        return result
 
     def _row_at_end(self, voltages, grounded) -> np.ndarray:
         """(E,) potentials in the last row of a frame, V, with the tare taken off."""
@@ -754,15 +758,19 @@ class Pipeline:
             holds=holds,
         )
 
-    def _imaged(self, given: _Given) -> _Found:
-        """The linear image and the contacts that its blobs show; what the estimator says where a
-        frame is none that one linear step is made for, see `_read`."""
+    def _imaged(self, given: _Given) -> _Found | None:
+        """The linear image and the contacts that its blobs show, in profiles that ask for no more; None
+        for a frame that one linear step is not made for, see `_read`, or with which something is wrong."""
+        if self.fits or self._no_ground(given) or self._mistake(given):
+            return None
         shown = self._shown(given, self._read(given))
         if shown is None:
-            return self._handed_over(given)
-        self._state.forget()
+            return None
+        if not self._within.busy:
+            self._state.forget()
+        self._explained_one = self._explained_one or bool(shown.contacts)
         self._imaged_before = given  # should the next frame need what was there
-        return _Found(shown, given)
+        return _Found(self._settled(shown), given)
 
     def _shown(self, given: _Given, read: tuple) -> Result | None:
         """What the linear image says of a frame `read` as `_read` does; None where one step is not
