@@ -53,7 +53,7 @@ Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # there on a row does not find it again; 0.44 s with electrodes 25 mm apart
 _UNSEEN = 2.0
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
-_KEPT, _EACH = 64, 0.05  # rows that are kept for a frame that is told late; s from one to the next
+_KEPT, _EACH = 128, 0.05  # rows that are kept for a frame that is told late; s from one to the next
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show
