@@ -325,6 +325,46 @@ def test_rows_that_are_missing_for_a_while_change_nothing(estimator):
                 assert is_seen(Contact("disc", **NEW), said, 5e-3, 0.3) == 1
 
 
+SLIDING = Contact(
+    "disc",
+    center=(-0.07, 0.05),
+    radius=0.008,
+    pressure=15e3,
+    velocity=(0.2, -0.16),
+    start=0.0,
+    end=9.0,
+)
+
+
+def test_what_slides_is_found_where_it_is_after_a_pause(estimator):
+    """0.6 s without rows, in which it goes 0.15 m: it keeps its number."""
+    rows, state = RowEstimator(estimator), RowsState()
+    frames = frames_of([SLIDING], 42)
+    for frame in (0, 1, 40, 41):
+        for i, row in enumerate(frames[frame]):
+            now = (16 * frame + i) * ROW_PERIOD
+            said = rows.estimate(row, i, DRIVE, now, state)
+            if frame > 1:
+                place = np.add(SLIDING.center, np.multiply(SLIDING.velocity, now))
+                assert numbers_and_places(said)[1] == pytest.approx(place, abs=3e-3)
+
+
+def test_a_frame_that_is_told_late_is_followed_by_the_rows_since(estimator):
+    """It slides when rows begin; the first frame is told after half a second, 0.12 m farther."""
+    rows, state = RowEstimator(estimator), RowsState(waits=False)
+    frames = frames_of([SLIDING], 34)
+    first = rows.look(frames[0], np.arange(16), DRIVE, ROW_PERIOD, state.frames)
+    for i, row in enumerate(frames.reshape(-1, 16)):
+        if i == 496:
+            state.tell(first.at(0.0, ROW_PERIOD, 16))
+        said = rows.estimate(row, i % 16, DRIVE, i * ROW_PERIOD, state)
+        if i < 496:
+            assert "when rows began" in said.reason
+        else:
+            place = np.add(SLIDING.center, np.multiply(SLIDING.velocity, i * ROW_PERIOD))
+            assert numbers_and_places(said)[1] == pytest.approx(place, abs=3e-3)
+
+
 def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
     both = [RESTING, Contact("disc", **NEW)]
     followed = followed_late(estimator, both, 4, 6)
@@ -493,7 +533,7 @@ def on_8x8():
     return pipeline, [(row, i % 64, i * ROW_PERIOD) for i, row in enumerate(rows)]
 
 
-@pytest.mark.parametrize("ahead", [0.6, 0.9])
+@pytest.mark.parametrize("ahead", [0.25, 0.45, 0.6, 0.9])
 def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
     """A contact that nobody saw for so long may be anywhere; it was valid, up to 69 mm off."""
     pipeline, rows = on_8x8

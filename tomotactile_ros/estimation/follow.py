@@ -27,7 +27,14 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, Row, RowModel
 from tomotactile_ros.estimation.row_outliers import outliers
-from tomotactile_ros.estimation.row_state import MOVING, STATE, STRENGTH, Belief, RowState
+from tomotactile_ros.estimation.row_state import (
+    MOVING,
+    PLACE,
+    STATE,
+    STRENGTH,
+    Belief,
+    RowState,
+)
 from tomotactile_ros.estimation.touch import RADIUS
 
 _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looked at again
@@ -143,7 +150,8 @@ class Follower:
         read = (np.where(valid, readings, 0.0), valid)
         count = int(np.count_nonzero(valid))
         learns = self._learns(expected, state.read)
-        fit = self._fit(state.model, expected, read, ground, 1, learns=learns)
+        steps = 1 if self._is_linear(expected) else _STEPS
+        fit = self._fit(state.model, expected, read, ground, steps, learns=learns)
         surprising, confusing, unexplained = _limits(max(count, 1))
         state.confused *= _CALMING
         if fit.chi_squared > surprising:
@@ -163,13 +171,37 @@ class Follower:
                 fit = min(fit, gone, key=lambda each: each.cost + (_COST if each is gone else 0.0))
             fit = self._ended(state, fit, read, ground)
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
-        if state.model.known.wide is not None and np.isinf(fit.row.own):
+        state.belief = self._tidied(fit.believed())
+        self._passed(state, bool(np.isinf(fit.row.own)), fit.chi_squared / max(count, 1))
+
+    def wait(self, state: RowState, readings, valid, time: float) -> None:
+        """Takes a row into `state` that is not believed, as a frame has to tell first: all that it says
+        is whether anything touches. Arguments as of `follow`."""
+        state.time, state.unexplained = time, 0
+        state.distrusted = np.maximum(state.distrusted - 1, 0)
+        valid = valid & (state.distrusted == 0)
+        readings = np.where(valid, readings, 0.0)
+        count = max(int(np.count_nonzero(valid)), 1)
+        gone, most = self._gone(state.model, state.belief, (readings, valid)), _limits(count)[0]
+        if gone.chi_squared > most:  # maybe a few readings are wrong
+            left, _ = outliers(gone.misfit, gone.root, valid, _AT_ONCE)
+            rest = valid.copy()
+            rest[left] = False
+            gone = self._gone(state.model, state.belief, (np.where(rest, readings, 0.0), rest))
+            if gone.chi_squared <= most:
+                state.distrusted[left] = len(valid)
+        untouched = valid.any() and gone.chi_squared <= most
+        if untouched:
+            state.belief = gone.believed()
+        self._passed(state, untouched, gone.chi_squared / count)
+
+    def _passed(self, state: RowState, untouched: bool, misfit: float) -> None:
+        """What a row that was taken in leaves."""
+        if state.model.known.wide is not None and untouched:
             state.model = RowModel(self.operator, replace(state.model.known, wide=None))
             state.wide = []
-        state.belief = self._tidied(fit.believed())
-        state.untouched = bool(np.isinf(fit.row.own))
-        state.misfit = fit.chi_squared / max(count, 1)
-        if state.untouched:
+        state.untouched, state.misfit = untouched, misfit
+        if untouched:
             state.confused, state.touched_at_once = 0.0, False
         elif not state.read:  # a row tells one contact from several only where one comes at a time
             state.confused, state.touched_at_once = np.inf, True
@@ -196,6 +228,11 @@ class Follower:
                 spent[number] = gained
         state.fading = spent
         return fit
+
+    def _is_linear(self, belief: Belief) -> bool:
+        """Whether contacts are known to where one linearisation holds: they are not after a pause."""
+        variances = belief.covariance.diagonal()[: STATE * belief.count].reshape(-1, STATE)
+        return bool((variances[:, PLACE] < (REACH * self.operator.pitch) ** 2).all())
 
     def _learns(self, belief: Belief, number: int) -> bool:
         """Whether a row is to tell of the sensor: those of contacts that have come or move do, of

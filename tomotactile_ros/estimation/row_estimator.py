@@ -50,9 +50,10 @@ from tomotactile_ros.estimation.touch import PARAMETERS, Touches, conductance, p
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
-# there on what was there before is not known; 0.28 s with electrodes 25 mm apart
-_UNSEEN = 1.0
+# there on a row does not find it again; 0.44 s with electrodes 25 mm apart
+_UNSEEN = 2.0
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
+_KEPT, _EACH = 128, 0.05  # rows that are kept for a frame that is told late; s from one to the next
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show
@@ -76,6 +77,7 @@ class RowsState:
     before : potentials in the last row
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
+    kept : some of the rows of late, while they wait for what a frame tells
     """
 
     waits: bool = True
@@ -101,6 +103,7 @@ class RowsState:
     turns: Turns = field(default_factory=Turns)
     end: RangeEnd = field(default_factory=RangeEnd)
     past: deque = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    kept: deque = field(default_factory=lambda: deque(maxlen=_KEPT))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
     def lasts(self, rows: int) -> float:
@@ -242,12 +245,7 @@ class RowEstimator:
         if at >= 0 and valid.any() and not state.end.most and not state.rows.distrusted[at]:
             readings = voltages[follower.operator.used] / drive_voltage
             before = state.rows.touched
-            try:
-                carried_on(follower, state.rows, time)
-                follower.follow(state.rows, readings, valid, at, time)
-            except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
-                self._begin(state, drive_voltage)
-                state.rows.time, state.rows.unexplained = time, 1
+            self._follow(state, follower, readings, valid, at, time)
             after, untouched = state.rows.touched, state.rows.untouched
             if state.turns.take(before, after, untouched, time):
                 state.rows.confused = np.inf
@@ -262,6 +260,22 @@ class RowEstimator:
         if len(state.read) >= self.estimator.layout.electrodes:
             self._frame(state)
             state.read, state.grounded, state.times = [], [], []
+
+    def _follow(
+        self, state: RowsState, follower: Follower, readings, valid, at: int, time: float
+    ) -> None:
+        """Lets a row tell, or keeps it for when a frame has told what rows began with."""
+        try:
+            if self._frames and (state.confused or not state.rows.read):
+                follower.wait(state.rows, readings, valid, time)
+                if not state.kept or time - state.kept[-1][-1] >= _EACH:
+                    state.kept.append((readings, valid, at, time))
+            else:
+                carried_on(follower, state.rows, time)
+                follower.follow(state.rows, readings, valid, at, time)
+        except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
+            self._begin(state, state.drive)
+            state.rows.time, state.rows.unexplained = time, 1
 
     def go_on(self, state: RowsState, seen: FrameSeen, drive_voltage: float) -> None:
         """Begin with what a frame said of which no row was followed."""
@@ -305,6 +319,7 @@ class RowEstimator:
         state.rows.last = last
         state.sensor = self.estimator.sensor
         state.past.clear()
+        state.kept.clear()
         state.turns.begin()
 
     def _learned(self, state: RowsState) -> None:
@@ -373,13 +388,36 @@ class RowEstimator:
         if fit is None or fit.used != tuple(state.used):
             return
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
-        if then is None:  # rows have begun since, or it took too long
+        if state.confused:
+            self._catch_up(seen, state, then or {})
+            return
+        if then is None:  # it took too long
             return
         since = 2 * seen.begun - seen.ended  # the frame before, with which its estimate began
         within = [places for at, places in state.past if since <= at <= seen.ended]
         ended = any(places.keys() - then.keys() for places in within)
         corrected(self._follower(state.used, state.drive), state.rows, seen, then, ended)
         state.confirmed = seen.ended
+
+    def _catch_up(self, seen: FrameSeen, state: RowsState, then) -> None:
+        """Goes on from what a frame said where rows were not believed: those kept since tell again."""
+        kept = [row for row in state.kept if row[-1] > seen.ended]
+        after = [*(row[-1] for row in kept), state.rows.time]
+        if after[0] - seen.ended > self._pause and seen.fit.unknowns.rates[:, :2].any():
+            return  # what slides has gone nobody knows where
+        follower = self._follower(state.used, state.drive)
+        times = [at for at, _ in state.past if at >= seen.begun]
+        state.kept.clear()
+        state.past.clear()
+        if kept:
+            state.rows.time = seen.ended
+        corrected(follower, state.rows, seen, then)
+        state.confirmed = seen.ended
+        for row, until in zip([None, *kept], [*after[: len(kept)], np.inf]):
+            if row is not None:
+                self._follow(state, follower, *row)
+            places, since = state.rows.belief.places(), -np.inf if row is None else row[-1]
+            state.past.extend((at, places) for at in times if since <= at < until)
 
     def report(self, state: RowsState) -> Followed:
         """Contacts at the time of the last row."""
