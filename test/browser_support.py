@@ -28,7 +28,7 @@ def browser() -> str | None:
 class Tab:
     """One page in a browser of its own."""
 
-    def __init__(self, url: str, width: int = 1280, height: int = 800, phone: bool = False):
+    def __init__(self, url: str, width: int = 800, height: int = 600, phone: bool = False):
         from websockets.sync.client import connect
 
         self._home = tempfile.mkdtemp()
@@ -86,6 +86,12 @@ class Tab:
     def text(self) -> str:
         """All words on the page."""
         return str(self.script("document.body ? document.body.innerText : ''"))
+
+    def contacts(self) -> list[list[str]]:
+        """Rows of the tables of contacts that the page shows, cell by cell."""
+        cells = "[...row.cells].map(cell => cell.innerText)"
+        rows = self.script(f"[...document.querySelectorAll('tr')].map(row => {cells})")
+        return [row for row in rows if len(row) > 3 and row[0].isdigit()]
 
     def until(self, happened: Callable[[], object], what: str) -> None:
         """Wait until something has happened."""

@@ -77,13 +77,6 @@ def serve():
         assert process.wait() in (0, 130)
 
 
-def table(tab):
-    """Rows of the page's table of contacts, cell by cell."""
-    cells = "[...r.cells].map(c => c.innerText)"
-    rows = tab.script(f"[...document.querySelectorAll('tr')].map(r => {cells})")
-    return [row for row in rows if len(row) > 3 and row[0].isdigit()]
-
-
 def seconds(tab):
     """Time in the scene that the page shows; NaN where it shows none."""
     found = re.search(r"(\d+\.\d+) s, \d+ ms old", tab.text())
@@ -148,7 +141,7 @@ def test_a_recording_is_played_and_scrubbed(serve, open_tab, tmp_path):
     tab.says("30 of 30 frames, 0 of them withheld")
     tab.key_until(lambda: seconds(tab) < 0.03, "[role=slider]", "Home", 36)
     tab.key_until(lambda: seconds(tab) > 0.46, "[role=slider]", "End", 35)
-    tab.until(lambda: table(tab), "contact")
+    tab.until(lambda: tab.contacts(), "contact")
 
 
 def test_the_sheet_is_pressed_by_a_click_and_the_touch_appears(page, open_tab):
@@ -160,10 +153,10 @@ def test_the_sheet_is_pressed_by_a_click_and_the_touch_appears(page, open_tab):
     try:
         tab = open_tab(page.url)
         tab.says("no contact")
-        tab.click_until(lambda: game.touches(), 450, 400)
+        tab.click_until(lambda: game.touches(), 240, 330)
         (touch,) = game.touches()
-        tab.until(lambda: table(tab), "contact")
-        (number, place, _, force, off, true), *others = table(tab)
+        tab.until(lambda: tab.contacts(), "contact")
+        (number, place, _, force, off, true), *others = tab.contacts()
         found = [float(each) for each in place.split(",")]
         assert math.dist(found, (1e3 * touch.x, 1e3 * touch.y)) < 1.0 and not others
         assert float(off) < 1.0 and abs(float(force) - 2.0) < 0.3 and true == "2.00" and int(number)

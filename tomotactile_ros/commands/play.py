@@ -188,7 +188,7 @@ class Game:
         """What is chosen to be wrong with the sensor."""
         scene = load_scene("live")
         width, height = layout.outline.size
-        cut = ((0.1 * width, -0.2 * height), (0.1 * width, 0.25 * height))
+        cut = ((0.5 * width, 0.15 * height), (0.35 * width, 0.15 * height))  # from the rim
         channels = Channels(
             gain=Rms(0.02) if self._gains.value else None,
             open=(layout.electrodes // 3,) if self._open.value else (),

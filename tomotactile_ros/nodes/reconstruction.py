@@ -174,6 +174,7 @@ class Reconstruction:
             "profile": pipeline.profile,
             "contact law": law_in_words(self.parameters.values),
             "late": self._rows.late() or self._watch.late(),
+            "electrodes_left_out": ", ".join(map(str, self._excluded)),
             **self._watch.figures(),
             **self._rows.figures(),
             **self._taring.figures(),
