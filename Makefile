@@ -4,10 +4,12 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run test bench paper docs fuzz sanitize faults protocol lock clean
+.PHONY: help setup run play view test bench paper docs fuzz sanitize faults protocol lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=fast)"
+	@echo "make play     a simulated sheet in the browser, to be pressed with the pointer (LAYOUT= PLAY_ARGS=)"
+	@echo "make view     a sensor or a recording in the browser (VIEW_ARGS='--recording frames.npz')"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
@@ -26,6 +28,12 @@ setup:
 run:
 	@$(SETUP) $(PROGRAMS)/live --duration $(DURATION) \
 		$(if $(LAYOUT),--layout '$(LAYOUT)') $(if $(SCENE),--scene '$(SCENE)') $(if $(PROFILE),--profile '$(PROFILE)')
+
+play:
+	@$(SETUP) tomotactile play $(if $(LAYOUT),--layout '$(LAYOUT)') $(PLAY_ARGS)
+
+view:
+	@$(SETUP) tomotactile view $(if $(LAYOUT),--layout '$(LAYOUT)') $(VIEW_ARGS)
 
 test: # where pytest-xdist is installed on all cores, the tests of a file one after the other
 	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \

@@ -1,4 +1,5 @@
-"""Driver and reconstruction of one sensor: as two processes or one, plain or managed, with rviz2.
+"""Driver and reconstruction of one sensor: as two processes or one, plain or managed, with rviz2 or a page
+for the browser.
 
 Arguments that cannot be meant, and a node that refuses its parameters (exit status 2), stop the
 launch, or only the sensor (on_refusal:=ignore); a node that dies otherwise is started again.
@@ -59,6 +60,7 @@ SWITCHES = {
     "lifecycle": ("false", "managed nodes"),
     "autostart": ("", "managed nodes bring themselves up; false leaves that to a manager"),
     "viz": ("false", "start rviz2"),
+    "view": ("false", "serve a page for the browser: http://127.0.0.1:8080 or the next free port"),
 }
 NAMESPACE = r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?"
 ON_REFUSAL = ("stop", "ignore")
@@ -107,6 +109,7 @@ def start(context: LaunchContext) -> list:
         return refuse(str(refusal), given["on_refusal"])
     # rviz2 first: if it is missing, the launch fails before there are nodes to be left behind
     actions = [make_rviz(given)] if given["viz"] == "true" else []
+    actions += [make_viewer(given)] if given["view"] == "true" else []
     if device == "fake":
         scene = given["scene"] or "that of the parameters"
         actions.append(LogInfo(msg=f"{where}: SIMULATED data, device fake, scene {scene}"))
@@ -293,4 +296,16 @@ def make_rviz(given: dict[str, str]) -> Node:
         namespace=given["namespace"],
         arguments=["-d", config, *frame],
         remappings=[(f"/{topic}", topic) for topic in SHOWN],
+    )
+
+
+def make_viewer(given: dict[str, str]) -> Node:
+    """The page of this sensor."""
+    time = {"use_sim_time": True} if given["use_sim_time"] == "true" else {}
+    return Node(
+        package=PACKAGE,
+        executable="viewer",
+        namespace=given["namespace"],
+        parameters=[time],
+        output="screen",
     )

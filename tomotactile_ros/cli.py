@@ -14,7 +14,9 @@ from tomotactile_ros.support.command_line import Parser, end_of_pipe, say_doubts
 from tomotactile_ros.support.errors import InputError
 
 COMMANDS = (
+    "play",
     "run",
+    "view",
     "watch",
     "record",
     "tare",

@@ -86,6 +86,7 @@ RIGHT = [
     ({"composed": "true", "profile": "fast"}, "tactile", {"profile": "fast", "device": "fake"}),
     ({"composed": "true", "lifecycle": "true"}, "tactile_lifecycle", {"autostart": True}),
     ({"on_refusal": "ignore"}, "driver", {}),
+    ({"view": "true", "use_sim_time": "true"}, "viewer", {"use_sim_time": True}),
 ]
 
 
@@ -114,6 +115,7 @@ WRONG = [
     ({"lifecycle": "on"}, "lifecycle:=on is neither"),
     ({"autostart": "true"}, "autostart:=true needs lifecycle:=true"),
     ({"viz": "rviz"}, "viz:=rviz is neither"),
+    ({"view": "page"}, "view:=page is neither"),
     ({"on_refusal": "retry"}, "on_refusal:=retry is neither stop nor ignore"),
     ({"namespace": "left-hand"}, "namespace:=left-hand is none: letters, digits and _ make names"),
     ({"namespace": "a//b"}, "namespace:=a//b is none"),

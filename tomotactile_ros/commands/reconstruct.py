@@ -78,7 +78,7 @@ def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     recorded = open_recording(args.frames, layout, args.drive_voltage, args.topic)
     check_out(args.out, ".npz")
-    law, of_law = _contact_law(args.calibration, recorded)
+    law, of_law = law_of_recording(args.calibration, recorded)
     settings = Settings(
         args.profile,
         resolution=args.resolution,
@@ -98,7 +98,7 @@ def run(args: Namespace) -> None:
     sensor = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     pipeline = Pipeline(layout, settings, sensor=sensor)
     apply_tare(args.tare, pipeline)
-    stamps, told = _stamps(recorded)
+    stamps, told = stamps_of_recording(recorded)
     recorded = replace(recorded, stamps=stamps)
     latency: list[float] = []
     left_out: dict[int, str] = {}
@@ -138,7 +138,9 @@ def run(args: Namespace) -> None:
         print(of_law)
 
 
-def _contact_law(calibration: str | None, recorded: FramesFile) -> tuple[ContactLaw | None, str]:
+def law_of_recording(
+    calibration: str | None, recorded: FramesFile
+) -> tuple[ContactLaw | None, str]:
     """The contact law of a recording, None where it says that there is none, and a line to print
     where forces are not known, or known for an assumed law only."""
     if calibration:
@@ -177,7 +179,7 @@ def _every_row(pipeline, frames, path) -> Iterator[tuple[Result, float, float]]:
                 yield result, time.perf_counter() - start, holds
 
 
-def _stamps(recorded) -> tuple[np.ndarray, str]:
+def stamps_of_recording(recorded) -> tuple[np.ndarray, str]:
     """(N,) s, when each frame began, and a line to print where the file does not tell, or tells
     what cannot be."""
     if recorded.stamps is not None:

@@ -16,13 +16,15 @@ from tomotactile_ros.commands.device_options import (
     source_of,
 )
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
+from tomotactile_ros.devices import Device
 from tomotactile_ros.devices.health import late_of
 from tomotactile_ros.devices.stream import FrameStream
-from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.deadline import period_of
 from tomotactile_ros.reconstruction.settings import PROFILES
+from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.support.command_line import positive
 from tomotactile_ros.support.files import check_picture
 from tomotactile_ros.view.display import Display, Shot
@@ -31,6 +33,12 @@ HELP = "show a live picture of a sensor, simulated unless --port or --recording 
 
 
 def add_arguments(parser: ArgumentParser) -> None:
+    add_chain_arguments(parser)
+    parser.add_argument("--out", help="picture of the last image to write at the end (.png)")
+
+
+def add_chain_arguments(parser: ArgumentParser) -> None:
+    """Add the options of all commands that show what a sensor feels."""
     add_device_arguments(parser, layout="equal-8x8")
     parser.add_argument(
         "--profile", default=Settings.profile, choices=PROFILES, help=f"default: {Settings.profile}"
@@ -40,20 +48,15 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--calibration", help="file of 'calibrate'; without it forces are not known"
     )
     parser.add_argument("--duration", type=positive, help="s (default: until Ctrl-C)")
-    parser.add_argument("--out", help="picture of the last image to write at the end (.png)")
 
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
     if args.out:
         check_picture(args.out)
-    device, scene = open_device(args, layout, FRESH)
-    law = load_calibration(args.calibration) if args.calibration else None
-    if law is None and scene is not None:
-        law = scene.contact_law
-    pipeline = Pipeline(layout, Settings(args.profile, contact_law=law))
-    apply_tare(args.tare, pipeline)
-    display = Display(layout, scene, source_of(args), calibrated=law is not None)
+    device, scene, pipeline = open_chain(args, layout)
+    calibrated = pipeline.settings.contact_law is not None
+    display = Display(layout, scene, source_of(args), calibrated=calibrated)
     display.say(f"layout {layout.name}, {source_of(args)}, {pipeline.report}")
     try:
         with suppress(KeyboardInterrupt), FrameStream(device) as stream:
@@ -63,6 +66,18 @@ def run(args: Namespace) -> None:
         display.close()
     if args.out and display.last is not None:
         display.save(args.out)
+
+
+def open_chain(args: Namespace, layout: Layout) -> tuple[Device, Scene | None, Pipeline]:
+    """The device that the options name, not yet open, its scene if it is simulated, and what makes
+    images of its frames."""
+    device, scene = open_device(args, layout, FRESH)
+    law = load_calibration(args.calibration) if args.calibration else None
+    if law is None and scene is not None:
+        law = scene.contact_law
+    pipeline = Pipeline(layout, Settings(args.profile, contact_law=law))
+    apply_tare(args.tare, pipeline)
+    return device, scene, pipeline
 
 
 def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
@@ -94,6 +109,7 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             age=age - result.holds,
             reason=result.reason,
             late=late_of(late, total, "frames"),
+            faults=result.faults,
         )
         if duration and arrivals[-1] - first[1] >= duration:
             return

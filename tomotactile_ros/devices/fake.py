@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice
+from tomotactile_ros.scenes.scene import described
 from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -81,6 +82,12 @@ class FakeDevice(ThreadedDevice):
         if self._begin is None:
             return []
         return self._touches.press(touches, self._now() - self._begin)
+
+    def truth(self, t: float) -> list[dict]:
+        """What really touches at the time `t` (s) of the scene, as `Scene.truth`, with what presses
+        from outside."""
+        live = () if self._touches is None else self._touches.at(t)
+        return [*self._simulator.scene.truth(t), *map(described, live)]
 
     def _counters(self) -> dict[str, float]:
         return {"frames_skipped": float(self._skipped)}

@@ -58,9 +58,9 @@ def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> 
     )
 
 
-def message_to_contacts(message: ContactArray, layout: Layout) -> list[ContactEstimate]:
+def message_to_contacts(message: ContactArray, layout: Layout | None) -> list[ContactEstimate]:
     """Contact estimates on the flat sheet of a message, in its order; without what only space
-    has."""
+    has. Where the layout is not known, x and y are those of the sensor's frame."""
     return [
         ContactEstimate(
             float(x),
@@ -69,6 +69,7 @@ def message_to_contacts(message: ContactArray, layout: Layout) -> list[ContactEs
             c.pressure,
             c.area,
             c.radius,
+            tuple(c.position_covariance.tolist()),
             force_std=c.force_std,
             probability=c.probability,
             id=c.id,
@@ -86,9 +87,29 @@ def message_to_touches(message: ContactArray, layout: Layout) -> list[Touch]:
     ]
 
 
-def _on_sheet(message: ContactArray, layout: Layout) -> np.ndarray:
-    positions = [(c.position.x, c.position.y, c.position.z) for c in message.contacts]
-    return layout.surface.nearest(np.reshape(positions, (-1, 3)), layout.outline.size)
+def message_to_spatial(message: ContactArray) -> SpatialContacts:
+    """Where the contacts of a message are in space, in its order."""
+    contacts = message.contacts
+    normals, tangents = _rows([c.normal for c in contacts]), _rows([c.tangent for c in contacts])
+    return SpatialContacts(
+        _rows([c.position for c in contacts]),
+        np.stack([tangents, np.cross(normals, tangents), normals], axis=-1),
+        _rows([c.velocity for c in contacts]),
+        np.array([c.position_covariance for c in contacts]).reshape(-1, 2, 2),
+        np.array([c.force for c in contacts], float),
+    )
+
+
+def _rows(vectors: Sequence) -> np.ndarray:
+    """(N, 3)."""
+    return np.array([(v.x, v.y, v.z) for v in vectors], float).reshape(-1, 3)
+
+
+def _on_sheet(message: ContactArray, layout: Layout | None) -> np.ndarray:
+    positions = _rows([c.position for c in message.contacts])
+    if layout is None:
+        return positions[:, :2]
+    return layout.surface.nearest(positions, layout.outline.size)
 
 
 def wrench_to_message(force: np.ndarray, torque: np.ndarray, header: Header) -> WrenchStamped:

@@ -179,6 +179,7 @@ class Reconstruction:
             "contact law": law_in_words(self.parameters.values),
             "cut": self._watch.cut(),
             "late": self._rows.late() or self._watch.late(),
+            "electrodes_left_out": ", ".join(map(str, self._excluded)),
             **self._watch.figures(),
             **self._rows.figures(),
             **self._taring.figures(),

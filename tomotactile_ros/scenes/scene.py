@@ -97,7 +97,7 @@ class Scene:
         has no finite one, the mean), area (m²) and radius (of the disc of the same area, m); force
         and pressure are None where the scene names neither.
         """
-        return [_describe(now) for contact in self.contacts if (now := contact.at(t)) is not None]
+        return [described(now) for contact in self.contacts if (now := contact.at(t)) is not None]
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the scene as YAML; an existing file is replaced whole or not at all."""
@@ -167,7 +167,8 @@ def _reaches(contact: Contact, layout: Layout) -> bool:
     return any(layout.outline.is_met_by(*leg) for leg in contact.legs(2 * farthest))
 
 
-def _describe(contact: Contact) -> dict:
+def described(contact: Contact) -> dict:
+    """An entry of `Scene.truth`."""
     x, y = contact.centroid
     return {
         "x": float(x),

@@ -230,10 +230,16 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
                 return path
     except OSError as error:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
-    installed = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
-    close = difflib.get_close_matches(Path(text).stem, installed, n=1)
+    there = installed(kind)
+    close = difflib.get_close_matches(Path(text).stem, there, n=1)
     hint = f"; did you mean {close[0]}?" if close else ""
     raise InputError(
         f"{show(text)}: no such file, and none of the installed {kind}: "
-        f"{', '.join(installed) or '-'}{hint}"
+        f"{', '.join(there) or '-'}{hint}"
     )
+
+
+def installed(kind: str) -> list[str]:
+    """Names of all installed ``"layouts"`` or ``"scenes"``."""
+    folders = [folder / "config" / kind for folder in shared_folders()]
+    return sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})

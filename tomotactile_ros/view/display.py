@@ -4,8 +4,8 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from textwrap import wrap
 from typing import TextIO
 
@@ -41,6 +41,7 @@ class Shot:
     reason : why contacts are withheld, if they are.
     image_age : s from the image's frame to the time of the contacts, where these do not wait for images.
     late : how many frames or rows of late were told late or not at all, for people; empty: not known.
+    faults : electrodes that are left out, and why.
     """
 
     pressure: np.ndarray | None
@@ -51,6 +52,7 @@ class Shot:
     reason: str = ""
     image_age: float = 0.0
     late: str = ""
+    faults: Mapping[int, str] = field(default_factory=dict)
 
 
 class Display:

@@ -1,0 +1,41 @@
+"""The node `viewer`: two sensors that others publish, seen in a real browser."""
+
+import math
+import re
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("viser", reason="viser is not installed")
+
+from browser_support import Tab, browser
+from ros_checks import NEAR, PRESSED
+from ros_support import ends_cleanly
+
+
+@pytest.mark.skipif(browser() is None, reason="no Chromium is installed")
+def test_two_sensors_are_seen_by_their_topics(probe, start, scene):
+    for side in ("left", "right"):
+        start(
+            "tactile", {"scene": scene, "layout": "equal-4x4", "rate": 10.0}, namespace=f"/{side}"
+        )
+    viewer = start("viewer", {"sensors": "[left, right]", "port": 0})
+    address = re.compile(r"the page is (http://127\.0\.0\.1:\d+)")
+    probe.until(lambda: address.search(viewer.output), "address of the page")
+    tab = Tab(address.search(viewer.output)[1])
+    try:
+        tab.says("/left")
+        tab.says("/right")
+        tab.until(lambda: len(tab.contacts()) == 2, "contact of each")
+        for _, place, *_ in tab.contacts():
+            found = [1e-3 * float(each) for each in place.split(",")]
+            assert math.dist(found, PRESSED) < NEAR
+    finally:
+        tab.close()
+    ends_cleanly(viewer)
+
+
+def test_a_page_that_cannot_be_is_refused_in_one_line(start):
+    viewer = start("viewer", {"sensors": "[left, left]"})
+    assert viewer.wait() == 2
+    assert "different namespaces" in viewer.output and "Traceback" not in viewer.output

@@ -1,0 +1,165 @@
+"""The page for the browser: in a real one, without a window, and by its parts."""
+
+import math
+import re
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tomotactile_ros.cli import main
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.surfaces.simple import Cylinder
+from tomotactile_ros.view.page import LOCALHOST, Page, frames_of
+
+WITHOUT = """
+import sys
+sys.modules["viser"] = None
+from tomotactile_ros.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("command", ["view", "play"])
+def test_where_viser_is_missing_one_line_says_how_to_get_it(command):
+    words = [sys.executable, "-c", WITHOUT, command, "--layout", "equal-4x4"]
+    ended = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1 and "pip install" in ended.stderr
+
+
+@pytest.fixture
+def page():
+    pytest.importorskip("viser", reason="viser is not installed")
+    with Page("a page", port=0) as page:
+        yield page
+
+
+@pytest.fixture
+def open_tab():
+    """Opens pages in a browser."""
+    pytest.importorskip("viser", reason="viser is not installed")
+    from browser_support import Tab, browser
+
+    if browser() is None:
+        pytest.skip("no Chromium is installed")
+    tabs = []
+
+    def open_one(url):
+        tabs.append(Tab(url))
+        return tabs[-1]
+
+    yield open_one
+    for tab in tabs:
+        tab.close()
+
+
+@pytest.fixture
+def serve():
+    """Starts `tomotactile` with a page; returns the page's address."""
+    processes = []
+
+    def serve_one(*words):
+        code = "import sys; from tomotactile_ros.cli import main; sys.exit(main(sys.argv[1:]))"
+        command = [sys.executable, "-c", code, *words, "--web-port", "0"]
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        line = processes[-1].stdout.readline()
+        assert "http://127.0.0.1:" in line
+        return line.split()[-1]
+
+    yield serve_one
+    for process in processes:
+        process.terminate()
+        assert process.wait() in (0, 130)
+
+
+def seconds(tab):
+    """Time in the scene that the page shows; NaN where it shows none."""
+    found = re.search(r"(\d+\.\d+) s, \d+ ms old", tab.text())
+    return float(found[1]) if found else math.nan
+
+
+def bent():
+    return replace(load_layout("equal-8x8"), surface=Cylinder(0.08))
+
+
+@pytest.mark.parametrize("make", [lambda: load_layout("equal-8x8"), bent])
+def test_cells_are_turned_as_the_surface_is(make):
+    layout = make()
+    grid = Grid.for_outline(layout.outline, 40)
+    cells = layout.surface.to_3d(grid.centres).reshape(*grid.shape, 3)
+    right = layout.surface.frames(grid.centres).reshape(*grid.shape, 3, 3)
+    # cells at the rim have a neighbour on one side only
+    assert np.abs(frames_of(cells) - right)[1:-1, 1:-1].max() < 1e-6
+    assert np.abs(frames_of(cells) - right).max() < 0.05
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (5, 1), (1, 1)])
+def test_a_single_row_or_column_of_cells_is_flat(shape):
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    cells = np.stack([x, -y, 0.0 * x], axis=-1).astype(float)
+    assert np.allclose(frames_of(cells), np.eye(3))
+
+
+@pytest.mark.parametrize("make", [lambda: load_layout("equal-8x8"), bent])
+def test_the_pointer_presses_where_it_points(page, make):
+    layout = make()
+    sheet = page.add_layout(layout, Grid.for_outline(layout.outline, 40))
+    eye = np.array([0.02, -0.18, 0.3])
+    for x, y in ((0.0, 0.0), (0.05, -0.03), (-0.07, 0.08), (0.099, -0.099)):
+        (place,) = layout.surface.to_3d(np.array([[x, y]]))
+        assert math.dist(sheet.pick(eye, place - eye), (x, y)) < 1e-3  # of cells of 5 mm
+    assert sheet.pick(eye, np.array([0.0, 0.0, 1.0])) is None
+
+
+def test_nobody_elsewhere_is_listened_to(page):
+    port = f":{page.server.get_port():04X}"
+    with open("/proc/net/tcp") as file:
+        listening = [line.split()[1] for line in file if line.split()[3] == "0A"]
+    assert [each for each in listening if each.endswith(port)] == [f"0100007F{port}"]
+    assert page.url.startswith(f"http://{LOCALHOST}:")
+
+
+def test_a_sensor_is_seen_in_the_browser_without_the_internet(serve, open_tab):
+    tab = open_tab(serve("view", "--scene", "press", "--layout", "equal-4x4"))
+    tab.says("images/s")
+    tab.says("kPa")
+    tab.until(lambda: "no contact" not in tab.text(), "contact")
+    own = ("http://127.0.0.1:", "data:", "blob:http://127.0.0.1:")
+    assert tab.asked and all(each.startswith(own) for each in tab.asked)
+
+
+def test_a_recording_is_played_and_scrubbed(serve, open_tab, tmp_path):
+    frames = str(tmp_path / "frames.npz")
+    words = ["--layout", "equal-4x4", "--scene", "slide", "--frames", "30", "--out", frames]
+    assert main(["simulate", *words]) == 0
+    tab = open_tab(serve("view", "--layout", "equal-4x4", "--recording", frames))
+    tab.says("30 of 30 frames, 0 of them withheld")
+    tab.key_until(lambda: seconds(tab) < 0.03, "[role=slider]", "Home", 36)
+    tab.key_until(lambda: seconds(tab) > 0.46, "[role=slider]", "End", 35)
+    tab.until(lambda: tab.contacts(), "contact")
+
+
+def test_the_sheet_is_pressed_by_a_click_and_the_touch_appears(page, open_tab):
+    from tomotactile_ros.commands.play import Game
+
+    game, over = Game(page, "equal-4x4", "fast"), threading.Event()
+    playing = threading.Thread(target=game.play, args=(over,))
+    playing.start()
+    try:
+        tab = open_tab(page.url)
+        tab.says("no contact")
+        tab.click_until(lambda: game.touches(), 240, 330)
+        (touch,) = game.touches()
+        tab.until(lambda: tab.contacts(), "contact")
+        (number, place, _, force, off, true), *others = tab.contacts()
+        found = [float(each) for each in place.split(",")]
+        assert math.dist(found, (1e3 * touch.x, 1e3 * touch.y)) < 1.0 and not others
+        assert float(off) < 1.0 and abs(float(force) - 2.0) < 0.3 and true == "2.00" and int(number)
+    finally:
+        over.set()
+        playing.join()
