@@ -49,7 +49,7 @@ class Tab:
         port = file.read_text().split()[0]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
             target = next(each for each in json.load(answer) if each["type"] == "page")
-        self._socket = connect(target["webSocketDebuggerUrl"], max_size=None)
+        self._socket = connect(target["webSocketDebuggerUrl"], max_size=None, ping_interval=None)
         for domain in ("Page", "Runtime", "Network"):
             self.tell(f"{domain}.enable")
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": phone}

@@ -14,7 +14,8 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.surfaces.simple import Cylinder
-from tomotactile_ros.view.page import LOCALHOST, Page, frames_of
+from tomotactile_ros.view.page import LOCALHOST, Page
+from tomotactile_ros.view.page_parts import frames_of, rings, roots_of
 
 WITHOUT = """
 import sys
@@ -96,6 +97,13 @@ def test_cells_are_turned_as_the_surface_is(make):
     # cells at the rim have a neighbour on one side only
     assert np.abs(frames_of(cells) - right)[1:-1, 1:-1].max() < 1e-6
     assert np.abs(frames_of(cells) - right).max() < 0.05
+
+
+def test_an_ellipse_has_the_axes_of_its_covariance():
+    covariance = np.array([[[4.0, 1.5], [1.5, 1.0]]])
+    points = rings(np.zeros((1, 3)), np.eye(3)[None], roots_of(covariance)).reshape(-1, 3)
+    distances = np.einsum("ni,ij,nj->n", points[:, :2], np.linalg.inv(covariance[0]), points[:, :2])
+    assert np.allclose(distances, 1.0) and np.allclose(points[:, 2], 0.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 5), (5, 1), (1, 1)])

@@ -28,7 +28,8 @@ from tomotactile_ros.scenes.touches import Touch
 from tomotactile_ros.support.command_line import positive
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import installed
-from tomotactile_ros.view.page import Page, Sheet
+from tomotactile_ros.view.page import Page
+from tomotactile_ros.view.page_sheet import Sheet
 
 HELP = "press a simulated sheet with the pointer, in the browser"
 ABOUT = (
@@ -57,7 +58,9 @@ def run(args: Namespace) -> None:
         page.say(ABOUT)
         over = threading.Event()
         if args.duration is not None:
-            threading.Timer(args.duration, over.set).start()
+            timer = threading.Timer(args.duration, over.set)
+            timer.daemon = True
+            timer.start()
         Game(page, args.layout, args.profile).play(over)
 
 
@@ -68,10 +71,7 @@ class Game:
         self._page, self._changed, self._lock = page, threading.Event(), threading.Lock()
         self._resting: list[Touch] = []
         self._finger: Touch | None = None  # while the pointer drags
-        self._held: Touch | None = (
-            None  # a resting one that it has taken up, which stays afterwards
-        )
-        self._stays = False
+        self._held: Touch | None = None  # a resting one that the pointer has taken along
         gui = page.server.gui
         with gui.add_folder("finger", order=0.3):
             self._force = gui.add_slider("force, N", 0.1, _STRONGEST, 0.1, 2.0)
@@ -146,10 +146,9 @@ class Game:
             with self._lock:
                 if event.phase == "start":
                     self._held = None if place is None else self._taken(place)
-                    self._stays = self._held is not None
                 finger = self._held or self._new(0.0, 0.0)
                 moved = None if place is None else replace(finger, x=place[0], y=place[1])
-                if event.phase == "end" and self._stays and moved is not None:
+                if event.phase == "end" and self._held is not None and moved is not None:
                     self._resting.append(moved)
                 self._finger = None if event.phase == "end" else moved
 

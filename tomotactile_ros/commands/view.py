@@ -22,7 +22,8 @@ from tomotactile_ros.frames_file import FramesFile
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.view.display import Shot
-from tomotactile_ros.view.page import LOCALHOST, PORT, Page, Sheet
+from tomotactile_ros.view.page import LOCALHOST, PORT, Page
+from tomotactile_ros.view.page_sheet import Sheet
 
 HELP = "show a sensor, or a recording with a slider, as a page in the browser"
 _TICK = 0.04  # s between two looks at a recording that plays

@@ -18,9 +18,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.spatial import SpatialContacts
+from tomotactile_ros.view.page_sheet import METRES_PER_NEWTON
 from tomotactile_ros.view.trails import Trails
 
-METRES_PER_NEWTON = 0.01  # length of an arrow
 _LIFETIME = Duration(sec=1)
 _IDS = 2**31  # a marker's id has a bit less than a contact's
 _DRAWN_EVERY = 0.04  # s between two times that trails are drawn; rviz shows 30 pictures/s
