@@ -8,6 +8,7 @@ on this machine only, unless another address is asked for.
 from __future__ import annotations
 
 import logging
+import socket
 from contextlib import suppress
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.spatial import Pose
+from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.view.page_sheet import Sheet
 
@@ -43,6 +45,7 @@ class Page:
             import viser
         except ImportError:
             raise InputError(MISSING) from None
+        check_address(host, port)
         rich.reconfigure(quiet=True)  # what viser says of itself, and of browsers that hang up
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         self.calibrated = calibrated
@@ -127,3 +130,12 @@ class Page:
         middle[1] -= 0.75 * size * (camera.aspect < 1.0)
         camera.position = middle + size * np.array([0.0, -0.9, 1.2])
         camera.look_at = middle
+
+
+def check_address(host: str, port: int) -> None:
+    """Refuse, as InputError, where nobody can listen: viser would try for ever."""
+    checks.integer(port, "port", 0, 65535)
+    try:
+        socket.create_server((host, 0)).close()
+    except OSError as error:
+        raise InputError(f"host: nobody can listen at {host}: {error.strerror}") from None
