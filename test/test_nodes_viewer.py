@@ -27,6 +27,7 @@ def test_two_sensors_are_seen_by_their_topics(probe, start, scene):
         tab.says("/left")
         tab.says("/right")
         tab.until(lambda: len(tab.contacts()) == 2, "contact of each")
+        assert tab.text().index("/left") < tab.text().index("/right")
         for _, place, *_ in tab.contacts():
             found = [1e-3 * float(each) for each in place.split(",")]
             assert math.dist(found, PRESSED) < NEAR

@@ -146,9 +146,8 @@ class _Sensor:
         cells = np.array([(p.x, p.y, p.z) for p in layout.cells]).reshape(*inside.shape, 3)
         electrodes = np.array([(p.x, p.y, p.z) for p in layout.electrodes]).reshape(-1, 3)
         size = layout.cell_width, layout.cell_height
-        self._sheet = self._page.add_sheet(
-            self._namespace, cells, size, inside, electrodes, layout.electrode_radius
-        )
+        shape = cells, size, inside, electrodes, layout.electrode_radius
+        self._sheet = self._page.add_sheet(self._namespace, *shape, None, self._number)
         if self._locate is None:
             aside = np.array([self._number * _APART * np.ptp(cells[..., 0]), 0.0, 0.0])
             self._page.place(self._sheet, Pose(aside, Rotation.identity()))

@@ -65,6 +65,7 @@ class Sheet:
     inside : (H, W) bool, cells that are on the sheet.
     electrodes, radius : (E, 3) m, and their radius, m.
     layout : of the sheet where it is known; without one contacts must be handed over in space.
+    number : of the sheet among several, in whose order they are described.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class Sheet:
         electrodes: np.ndarray,
         radius: float,
         layout: Layout | None = None,
+        number: int = 0,
     ):
         self.name, self.layout, self.inside, self._page = name, layout, inside, page
         self._lock = threading.RLock()
@@ -99,7 +101,7 @@ class Sheet:
         self._electrodes = self._instances("electrodes", DISC * radius, nearest, above, _WELL)
         self._lines: dict[str, Any] = {}
         self._labels: list[Any] = []
-        self._folder = gui.add_folder(name, order=0.35)
+        self._folder = gui.add_folder(name, order=0.35 + 1e-4 * number)  # between others
         with self._folder:
             self._text = gui.add_html("")
             self._chosen = gui.add_text("curves of contacts", "", hint="ids, such as 3, 7")
