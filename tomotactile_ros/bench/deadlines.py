@@ -109,7 +109,7 @@ def _crowd(layout: Layout, number: int) -> Scene:
         if all(np.hypot(*(place - other)) > 0.2 * size.max() for other in places):
             places.append(place)
     contacts = tuple(
-        Contact("disc", center=place, radius=0.006, force=force)
+        Contact("disc", center=place.tolist(), radius=0.006, force=force)
         for place, force in zip(places, np.linspace(1.0, 5.0, number), strict=True)
     )
     return replace(make_scene(layout), contacts=contacts)

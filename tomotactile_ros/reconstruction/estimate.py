@@ -145,9 +145,16 @@ def all_as_one(values, spacing, law, grid) -> tuple[ContactEstimate, np.ndarray]
     covariance = (weights[:, None] * apart).T @ apart + (spacing / 2) ** 2 * np.eye(2)
     radius = 2.0 * float(np.linalg.det(covariance)) ** 0.25  # an even disc has half of it
     area, force = np.pi * radius**2, float(pressure.sum() * grid.cell_area)
-    place, spread = map(float, centre), tuple(covariance.ravel().tolist())
     contact = ContactEstimate(
-        *place, force, force / area, area, radius, spread, force_std=force, probability=1.0
+        float(centre[0]),
+        float(centre[1]),
+        force,
+        force / area,
+        area,
+        radius,
+        tuple(covariance.ravel().tolist()),
+        force_std=force,
+        probability=1.0,
     )
     return replace(contact, conductance=float(shown.sum())), pressure
 
