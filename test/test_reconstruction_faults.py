@@ -1,6 +1,7 @@
 """Several faults of a sensor at once."""
 
 import numpy as np
+import pytest
 
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -61,3 +62,34 @@ def test_more_noise_than_was_said_is_no_reason_for_more_that_is_left_over():
 
     for each in results(places, (1.268e4, 1.766e4), [32, 27], 61, open_ground):
         assert right(each, places)
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+@pytest.mark.parametrize("law", [None, ContactLaw(0.1, 1.0)], ids=["bare", "nearly bare"])
+def test_an_electrode_under_a_conductor_is_not_named(profile, law):
+    """It reads the drive voltage in all rows, as the experiment of the paper has it."""
+    eight = load_layout("equal-8x8")
+    place = eight.positions[36]
+    contact = Contact("disc", center=place.tolist(), radius=0.005, pressure=20000.0)
+    noise, adc = Noise(0.001, 1), Adc(12, 3.3)
+    scene = Scene("covered", 3.3, (contact,), law, noise, adc)
+    frame = Simulator(eight, scene).measure(0.0)
+    result = Pipeline(eight, Settings(profile, contact_law=law)).process(frame)
+    (found,) = result.contacts
+    assert np.hypot(found.x - place[0], found.y - place[1]) < 1e-3
+    assert result.faults == {} and result.excluded == ()
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+@pytest.mark.parametrize("stuck", [36, 12])
+def test_a_channel_that_stands_still_is_named(profile, stuck):
+    """Under a contact it does if it is not at the drive voltage; beside one also there."""
+    eight = load_layout("equal-8x8")
+    contact = Contact("disc", center=eight.positions[36].tolist(), radius=0.005, pressure=20000.0)
+    scene = Scene("stuck", 3.3, (contact,), ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
+    frame = Simulator(eight, scene).measure(0.0)
+    frame.voltages[:, stuck] = 1.0 if stuck == 36 else 3.3
+    result = Pipeline(eight, Settings(profile)).process(frame)
+    assert (
+        len(result.contacts) == 1 and list(result.faults) == [stuck] and result.excluded == (stuck,)
+    )

@@ -34,6 +34,7 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
+    STUCK,
     clipped,
     dead_channels,
     latest_state,
@@ -259,7 +260,7 @@ class Estimator:
         without = voltages - self.offsets(everything)
         # by the noise that was said: what channels have more, one that is stuck does not show
         for electrode in np.flatnonzero(stuck_channels(without, valid, self.noise)):
-            left_out.setdefault(int(electrode), "its reading never changes")
+            left_out.setdefault(int(electrode), STUCK)
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
         if len(used) < 2:
             return Estimate(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+STUCK = "its reading never changes"  # why a channel is left out
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
 # of the channels in use: with a half left, electrodes lie 1.4 spacings apart; of two contacts, wrong by

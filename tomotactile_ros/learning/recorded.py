@@ -20,7 +20,7 @@ from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
-from tomotactile_ros.estimation.screening import clipped, dead_channels, stuck_channels
+from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.frame import Frame, stacked
@@ -251,7 +251,7 @@ def _faults(frames, grounded, idle, noise):
         read[:, np.arange(len(grounded)), grounded] = False
         flat, read = touched.reshape(-1, touched.shape[-1]), read.reshape(-1, touched.shape[-1])
         for e in np.flatnonzero(stuck_channels(flat, read, noise)):
-            found.setdefault(int(e), "its reading never changes")
+            found.setdefault(int(e), STUCK)
     return found
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tomotactile_ros.estimation import screening
 from tomotactile_ros.estimation.changing import Changing
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
@@ -60,6 +61,7 @@ from tomotactile_ros.reconstruction.model import Model
 from tomotactile_ros.reconstruction.settings import ContactEstimate, Result, Settings
 from tomotactile_ros.reconstruction.unusable_electrodes import (
     broken_channels,
+    covered_electrodes,
     dead_channels,
     is_doubtful,
     swapped_channels,
@@ -328,6 +330,9 @@ class Pipeline:
             self._doubt_at_once(given)
         if stamp is not None and numbered and found.one_by_one:
             result.contacts = self._numbered(result, found.given, stamp)
+        if result.contacts and screening.STUCK in result.faults.values():
+            readings = np.fmax.reduce(self._rows_of(found.given)[0])
+            result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
             result.pressure = result.potential = _NO_IMAGE
         return self._as_known(result)
@@ -345,6 +350,17 @@ class Pipeline:
             if before is None:  # it is not known
                 before = np.full(self.layout.electrodes, np.nan)
         return _Given(voltages, grounded, drive_voltage, row_period, began, before)
+
+    def _without_covered(
+        self, result: Result, readings: np.ndarray, drive_voltage: float
+    ) -> Result:
+        """The same, in which no electrode is named of which readings (E,), V, are those of what touches
+        it."""
+        covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
+        pinned = {e for e, why in result.faults.items() if why == screening.STUCK and covered[e]}
+        faults = {e: why for e, why in result.faults.items() if e not in pinned}
+        left_out = tuple(e for e in result.excluded if e not in pinned)
+        return replace(result, faults=faults, excluded=left_out)
 
     def _is_news(self, found: _Found) -> bool:
         """Whether what a search has found after its deadline holds for later than what was told since."""
@@ -513,7 +529,7 @@ class Pipeline:
         none = np.empty((0, 0))
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(state.left_out)] = True
-        return Result(
+        result = Result(
             none,
             none,
             contacts,
@@ -524,6 +540,9 @@ class Pipeline:
             reason=followed.reason,
             faults=dict(state.left_out),
         )
+        if not contacts or screening.STUCK not in state.left_out.values():
+            return result
+        return self._without_covered(result, state.before, state.drive)
 
     def image_after_row(self, state: RowsState) -> Result:
         """`after_row` with an image of its contacts: what profiles that fit contacts show of a

@@ -9,18 +9,22 @@ seem to be coupled to those next to the other one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 
 from tomotactile_ros.estimation import screening
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.admittance import (
     AdmittanceMeter,
     Grounded,
     symmetric_part,
     symmetric_scaling,
 )
+from tomotactile_ros.reconstruction.settings import ContactEstimate
 
+_GAINS_DIFFER = 0.1  # as far as those of usable channels do
 _STUCK = 0.25  # least standard deviation of a channel's readings, in parts of the noise
 _DOUBT = 1.15  # asymmetry of a frame, in parts of the noise, from which on channels are compared
 _LEAST_PAIRS = 16  # of readings to compare; with fewer, the scaling follows the error
@@ -59,10 +63,25 @@ def why_left_out(
         elif dead[electrode]:
             found[electrode] = "no readings"
         elif stuck[electrode]:
-            found[electrode] = "its reading never changes"
+            found[electrode] = screening.STUCK
         else:
             found[electrode] = "its readings contradict all others, or its wire is swapped"
     return found
+
+
+def covered_electrodes(
+    layout: Layout, contacts: Sequence[ContactEstimate], readings: np.ndarray, drive_voltage: float
+) -> np.ndarray:
+    """(E,) bool: electrodes under one of the `contacts` that read (E,) V no less than the drive voltage,
+    but for the gain of a channel: what conducts that well on an electrode pins its reading, which is no
+    defect."""
+    pinned = readings > (1 - _GAINS_DIFFER) * drive_voltage
+    covered = np.zeros(len(pinned), bool)
+    for contact in contacts:
+        apart = np.hypot(*(layout.positions - [contact.x, contact.y]).T)
+        spread = np.sqrt(np.nanmax([*contact.position_covariance[::3], 0.0]))
+        covered |= apart < contact.radius + layout.radius + 2 * spread
+    return covered & pinned
 
 
 def is_doubtful(
