@@ -24,7 +24,7 @@ def lines(one: dict, other: dict) -> Iterator[str]:
     yield from tables.text(("ratio", "first", "second", "change"), rows)
     yield from _different_machine(one["machine"], other["machine"])
     apart = {name: abs(b / a - 1) for name, a, b in common}
-    name = max(apart, key=apart.get)
+    name = max(apart, key=apart.__getitem__)
     yield (
         f"{sum(each <= MOST for each in apart.values())} of {len(apart)} ratios are the same "
         f"within {100 * MOST:g} %; most apart: {name}, {100 * apart[name]:.1f} %"

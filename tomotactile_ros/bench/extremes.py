@@ -176,7 +176,7 @@ def _contacts(
     scene = Scene(
         "extreme",
         DRIVE,
-        [Contact("disc", center=where, radius=radius, pressure=pressure) for where in places],
+        tuple(Contact("disc", center=where, radius=radius, pressure=pressure) for where in places),
         law,
         Noise(noise, 1) if noise else None,
         Adc(bits, DRIVE),

@@ -114,7 +114,7 @@ def from_differences(
     more than once counts once.
     """
     potentials = np.linalg.lstsq(sensed.T.astype(float), volts, rcond=None)[0]
-    patterns = {}
+    patterns: dict[tuple[int, ...], int] = {}
     for k in range(currents.shape[1]):
         patterns.setdefault(tuple(np.flatnonzero(currents[:, k]).tolist()), k)
     pairs, values = [], []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -22,8 +22,7 @@ def frame_seconds(profile: str) -> float:
     pipeline = Pipeline(find_layout(DEFAULT_LAYOUT), Case(DEFAULT_LAYOUT, profile).settings)
     everything = np.arange(pipeline.layout.electrodes)
     times = [
-        timing.timed(lambda frame=frame: pipeline.process(frame, everything, DRIVE))[1]
-        for frame in _frames()
+        timing.timed(partial(pipeline.process, frame, everything, DRIVE))[1] for frame in _frames()
     ]
     return float(np.mean(times))
 

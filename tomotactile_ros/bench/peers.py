@@ -15,6 +15,7 @@ there, as on a machine that does other work between two frames.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def compare(trials: Trials) -> dict:
     pipelines, setups = _pipelines(layout)
     grid = pipelines[0].grid
     calls = _calls(pipelines, frame)
-    found = {name: {} for name in calls}
+    found: dict[str, dict[str, Any]] = {name: {} for name in calls}
     try:
         peer = libraries.PyeitOneStep(layout, grid, _CELLS)
     except ImportError:

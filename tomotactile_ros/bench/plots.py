@@ -28,7 +28,7 @@ def save_front(path: str | Path, result: dict) -> None:
 
     The choices on the front are named, the others are pale; peers stand beside their layout.
     """
-    panels = {}
+    panels: dict[int, list[dict]] = {}
     for row in result["trade"]:
         panels.setdefault(find_layout(row["layout"]).electrodes, []).append(row)
     figure = _figure(max(6.5, 4.4 * len(panels)), 8.4)

@@ -53,7 +53,7 @@ class Ellipse:
 
 def disc(center: Sequence[float], radius: float) -> Ellipse:
     """A disc as an `Ellipse`."""
-    return Ellipse(tuple(center), (radius, radius))
+    return Ellipse((center[0], center[1]), (radius, radius))
 
 
 Shape = Ellipse | Region

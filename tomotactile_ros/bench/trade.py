@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,7 @@ class Trade:
         memory    of the pipeline after a frame with all ground conditions
         contacts  how many single ones and pairs were measured
         """
-        setups = defaultdict(list)
+        setups: defaultdict[Any, list] = defaultdict(list)
         self._add_setups(setups, cases)
         subjects = self._subjects(cases, tick)
         merits = []

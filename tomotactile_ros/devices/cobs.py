@@ -12,7 +12,7 @@ _CODES = [bytes([n + 1]) for n in range(255)]
 
 def encode(data: bytes) -> bytes:
     """Return `data` without zero bytes; one byte longer per started 254 bytes, at most."""
-    parts = []
+    parts: list[bytes] = []
     for block in data.split(b"\0"):
         while len(block) >= 254:
             parts += (b"\xff", block[:254])

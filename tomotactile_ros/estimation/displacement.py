@@ -127,7 +127,7 @@ def _rectangle(outline: Outline, centres: np.ndarray, within: float):
         beside = [
             s * centres[:, axis] > size[axis] / 2 - within for axis, s in enumerate((i, j)) if s
         ]
-        near = np.flatnonzero(np.all(beside, axis=0)) if beside else []
+        near = np.flatnonzero(np.all(beside, axis=0)) if beside else np.empty(0, int)
         if len(near):
             straight, turned = (0, -1) if not j else (0, 1) if not i else (-1, 0)
             found.append((straight, turned, i * size[0] + 1j * j * size[1], near))

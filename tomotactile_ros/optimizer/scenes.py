@@ -45,7 +45,7 @@ class Scenes:
             apart = np.linalg.norm(pixels - pixels[centre], axis=1)
             if i < _PAIRS:
                 second = random.choice(np.argsort(np.abs(apart - random.uniform(1, 2) * pitch))[:8])
-                chosen = [centre, second]
+                chosen = np.array([centre, second])
             else:
                 chosen = np.flatnonzero(apart <= random.uniform(0.5, 1) * pitch)
             self.contacts[chosen, i] = 1
