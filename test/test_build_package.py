@@ -80,6 +80,7 @@ CONTRACT = {
         "header": "std_msgs/Header",
         "contacts": "sequence<tomotactile_ros/Contact>",
         "state": "uint8",
+        "complete": "boolean",
         "reason": "string",
     },
 }

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tomotactile_ros.nodes.turns import Turns
+from tomotactile_ros.nodes.turns import FairLock, Turns
 
 LONG = 60.0  # s
 
@@ -65,3 +65,23 @@ def test_an_error_gives_the_turn_back():
         raise ValueError
     with turns.mine():
         pass
+
+
+def test_whoever_waits_for_a_lock_gets_it_before_it_is_taken_again():
+    lock, order = FairLock(), []
+
+    def wait():
+        with lock:
+            order.append("waited")
+
+    with lock:
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        while not lock._door.locked():
+            pass
+        assert lock.locked()
+    with lock:
+        order.append("again")
+    waiting.join(LONG)
+    assert order == ["waited", "again"]
+    assert not lock.locked()

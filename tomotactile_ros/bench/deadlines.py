@@ -24,8 +24,8 @@ from tomotactile_ros.simulation import Simulator
 
 DEADLINES = 0.3e-3, 1e-3, 3e-3, 10e-3, 30e-3, 100e-3  # s
 FRAMES = 16
-# what one frame more or less that is told by a glance changes, m: noise of the clock
-_NOISE = 0.01 / FRAMES
+# what two frames more or less that are told by a glance change, m: noise of the clock
+_NOISE = 2 * 0.01 / FRAMES
 SENSORS: dict[str, tuple[str, Callable[[Layout], Scene]]] = {
     "textbook": ("equal-8x8", lambda layout: load_scene("default")),
     "worn": ("equal-8x8", lambda layout: load_scene("worn-sensor")),

@@ -36,6 +36,7 @@ from tomotactile_ros.nodes.row_contacts import Rows
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
+from tomotactile_ros.nodes.turns import FairLock
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.deadline import period_of
@@ -63,7 +64,7 @@ class Reconstruction:
         self._node = node
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, self._change)
-        self._lock = threading.Lock()  # guards the pipeline against frames from another thread
+        self._lock = FairLock()  # guards the pipeline against frames from another thread
         self._rows_lock = threading.Lock()  # the same of rows, which do not wait for frames
         self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None

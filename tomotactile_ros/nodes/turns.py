@@ -30,3 +30,24 @@ class Turns:
         finally:
             if alone:
                 self._lock.release()
+
+
+class FairLock:
+    """A lock that whoever waits for gets before whoever has it gets it again.
+
+    Frames that take all the time until the next one would keep a service waiting for ever otherwise.
+    """
+
+    def __init__(self) -> None:
+        self._door, self._lock = threading.Lock(), threading.Lock()
+
+    def __enter__(self) -> None:
+        with self._door:  # one waits here for the lock, all others for the door
+            self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def locked(self) -> bool:
+        """Whether somebody has it."""
+        return self._lock.locked()

@@ -110,6 +110,8 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with np.errstate(all="ignore"):
             mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind)
         vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, int)
+        if not len(faces):  # what is no mesh may be read as a text without any
+            raise ValueError
     except Exception:  # noqa: BLE001 - a damaged file ends in errors of many kinds
         raise InputError(f"mesh.file: {path}: is damaged, or no {kind.upper()} file") from None
     if not 1 <= len(faces) <= MAX_FACES:
