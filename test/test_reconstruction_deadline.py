@@ -59,7 +59,7 @@ def anything(found):
 def test_a_search_that_ends_in_time_is_the_result():
     within = Within()
     assert within.result(lambda: "found", lambda: "seen", LIMIT, anything) == "found"
-    assert not within.busy and within.late is None
+    assert not within.busy and within.taken_late() is None
 
 
 def test_a_search_that_takes_longer_is_the_result_of_the_call_in_which_it_ends():
@@ -74,7 +74,20 @@ def test_a_search_that_takes_longer_is_the_result_of_the_call_in_which_it_ends()
     second.opened.set()
     within._job.wait(LIMIT)
     assert within.result(lambda: "third", lambda: "seen", LIMIT, anything) == "third"
-    assert within.late == "second"
+    assert within.taken_late() == "second"
+    assert within.taken_late() is None  # it is told once
+
+
+def test_a_search_that_nobody_needs_a_result_of_keeps_no_glance_waiting():
+    within, gate = Within(), Gate()
+    assert within.result(lambda: "found", lambda: time.sleep(0.01), LIMIT, anything) == "found"
+    for _ in range(100):  # which take no time, and are none
+        assert within.sought(gate, AT_ONCE) is None
+    gate.opened.set()
+    within._job.wait(LIMIT)
+    assert within.sought(lambda: "next", LIMIT) == "next"
+    assert within.taken_late() == "found"
+    assert max(within._glances) >= 0.01
 
 
 def test_what_a_search_tells_too_late_for_news_is_left():
@@ -237,7 +250,7 @@ def test_other_readings_end_the_search_of_those_before(layout, frames):
     pipeline = Pipeline(layout, Settings("accurate"))
     pipeline.process(frames[0], deadline=AT_ONCE)
     pipeline.untare()
-    assert not pipeline._within.busy and pipeline._within.late is None
+    assert not pipeline._within.busy and pipeline._within.taken_late() is None
 
 
 def test_profile_auto_is_accurate_in_time():
@@ -323,3 +336,45 @@ def test_a_search_that_goes_on_keeps_no_frame(layout, frames):
     assert time.monotonic() - begun < LIMIT
     gate.set()
     pipeline.stop()
+
+
+def test_rows_are_told_once_what_a_search_found_late(layout, frames):
+    """And then asked for anew: a profile that makes images looks at no frame otherwise."""
+    pipeline = Pipeline(layout, Settings("fast"))
+    state = pipeline.rows(waits=False)
+    told, looks = [], []
+    state.tell = told.append
+    look = pipeline._rows.look
+    pipeline._rows.look = lambda *given: (looks.append(given), look(*given))[1]
+    for number in (0, 1, 2):
+        frame = frames[number]
+        words = frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp
+        pipeline.process(frame, numbered=False, deadline=LIMIT)
+        pipeline.correct(state, *words, clear=False, deadline=AT_ONCE if number == 0 else LIMIT)
+        if number == 0:
+            pipeline._within._job.wait(LIMIT)
+    ended = [frames[n].stamp + frames[n].row_period * (layout.electrodes - 1) for n in (0, 2)]
+    assert [seen.ended for seen in told] == pytest.approx(ended)
+    assert len(looks) == 2
+
+
+def test_neither_a_withheld_frame_nor_a_glance_ends_a_contact(layout, frames):
+    """What was too soon to see, or could not be said, has not been let go."""
+    pipeline = Pipeline(layout, Settings("accurate"))
+    first = pipeline.process(frames[0])
+    nonsense = replace(frames[1], voltages=np.ones((16, 16)) + np.arange(16))
+    assert pipeline.process(nonsense).state == "withheld"
+    glance, shows = pipeline._glance, frames[2]
+    rest = replace(shows, voltages=np.zeros((16, 16)))
+    pipeline._glance = lambda given: glance(given._replace(voltages=rest.voltages))
+    gate, search = threading.Event(), pipeline._process
+    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
+    cut = pipeline.process(shows, deadline=AT_ONCE)
+    gate.set()
+    pipeline.stop()
+    assert not cut.complete and cut.contacts == []
+    last = pipeline.process(frames[3])
+    assert {c.id for c in last.contacts} == {c.id for c in first.contacts} == {1, 2}
+    # nothing is there, and all was tried
+    assert pipeline.process(replace(rest, stamp=frames[4].stamp)).contacts == []
+    assert {c.id for c in pipeline.process(frames[5]).contacts} == {3, 4}

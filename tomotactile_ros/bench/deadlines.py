@@ -64,7 +64,7 @@ def measure(tick: Callable[[float], None] = lambda work: None) -> list[dict]:
 def is_better_with_time(rows: list[dict], sensor: str) -> bool:
     """Whether no longer deadline leads to a larger OSPA distance than a shorter one, beyond noise."""
     distances = [row["ospa"] for row in rows if row["sensor"] == sensor]
-    return bool((np.diff(distances) < _NOISE).all())
+    return bool((distances - np.minimum.accumulate(distances) < _NOISE).all())
 
 
 def _judge(pipeline, scene, frames, deadline) -> dict:

@@ -126,6 +126,7 @@ class Game:
         finally:
             lifted.set()
             pressing.join()
+            pipeline.stop()
 
     def _press(self, device: FakeDevice, lifted: threading.Event) -> None:
         """Say again and again what presses: it would be taken away otherwise."""

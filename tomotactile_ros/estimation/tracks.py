@@ -92,18 +92,20 @@ class Tracks:
         time: float,
         timed: float = 0.0,
         given: Sequence[tuple[int, float]] | None = None,
+        ends: bool = True,
     ) -> list[Followed]:
         """What is known of each of `contacts`, all that were there at `time`, s; `timed` : how long the rows
         of a frame took, s, if they tell velocities, so that 0 is rest at the last of them.
 
         given : number and age, s, of each by whoever follows them in between (`row_estimator`), None for a
             frame; those with the same number as before are the same
+        ends : whether those that are not among them have ended: not where it was too soon to see all
 
         A clock that jumps back begins anew: all contacts are new ones.
         """
         with self._lock:
             self._begin_if_set_back(time, given is not None)
-            return self._follow(contacts, time, timed, given or [(0, 0.0)] * len(contacts))
+            return self._follow(contacts, time, timed, given or [(0, 0.0)] * len(contacts), ends)
 
     def _begin_if_set_back(self, time: float, by_row: bool) -> None:
         """Forget all contacts where the clock was: rows come in the order of their times, and so do frames,
@@ -112,7 +114,7 @@ class Tracks:
             self._tracks, self._told = [], dict.fromkeys(self._told, -np.inf)
         self._told[by_row] = max(self._told[by_row], time)
 
-    def _follow(self, contacts, time, timed, given) -> list[Followed]:
+    def _follow(self, contacts, time, timed, given, ends) -> list[Followed]:
         latest = max((track.seen for track in self._tracks), default=time)
         same = {t.given: t for t in self._tracks if t.given}
         chosen = [same.get(number) for number, _ in given]
@@ -127,7 +129,7 @@ class Tracks:
             tracks.append(track)
             x, y = track.velocity.tolist()
             found.append(Followed(track.number, max(time - track.begun, 0.0), (x, y)))
-        if time < latest:
+        if time < latest or not ends:
             tracks += [track for track in self._tracks if track not in tracks]
         self._tracks = tracks
         return found

@@ -18,8 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.spatial import SpatialContacts
-from tomotactile_ros.view.page_sheet import METRES_PER_NEWTON
-from tomotactile_ros.view.trails import Trails
+from tomotactile_ros.view.trails import METRES_PER_NEWTON, Trails
 
 _LIFETIME = Duration(sec=1)
 _IDS = 2**31  # a marker's id has a bit less than a contact's

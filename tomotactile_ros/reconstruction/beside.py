@@ -151,6 +151,10 @@ class _Frames:
         self._pipeline = Pipeline(layout, settings)
         self._state = self._pipeline.rows(waits=False)
 
+    def stop(self) -> None:
+        """End what is still looked for."""
+        self._pipeline.stop()
+
     def know(self, baseline, sensor: SensorState | None) -> None:
         """Go on with another tare, or what was learned."""
         self._pipeline.use_sensor(sensor)
@@ -182,6 +186,8 @@ def serve(pipe: int) -> None:
             return
         try:
             if what == "make":
+                if frames is not None:
+                    frames.stop()
                 frames, answer = _Frames(*words), None
             else:
                 answer = getattr(frames, what)(*words)

@@ -14,32 +14,27 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from tomotactile_ros.frame import Frame
+from tomotactile_ros.reconstruction.settings import IN_TIME
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.interrupt import Job
 
 Found = TypeVar("Found")
-_USUAL = 0.05  # s: frames that do not say how long they take are expected every now and then
 _REMEMBERED = 32  # glances, of which the longest says when the next one has to begin
 
 
 def period_of(frame: Frame) -> float:
-    """s until the next frame, if these follow one another; 0.05 where the frame has no times."""
-    return len(frame.grounded) * frame.row_period or _USUAL
+    """s until the next frame, if these follow one another; `IN_TIME` where the frame has no times."""
+    return len(frame.grounded) * frame.row_period or IN_TIME
 
 
 class Within(Generic[Found]):
-    """Gives results of searches in time; for one thread at a time.
-
-    Attributes
-    ----------
-    late : what the search found whose result was not waited for, once it has ended
-    """
+    """Gives results of searches in time; for one thread at a time."""
 
     def __init__(self) -> None:
         self._job: Job | None = None
         self._cut = False  # nobody waits for the job any more
         self._glances: deque[float] = deque(maxlen=_REMEMBERED)  # s that they took
-        self.late: Found | None = None
+        self._late: Found | None = None  # of a search that was not waited for, untold
 
     def result(
         self,
@@ -53,31 +48,47 @@ class Within(Generic[Found]):
         begun = time.monotonic()
         if not self._glances:
             self._glance(glance)
-        latest = begun + seconds - max(self._glances, default=0.0)
-        self.late = None
-        if self._ends_by(latest):
-            self._job, self._cut = Job(search), False
-            if self._ends_by(latest):
-                return self._taken()
-            if self.late is not None and is_result(self.late):
-                self._cut = True
-                return self.late
+        self._late = None
+        found = self._sought(search, begun + seconds - max(self._glances))
+        if found is not None:
+            return found
+        if not self._cut and self._late is not None and is_result(self._late):
+            self._cut, late = True, self.taken_late()
+            return late
         seen = self._glance(glance)
         if not self._cut and self._ends_by(begun):  # meanwhile
             return self._taken()
         self._cut = True
         return seen
 
+    def sought(self, search: Callable[[], Found], seconds: float) -> Found | None:
+        """What `search` finds within so many seconds, if none goes on; None where that takes longer."""
+        found = self._sought(search, time.monotonic() + seconds)
+        self._cut = self._cut or found is None
+        return found
+
     @property
     def busy(self) -> bool:
         """Whether a search goes on that was not waited for."""
         return not self._ends_by(0.0)
 
+    def taken_late(self) -> Found | None:
+        """What a search has found that was not waited for, once; None where that is not known, or was
+        taken."""
+        late, self._late = self._late, None
+        return late
+
     def stop(self) -> None:
         """End the search that goes on, if any; what it found is nobody's."""
         if self._job is not None:
             self._job.stop()
-        self._job = self.late = None
+        self._job = self._late = None
+
+    def _sought(self, search: Callable[[], Found], latest: float) -> Found | None:
+        if not self._ends_by(latest):
+            return None
+        self._job, self._cut = Job(search), False
+        return self._taken() if self._ends_by(latest) else None
 
     def _glance(self, glance: Callable[[], Found]) -> Found:
         begun = time.monotonic()
@@ -94,7 +105,7 @@ class Within(Generic[Found]):
             return False
         if self._cut:
             try:
-                self.late = self._taken()
+                self._late = self._taken()
             except InputError:  # of which its own call has told
                 pass
         return True

@@ -170,7 +170,6 @@ class Pipeline:
             self._linear_for(np.empty(0, int))
         self._model.local(np.flatnonzero(~self._excluded))
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
-        self._typical_impedance = float(np.median(self._model.transfer.point_self))  # D, ohm
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
         self._imaged_before: tuple | None = None  # last frame, where an image explained it
@@ -314,23 +313,21 @@ class Pipeline:
         else:
             given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
         given = self._given(*given, stamp)
-        if self.settings.contacts:
-            found = self._imaged(given) or self._in_time(
-                partial(self._process, given), partial(self._glance, given), deadline, self._is_news
-            )
+        mistake = self._no_ground(given)
+        if mistake:
+            found = self._mistaken(given, mistake)
+        elif self.settings.contacts:
+            found = self._imaged(given) or self._in_time(given, deadline)
         else:
             found = self._pictured(given)
         result, self._found = found.result, found
         self._told = found.holds
+        if stamp is not None and numbered and found.one_by_one and not result.reason:
+            result.contacts = self._numbered(found)
         if found.given is not given:  # of a frame before, whose search has ended since
             result.holds += found.given.began - given.began
             result.complete = False
-        if result.reason and not given.row_period > 0 and self._looked_for_times < _TIMES:
-            self._looked_for_times += 1
-            self._doubt_at_once(given)
-        if stamp is not None and numbered and found.one_by_one:
-            result.contacts = self._numbered(result, found.given, stamp)
-        if result.contacts and screening.STUCK in result.faults.values():
+        if found.one_by_one and result.contacts and screening.STUCK in result.faults.values():
             readings = np.fmax.reduce(self._rows_of(found.given)[0])
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
@@ -366,22 +363,22 @@ class Pipeline:
         """Whether what a search has found after its deadline holds for later than what was told since."""
         return found.result is not None and found.holds > self._told
 
-    def _numbered(self, result: Result, given: _Given, stamp: float) -> list[ContactEstimate]:
-        """Contacts of a result with the numbers of those in frames before."""
+    def _numbered(self, found: _Found) -> list[ContactEstimate]:
+        """Contacts that were found with the numbers of those in frames before."""
+        contacts, lasts = found.result.contacts, found.given.lasts
         # not where all rows were taken for those of one state
-        held = stamp + result.holds - given.began
-        lasts = given.lasts if abs(held - given.lasts) < given.row_period / 2 else 0.0
-        followed = self._tracks.follow(result.contacts, stamp + result.holds, lasts)
+        timed = lasts if found.result.holds == lasts else 0.0
+        ends = found.result.complete
+        followed = self._tracks.follow(contacts, found.holds, timed, ends=ends)
         return [
             replace(contact, id=each.number, age=each.age, velocity=each.velocity)
-            for contact, each in zip(result.contacts, followed)
+            for contact, each in zip(contacts, followed)
         ]
 
     def _doubt_at_once(self, given: _Given) -> None:
         """Say once where rows that all are said to be read at once agree if they were read in turn."""
-        settings = replace(self.settings, deadline=None)
-        trial = Pipeline(self.layout, settings, model=self._model, sensor=self.sensor)
-        trial._baseline = self._baseline
+        trial = copy(self)
+        trial._state, trial._changing = State(), Changing(self._row_estimator)
         result = trial._process(given._replace(row_period=ROW_PERIOD, began=0.0)).result
         if result.contacts:  # nothing that touches would be no explanation
             self._looked_for_times = _TIMES
@@ -392,18 +389,26 @@ class Pipeline:
 
     def _process(self, given: _Given) -> _Found:
         """What there is to say of a frame, however long it takes."""
-        once = given.once() if self.fits else given
-        mistake = self._no_ground(given) or self._mistake(once)
-        if mistake:  # what a frame is withheld for, rows are, too
-            result = self._withheld(mistake, self._excluded, {}, math.nan, given.lasts)
-            found = _Found(result, given, FrameSeen(Estimate([], [], "withheld", mistake), None))
+        mistake = self._mistake(given.once() if self.fits else given)
+        if mistake:
+            found = self._mistaken(given, mistake)
         else:
             found = self._estimated(given) if self.fits else self._handed_over(given)
         result = found.result
         if result.contacts or result.reason:
             self._explained_one = not result.reason
+        if result.reason and not given.row_period > 0 and self._looked_for_times < _TIMES:
+            self._looked_for_times += 1
+            self._doubt_at_once(given)
         self._settled(result)
         return found
+
+    def _mistaken(self, given: _Given, mistake: str) -> _Found:
+        """A frame that is withheld for a mistake; what frames are withheld for, rows are, too."""
+        self._explained_one = False
+        result = self._withheld(mistake, self._excluded, {}, math.nan, given.lasts)
+        seen = FrameSeen(Estimate([], [], "withheld", mistake), None)
+        return _Found(self._settled(result), given, seen)
 
     def _settled(self, result: Result) -> Result:
         """The same, which says what readings keep of the row before."""
@@ -526,12 +531,11 @@ class Pipeline:
             lasts = state.lasts(self.layout.electrodes)
             tracked = self._tracks.follow(contacts, state.rows.time, lasts, given)
             contacts = [replace(c, id=t.number, age=t.age) for c, t in zip(contacts, tracked)]
-        none = np.empty((0, 0))
         bad = np.zeros(self.layout.electrodes, bool)
         bad[list(state.left_out)] = True
         result = Result(
-            none,
-            none,
+            _NO_IMAGE,
+            _NO_IMAGE,
             contacts,
             _numbers(bad | self._excluded),
             not followed.touched,
@@ -572,14 +576,15 @@ class Pipeline:
         something changes then tells nothing.
         """
         found, self._found = self._found, None
+        busy = self._within.busy
         if found is None or found.seen is None:
-            found = self._within.late
-        if (found is None or found.seen is None) and not self._within.busy:
+            found = self._within.taken_late()
+        if (found is None or found.seen is None) and not busy:
             clear = state.clear if clear is None else clear
             given = _Given(voltages, grounded, drive_voltage, row_period, stamp, None)
             search = partial(self._looked, given, state.frames, clear)
-            nothing = partial(_Found, None, given)
-            found = self._in_time(search, nothing, deadline, lambda found: found.seen is not None)
+            limit = self._limit(deadline)
+            found = search() if limit is None else self._within.sought(search, limit)
         if found is not None and found.seen is not None:
             given = found.given
             state.tell(found.seen.at(given.began, given.row_period, len(given.grounded)))
@@ -589,10 +594,15 @@ class Pipeline:
         rows = *self._rows_of(given), given.drive_voltage, given.row_period
         return _Found(None, given, self._row_estimator().look(*rows, frames, clear))
 
-    def _in_time(self, search, glance, deadline: float | None, is_result) -> _Found:
-        """What `search` finds, or by the deadline, s, or that of the settings, see `Within.result`."""
-        limit = self.settings.deadline if deadline is None else deadline
-        return search() if limit is None else self._within.result(search, glance, limit, is_result)
+    def _in_time(self, given: _Given, deadline: float | None) -> _Found:
+        """What there is to say of a frame by the deadline, s, or that of the settings."""
+        search, limit = partial(self._process, given), self._limit(deadline)
+        if limit is None:
+            return search()
+        return self._within.result(search, partial(self._glance, given), limit, self._is_news)
+
+    def _limit(self, deadline: float | None) -> float | None:
+        return self.settings.deadline if deadline is None else deadline
 
     def _row_estimator(self) -> RowEstimator:
         rows = self._rows
@@ -627,7 +637,8 @@ class Pipeline:
         else:
             pressure, conductance = self._drawn(estimate.parts)
             if level is None or idle:
-                potential = self._potential(conductance, given)
+                typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
+                potential = _potential(conductance, typical, given)
             else:
                 potential = self._one_step(self._without_baseline(given.once()), bad)
             images = self.grid.fill(potential), self.grid.fill(pressure)
@@ -644,25 +655,21 @@ class Pipeline:
         )
         return _Found(result, given, seen)
 
-    def _potential(self, conductance: np.ndarray, given: _Given) -> np.ndarray:
-        """(K,) V, by which contacts of a `conductance` (K,), S, raise the potential of their pixels."""
-        return given.drive_voltage * np.minimum(conductance * self._typical_impedance, 1.0)
-
     def _pictured(self, given: _Given) -> _Found:
         """The linear image alone; its potential by eq. 1 where that is asked for."""
         read = self._read(given, doubtful=True)
         frame, bad, local, measured = read
-        reason = self._no_ground(given) or (
-            "" if local is None or measured is not None else NO_IMAGE
-        )
         faults, middle = self._faults(frame, bad), given.lasts / 2
-        if reason:
-            return _Found(self._withheld(reason, bad, faults, math.nan, middle), given)
+        if local is not None and measured is None:
+            return _Found(self._withheld(NO_IMAGE, bad, faults, math.nan, middle), given)
         if local is None:
             return _Found(self._idle(bad, faults, middle), given)
         values = local.image(measured).astype(float)
         level = self.settings.level
-        potential = self._potential(values, given) if level is None else self._one_step(frame, bad)
+        if level is None:
+            potential = _potential(values, local.typical_impedance, given)
+        else:
+            potential = self._one_step(frame, bad)
         pressure = self.settings.law.pressure(np.maximum(values, 0.0) / self.grid.cell_area)
         images = self.grid.fill(potential), self.grid.fill(pressure)
         kept = local.regularization(local.level(measured)) if level is None else level
@@ -780,7 +787,7 @@ class Pipeline:
     def _imaged(self, given: _Given) -> _Found | None:
         """The linear image and the contacts that its blobs show, in profiles that ask for no more; None
         for a frame that one linear step is not made for, see `_read`, or with which something is wrong."""
-        if self.fits or self._no_ground(given) or self._mistake(given):
+        if self.fits or self._mistake(given):
             return None
         shown = self._shown(given, self._read(given))
         if shown is None:
@@ -807,7 +814,7 @@ class Pipeline:
         level = self.settings.level
         if level is None:
             level = local.regularization(local.level(measured))
-            potential = self._potential(image.values, given)
+            potential = _potential(image.values, local.typical_impedance, given)
         else:
             potential = self._one_step(frame, bad)
         contacts, pressure = contacts_and_pressure(
@@ -827,10 +834,6 @@ class Pipeline:
     def _glance(self, given: _Given) -> _Found:
         """What one linear image tells of a frame: its contacts, or that something presses somewhere where
         they do not explain it; nothing where the readings need more than one look."""
-        reason = self._no_ground(given)
-        if reason:
-            result = self._withheld(reason, self._excluded, {}, math.nan, given.lasts)
-            return _Found(result, given)
         read = self._read(given, doubtful=True)
         shown = self._shown(given, read)
         if shown is not None:
@@ -842,7 +845,7 @@ class Pipeline:
             return _Found(replace(result, complete=False), given)
         values = local.image(measured).astype(float)
         contact, pressure = all_as_one(values, local.spacing, self.settings.law, self.grid)
-        potential = self._potential(values, given)
+        potential = _potential(values, local.typical_impedance, given)
         result = Result(
             self.grid.fill(potential),
             self.grid.fill(pressure),
@@ -1023,6 +1026,12 @@ def _reported(contact) -> ContactEstimate:
         velocity=contact.velocity,
         conductance=contact.conductance,
     )
+
+
+def _potential(conductance: np.ndarray, impedance: float, given: _Given) -> np.ndarray:
+    """(K,) V, by which contacts of a `conductance` (K,), S, raise the potential of pixels with a typical
+    `impedance`, ohm."""
+    return given.drive_voltage * np.minimum(conductance * impedance, 1.0)
 
 
 def _is_sure(estimate: Estimate) -> bool:

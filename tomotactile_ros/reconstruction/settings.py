@@ -33,11 +33,6 @@ class Settings:
         (contacts, sheet and channels fitted to the readings together; `balanced` looks no further
         than a fit that explains them), `auto`: `accurate` within a deadline of 50 ms if none is given, or
         `paper`: the potential image is that of Kojima et al. 2023, eq. 1, all else as in `fast`.
-    image : `none`; `paper`, its potential by eq. 1; `contacts`, as the profile finds them; None: `paper` with
-        that profile, else `contacts`.
-    contacts : whether contacts are looked for; without, the pressure is that of one linear step: blurred over
-        the distance of electrodes, and at most the true one, as the sheet around a contact holds currents back
-        and only contacts tell how much.
     resolution : image cells along the longer side of the sheet.
     regularization : lambda_J^2 of eq. 1, without unit, 0 to 1e30; given, the potential image is that of
         eq. 1 in any profile; None: 1000 where it is. Contacts and their pressure do not depend on it.
@@ -50,11 +45,14 @@ class Settings:
     excluded : electrodes whose readings are never used.
     threshold : a frame is idle while its mean reading stays below this many times the noise.
     model : of the sheet, `auto`, `closed_form` or `fem`.
+    image : `none`; `paper`, its potential by eq. 1; `contacts`, as the profile finds them; None: `paper` with
+        that profile, else `contacts`.
+    contacts : whether contacts are looked for; without, the pressure is that of one linear step: blurred over
+        the distance of electrodes, and at most the true one, as the sheet around a contact holds currents back
+        and only contacts tell how much.
     """
 
     profile: str = "fast"
-    image: str | None = None
-    contacts: bool = True
     resolution: int = 40
     regularization: float | None = None
     noise: float = 0.001
@@ -64,6 +62,8 @@ class Settings:
     excluded: tuple[int, ...] = ()
     threshold: float = 3.0
     model: str = "auto"
+    image: str | None = None
+    contacts: bool = True
 
     def __post_init__(self):
         if self.profile not in PROFILES:

@@ -40,13 +40,12 @@ from tomotactile_ros.view.page_parts import (
     strength_of,
     table_of,
 )
-from tomotactile_ros.view.trails import LASTING, Trails
+from tomotactile_ros.view.trails import LASTING, METRES_PER_NEWTON, Trails
 
 if TYPE_CHECKING:
     from tomotactile_ros.view.page import Page
 
 MAGNIFIED = 10.0  # times the deviation: ellipses of 0.1 mm are not seen on a sheet of 200 mm
-METRES_PER_NEWTON = 0.01  # length of an arrow
 _CURVES = 20.0  # s of forces that are shown
 _DRAWN_EVERY, _TOLD_EVERY, _CURVED_EVERY = 0.05, 0.2, 0.25  # s
 _STEP = 0.0005  # m that what is written beside a contact may lag behind

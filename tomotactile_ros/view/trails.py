@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+METRES_PER_NEWTON = 0.01  # length of an arrow
 LASTING = 1.0  # s that a place stays in a picture
 _SPACING = 0.001  # m between two places that are kept
 
