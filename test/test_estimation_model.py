@@ -77,7 +77,7 @@ def imperfect(unknowns, seed=1):
     random = np.random.default_rng(seed)
     return replace(
         unknowns,
-        sheet=0.07 * random.standard_normal(OPERATOR.modes),
+        sheet=0.5 * OPERATOR.deviation * random.standard_normal(OPERATOR.modes),
         gain=1 + 0.02 * random.standard_normal(E),
         offset=1e-3 * random.standard_normal(E),
         resistance=200 * random.random(E),
@@ -210,8 +210,9 @@ def test_a_bar_becomes_no_other_shape_where_it_may_be_an_ellipse(turned):
 def test_derivatives_by_the_sheet(where):
     unknowns = imperfect(PLACES[where])
     found = Prediction(OPERATOR, unknowns, ALL).sheet_columns()
-    true = np.array([difference(unknowns, "sheet", j, 1e-4) for j in range(OPERATOR.modes)])
-    assert np.abs(found - true).max() < 1e-6 * np.abs(true).max()
+    steps = 1e-3 * OPERATOR.deviation
+    true = np.array([step * difference(unknowns, "sheet", j, step) for j, step in enumerate(steps)])
+    assert np.abs(steps[:, None, None] * found - true).max() < 1e-6 * np.abs(true).max()
 
 
 @pytest.mark.parametrize("layout", ["hex-37", "ring-16", "balanced-4x4"])
@@ -404,8 +405,8 @@ def test_readings_of_a_frame_of_finite_elements():
 def test_an_uneven_sheet_of_finite_elements(uneven):
     """Change of Y0 by a field of the prior: what first order in its logarithm leaves is a tenth."""
     random = np.random.default_rng(0)
-    sheet = uneven * random.standard_normal(OPERATOR.modes)
-    sheet[-2:] = 0.0
+    sheet = np.zeros(OPERATOR.modes)
+    sheet[: OPERATOR.field.count] = uneven * random.standard_normal(OPERATOR.field.count)
     even, other = (
         GroundedSheet(model.transfer(np.zeros((1, 2)), np.full(1, 0.001))).admittance
         for model in (
@@ -421,9 +422,10 @@ def test_a_sheet_that_is_known_to_be_very_uneven():
     """40 % from end to end and 2 : 1 anisotropic: first order is off by more than a millimetre."""
     uneven = SheetField(gradient=Gradient(0.4, 20.0), anisotropy=Anisotropy(2.0, 30.0))
     logarithm = -np.log(resistance_of(LAYOUT, uneven)(OPERATOR.field.centres) / 1e4)
-    sheet = np.append(np.linalg.lstsq(OPERATOR.field.modes, logarithm)[0], [0.0, 0.0])
-    turn = np.radians(2 * 30.0)
-    sheet[-2:] = np.log(2) / 2 * np.array([np.cos(turn), np.sin(turn)])
+    turn, modes = np.radians(2 * 30.0), OPERATOR.field.count
+    sheet = np.zeros(OPERATOR.modes)
+    sheet[:modes] = np.linalg.lstsq(OPERATOR.field.modes, logarithm)[0]
+    sheet[modes : modes + 2] = np.log(2) / 2 * np.array([np.cos(turn), np.sin(turn)])
     press = Contact("disc", center=(0.031, 0.02), radius=0.006, pressure=2e4)
     scene = Scene("test", DRIVE, (press,), LAW, defects=Defects(sheet=uneven))
     frame = Simulator(LAYOUT, scene).ideal_frame(0.0)

@@ -382,7 +382,7 @@ def test_what_modes_do_not_show_counts_as_far_as_the_sheet_is_uneven():
     uneven[: modes - 2] = 0.2
     sure = even.learned(even.mean, 1e-12 * even.covariance)
     rough = even.learned(uneven, 1e-12 * even.covariance)
-    assert findings.unevenness(even) == pytest.approx(operator().deviation[0])
+    assert findings.unevenness(even, operator()) == pytest.approx(operator().deviation[0])
     assert findings.field(sure, operator())[1].max() < 1e-6
     assert findings.field(rough, operator())[1] == pytest.approx(
         0.2 * operator().field.left, rel=1e-3, abs=1e-6

@@ -126,3 +126,16 @@ def test_unknowns_for_which_nothing_was_prepared_are_not_kept():
     few = np.append(np.arange(40), 99)
     np.testing.assert_array_equal(kept.among(few), matrix[np.ix_(few, few)])
     assert solved == [*range(50), 99]
+
+
+def test_points_beyond_a_slanted_outline_are_found_too():
+    """A walk to them went round and round."""
+    at = np.linspace(-0.054, 0.054, 5)
+    positions = np.array([[x, y] for y in at for x in at])
+    slanted = Outline.polygon([[-0.1, -0.08], [0.1, -0.08], [0.06, 0.08], [-0.1, 0.08]])
+    mesh = make_mesh(Layout("slanted", slanted, 1e4, 0.003, positions), 0.005)
+    points = np.random.default_rng(1).uniform(-0.12, 0.12, (30000, 2))
+    element, weights = mesh.locate(points)
+    inside = slanted.contains(points) & (slanted.rim_distance(points) > 1e-3)
+    found = np.einsum("qc,qcx->qx", weights, mesh.points[mesh.triangles[element]])
+    np.testing.assert_allclose(found[inside], points[inside], atol=1e-9)

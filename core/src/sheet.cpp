@@ -35,7 +35,7 @@ void Tables::complete() {
   for (const Matrix& each : change) expect(each.rows() == n && each.cols() == n, "a mode of Y0 has another size");
   for (const Matrix& each : share_change) expect(each.rows() == n && each.cols() == points, "a mode of H has another size");
   expect(seen.rows() == n && seen.cols() == n, "pairs that see each other do not fit the admittance");
-  expect(nodes.rows() == cells.cols() && nodes.cols() + 2 == Index(change.size()), "cells of the field do not fit the modes");
+  expect(nodes.rows() == cells.cols() && nodes.cols() <= Index(change.size()), "cells of the field do not fit the modes");
   for (const Matrix& each : fields) expect(each.rows() == n && each.cols() == n, "fields do not fit the admittance");
   for (const Mirror& each : mirrors) expect(each.electrode >= 0 && each.electrode < n, "a mirror of no electrode");
   expect(radius > 0 && resistance > 0 && pitch > 0 && reach > 0, "radius, resistance, spacing must be above 0");
@@ -117,7 +117,7 @@ Matrix Sheet::field_at(const Points& places) const {
     weights.row(q) = (weight / weight.sum()).matrix();
   }
   Matrix out = Matrix::Zero(places.cols(), modes());
-  out.leftCols(modes() - 2).noalias() = weights * tables_->nodes;
+  out.leftCols(tables_->nodes.cols()).noalias() = weights * tables_->nodes;
   return out;
 }
 

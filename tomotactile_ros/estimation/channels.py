@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-ALIKE = 0.5  # of the variance of resistances to ground is common to all: switches of one kind
+if TYPE_CHECKING:
+    from tomotactile_ros.estimation.operator import SheetOperator
+
+# of the variance of resistances to ground, and of radii, is common to all: switches and a print of one kind
+ALIKE = 0.5
+_TOGETHER = 0.01  # of the deviation of each way aside: as good as nothing, and the covariance has an inverse
 KINDS = 5  # gain, offset, resistance to ground, and how far the electrode lies aside in x and y
 
 
@@ -17,6 +23,8 @@ class ChannelPrior:
     gain : relative; published electronics contradict reciprocity by 0.8 to 7 %
     offset : V; the input offset of common converters and amplifiers
     resistance : ohm; an analogue switch has some tens to hundreds
+    radius : of an electrode, relative: screen prints and cut foil; a smaller one acts as a resistance to
+        ground, a larger one as a negative one
     aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.1 mm at
         8 x 8 on 200 mm, as well as they can be made
     """
@@ -24,17 +32,30 @@ class ChannelPrior:
     gain: float = 0.03
     offset: float = 0.003
     resistance: float = 200.0
+    radius: float = 0.1
     aside: float = 3e-3
 
-    def precision_of_resistances(self, count: int) -> np.ndarray:
-        """(n, n) inverse covariance of `count` resistances, of whose variance `ALIKE` is common."""
-        own = self.resistance**2 * (1 - ALIKE)
-        common = np.full((count, count), ALIKE / (1 - ALIKE + ALIKE * count))
-        return (np.eye(count) - common) / own
+    def covariance_of_resistances(self, operator: SheetOperator) -> np.ndarray:
+        """(n, n) ohm², of what switches and wires have and of what radii make of it."""
+        parts = np.full(operator.count, self.resistance), self.radius * operator.by_radius
+        return sum((1 - ALIKE) * np.diag(each**2) + ALIKE * np.outer(each, each) for each in parts)
 
-    def deviations(self, count: int, drive: float, pitch: float) -> tuple[np.ndarray, ...]:
-        """(n,) of each kind; offsets in parts of the `drive` voltage, ways aside in m with electrodes
-        `pitch`, m, apart."""
-        aside = self.aside * pitch
-        each = self.gain, self.offset / drive, self.resistance, aside, aside
-        return tuple(np.full(count, deviation) for deviation in each)
+    def covariance_of_places(self, operator: SheetOperator) -> np.ndarray:
+        """(2 n, 2 n) m², of ways aside in x of all, then in y: all that electrodes may have but a common
+        shift, turn and scale, since places are told relative to them."""
+        x, y = operator.layout.positions[operator.used].T
+        common = np.stack(
+            [np.append(1 + 0 * x, 0 * y), np.append(0 * x, 1 + 0 * y), np.append(x, y), np.append(-y, x)]
+        )
+        ways, size, _ = np.linalg.svd(common.T / operator.pitch, full_matrices=False)
+        ways = ways[:, size > 1e-6 * size[0]]
+        apart = np.eye(2 * operator.count) - (1 - _TOGETHER**2) * ways @ ways.T
+        return (self.aside * operator.pitch) ** 2 * apart
+
+    def deviations(self, operator: SheetOperator, drive: float) -> tuple[np.ndarray, ...]:
+        """(n,) of each kind; offsets in parts of the `drive` voltage, ways aside in m."""
+        count = operator.count
+        aside = np.sqrt(self.covariance_of_places(operator).diagonal())
+        resistance = np.sqrt(self.covariance_of_resistances(operator).diagonal())
+        gain, offset = np.full(count, self.gain), np.full(count, self.offset / drive)
+        return gain, offset, resistance, aside[:count], aside[count:]

@@ -60,7 +60,7 @@ from tomotactile_ros.scenes.contact import ContactLaw
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
 AT_END = "most readings are at the end of the converter's range: too much presses to say how much"
 CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
-# resistances to ground below 0, in parts of what is expected of them, and rows that tell of them:
+# resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
 _IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
 _KEPT = 4  # operators for sets of electrodes in use
@@ -349,7 +349,10 @@ class Estimator:
         seen = None if variance is None else (variance, fit.rows.count)
         if reason:
             state.forget()
-            return Estimate([], [], "withheld", reason, left_out, misfit, first), seen
+            unlike = reason not in (AT_END, CHANGED)
+            return Estimate(
+                [], [], "withheld", reason, left_out, misfit, first, unlike=unlike
+            ), seen
         state.fit = fit
         contacts, parts = self._reported(search, fit, state)
         if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
@@ -640,7 +643,7 @@ class Estimator:
         return rows
 
     def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
-        if _below_zero(fit) > _IMPOSSIBLE * self.channels.resistance:
+        if _below_zero(fit, self.channels.covariance_of_resistances(fit.operator)) > _IMPOSSIBLE:
             return DISTURBED
         if torn and not _explains(fit):
             return CHANGED
@@ -760,9 +763,10 @@ def _may_be_anywhere(fit: Fit) -> bool:
     return any(may_be_anywhere(each, fit.operator.layout) for each in places)
 
 
-def _below_zero(fit: Fit) -> float:
-    """How far resistances to ground of a fit are below 0 ohm, and below what was known of them: root
-    mean square over the rows, ohm, without the two that are lowest.
+def _below_zero(fit: Fit, expected: np.ndarray) -> float:
+    """How far resistances to ground of a fit are below 0 ohm, and below what was known of them, in
+    deviations of what is `expected` of a new sensor, covariance (n, n), ohm²: root mean square over
+    the rows without the two that are lowest.
 
     An offset that all readings of a row have in common is the same to the fit as such a resistance,
     or nearly. One or two electrodes under a contact may take what the model lacks there.
@@ -772,6 +776,7 @@ def _below_zero(fit: Fit) -> float:
     if len(rows) < _FEWEST_JUDGED:
         return 0.0
     below = np.minimum(u.resistance - np.minimum(prior.resistance, 0.0), 0.0)
+    below /= np.sqrt(expected.diagonal())
     return float(np.sqrt(np.mean(np.sort(below[rows] ** 2)[:-2])))
 
 

@@ -27,10 +27,11 @@ _CELLS = 12, 16  # along the longer side, at least and at most
 class SheetField:
     """Cells of a sheet and the modes of its field.
 
-    centres : (C, 2) of cells, m; modes : (C, J - 2) value of each mode with variance 1
+    centres : (C, 2) of cells, m; modes : (C, F) value of each mode with variance 1
     left : (C,) standard deviation, in the cells, of what the modes do not show of a field of variance 1
-    deviation : (J,) prior standard deviation of the coefficients
-    reach : m, over which cells are averaged for a smooth field; nodes (C, J - 2) what is averaged
+    count : number F of modes; deviation : (F + 2,) prior standard deviation of their coefficients and
+        of the anisotropy
+    reach : m, over which cells are averaged for a smooth field; nodes (C, F) what is averaged
     owner : (T,) cell of each element; order, ends: elements sorted by cell, and where each cell
         begins
     """
@@ -70,10 +71,12 @@ class SheetField:
         self.nodes = np.linalg.solve(self._weights(self.centres), self.modes)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """(Q, J) the field at `places` (Q, 2): smooth, and in the centres of cells as they have it."""
-        out = np.zeros((len(places), len(self.deviation)))
-        out[:, :-2] = self._weights(places) @ self.nodes
-        return out
+        """(Q, F) the field at `places` (Q, 2): smooth, and in the centres of cells as they have it."""
+        return self._weights(places) @ self.nodes
+
+    @property
+    def count(self) -> int:
+        return self.modes.shape[1]
 
     def _weights(self, places):
         """(Q, C) of a smooth mean over cells nearby."""
@@ -82,7 +85,7 @@ class SheetField:
         return weights / weights.sum(axis=1, keepdims=True)
 
     def cell_values(self, places: np.ndarray) -> np.ndarray:
-        """(Q, J - 2) the field of the cell that each of `places` (Q, 2) lies in."""
+        """(Q, F) the field of the cell that each of `places` (Q, 2) lies in."""
         return self.modes[self.cell_of(places)]
 
     def cell_of(self, places: np.ndarray) -> np.ndarray:

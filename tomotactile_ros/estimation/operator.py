@@ -9,7 +9,7 @@ A sheet whose conductance is sigma exp(m(x)) instead of sigma changes them by (f
 
     dY0_nk = int sigma m grad H_n . grad H_k,     dH_n(x) = - int sigma m grad D_x . grad H_n
 
-and D near x by the factor exp(-m(x)). For pairs of electrodes that see each other the first is
+and D near x by the factor exp(-m(x)); a rim that is not where it was drawn, see `rim`. For pairs of electrodes that see each other the first is
 taken as a change of the logarithm, which is right to second order for a field that varies slowly
 between them. A uniform anisotropy exchanges m grad . grad for the difference of the parts along and
 across (Polydorides and Lionheart 2002 derive such sensitivities for electrical impedance
@@ -31,6 +31,7 @@ from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
 from tomotactile_ros.estimation.induced import RIM
+from tomotactile_ros.estimation.rim import Rim
 from tomotactile_ros.estimation.tables import (
     Around,
     Lattice,
@@ -55,6 +56,7 @@ _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouc
 _NEAR = 0.03  # of a coefficient: second order is a part in a thousand
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
+_ROUND = 64  # points around an electrode, of which it is asked whether they are on the sheet
 _NO_PATCHES = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
 
 
@@ -68,7 +70,8 @@ class SheetOperator:
     admittance : (n, n) Y0 of the even sheet, S
     resistance : ohm/sq
     displacement : fields at the electrodes, for places that are not quite theirs
-    modes : number J of coefficients that describe an uneven sheet
+    modes : number J of coefficients that describe a sheet: of `field`, two of anisotropy, and the
+        ways of `rim`, m
     deviation : (J,) their standard deviation before anything is known
     """
 
@@ -104,7 +107,8 @@ class SheetOperator:
         places = off_electrodes(mirrored(self.lattice.points, size / 2), self.layout)
         if self._even is None:
             self._even = solved(self.layout, self.used, places, self.pitch)
-        even, other = self._even, copy(self)
+        even, other, uneven = self._even, copy(self), sheet.copy()
+        uneven[self.of_rim] = 0.0
         for known in ("expected", "untouched", "core"):
             other.__dict__.pop(known, None)
         found = solved(
@@ -112,17 +116,17 @@ class SheetOperator:
             self.used,
             places,
             self.pitch,
-            lambda points: self.field.at(points) @ sheet,
-            sheet[-2:],
+            lambda points: self.field.at(points) @ sheet[: self.field.count],
+            sheet[self.field.count : self.of_rim.start],
         )
         seen = self._seen & (found.admittance * even.admittance > 0)
         ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
-        first = np.where(seen, self._changed(sheet), 0.0)
-        term = found.admittance - even.admittance - np.tensordot(sheet, self._first_change, 1)
+        first = np.where(seen, self._changed(uneven), 0.0)
+        term = found.admittance - even.admittance - np.tensordot(uneven, self._first_change, 1)
         other._rest = Rest(
             np.log(ratio) - first,
             np.where(seen, 0.0, term),
-            found.share - even.share - np.tensordot(sheet, self._share_change, 1),
+            found.share - even.share - np.tensordot(uneven, self._share_change, 1),
             found.own * np.exp(self.field_at(places) @ sheet) - even.own,
         )
         np.fill_diagonal(other._rest.term, 0.0)
@@ -131,7 +135,8 @@ class SheetOperator:
 
     def near(self, sheet: np.ndarray) -> SheetOperator:
         """This one if it is right for the coefficients `sheet` (J,), else that `about` them."""
-        return self if np.abs(sheet - self._mean).max() < _NEAR else self.about(sheet)
+        apart = np.abs(sheet - self._mean)[: self.of_rim.start]
+        return self if apart.max() < _NEAR else self.about(sheet)
 
     @property
     def mean(self) -> np.ndarray:
@@ -260,7 +265,9 @@ class SheetOperator:
 
     def field_at(self, places: np.ndarray) -> np.ndarray:
         """(Q, J) logarithm of the sheet's conductance at `places` (Q, 2) for each coefficient."""
-        return self.field.at(places)
+        out = np.zeros((len(places), self.modes))
+        out[:, : self.field.count] = self.field.at(places)
+        return out
 
     @cached_property
     def share_table(self) -> np.ndarray:
@@ -277,6 +284,11 @@ class SheetOperator:
     def modes(self) -> int:
         return len(self.deviation)
 
+    @property
+    def of_rim(self) -> slice:
+        """Which of the coefficients are ways of the rim."""
+        return slice(self.field.count + 2, self.modes)
+
     @cached_property
     def expected(self) -> np.ndarray:
         """(n, n) Y0, S, of the sheet that it is right about."""
@@ -288,6 +300,16 @@ class SheetOperator:
         tied = np.trace(self.admittance) / self.count**2  # Y0 + tied 1 1^T is not singular
         own = np.linalg.inv(self.admittance + tied).diagonal()
         return own - 1 / (tied * self.count**2)
+
+    @cached_property
+    def by_radius(self) -> np.ndarray:
+        """(n,) ohm that an electrode's impedance falls by per logarithm of its radius: what spreads
+        from a half disc at the rim spreads twice as much, from a quarter four times."""
+        turn = 2 * np.pi / _ROUND * (np.arange(_ROUND) + 0.5)
+        ring = self.layout.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        around = (self.layout.positions[self.used][:, None] + ring).reshape(-1, 2)
+        inside = self.layout.outline.contains(around).reshape(-1, _ROUND).mean(axis=1)
+        return self.resistance / (2 * np.pi * inside)
 
     @property
     def inexact(self) -> np.ndarray:
@@ -322,10 +344,13 @@ class SheetOperator:
         along, across = gradient[:, 0], gradient[:, 1]
         mixed = along.T @ across
         modes = self.field.modes
+        self.rim = Rim(self.layout.outline, mesh.points, mesh.triangles)
+        strips, cut = self.rim.changes(shares, self.resistance)
         change = np.concatenate(
             [
                 np.tensordot(modes.T, by_cell, 1),
                 [along.T @ along - across.T @ across, mixed + mixed.T],
+                cut,
             ]
         )
         total = by_cell.sum(axis=0)
@@ -336,10 +361,10 @@ class SheetOperator:
         for each in self._change:
             np.fill_diagonal(each, 0.0)
         self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
-        self.deviation = self.field.deviation
-        self._shares_on_lattice(fem, inverse, fed, slope, root, gradient)
+        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation])
+        self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
 
-    def _shares_on_lattice(self, fem, inverse, fed, slope, root, gradient):
+    def _shares_on_lattice(self, fem, inverse, fed, slope, root, gradient, strips):
         mesh, order, ends = fem.mesh, self.field.order, self.field.ends
         size = np.array(self.layout.outline.size)
         places = mirrored(self.lattice.points, size / 2)
@@ -367,7 +392,8 @@ class SheetOperator:
         turned = gradient * [[1.0], [-1.0]], gradient[:, ::-1]  # along less across, and mixed
         gather = _scattered(slopes, unknowns, count)
         ways = [-potential.T @ (gather @ _flat(each)) for each in turned]
-        self._share_change = np.concatenate([change, ways])
+        begins, ends = potential[fem.unknown[self.rim.ends]]
+        self._share_change = np.concatenate([change, ways, -(ends - begins).T @ strips])
 
 
 def _flat(gradient: np.ndarray) -> np.ndarray:

@@ -135,10 +135,15 @@ class Prior:
     ) -> Prior:
         """Nothing has been learned of this sensor; its switches are of one kind."""
         count, modes = operator.count, operator.modes
-        deviations = channels.deviations(count, drive, operator.pitch)
+        deviations = channels.deviations(operator, drive)
         precision = np.diag(np.concatenate([operator.deviation, *deviations]) ** -2.0)
         resistances = slice(modes + 2 * count, modes + 3 * count)
-        precision[resistances, resistances] = channels.precision_of_resistances(count)
+        precision[resistances, resistances] = np.linalg.inv(
+            channels.covariance_of_resistances(operator)
+        )
+        precision[modes + 3 * count :, modes + 3 * count :] = np.linalg.inv(
+            channels.covariance_of_places(operator)
+        )
         return cls(
             radius,
             0.6,

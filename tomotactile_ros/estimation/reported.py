@@ -74,6 +74,7 @@ class Estimate:
     first : number of the first row that was used; earlier ones belong to another state of the sheet
     noise : of a reading, V rms, as the rows show it, what was expected at the least; 0 where they do
         not tell
+    unlike : withheld because no contacts on a sheet like that of the layout explain the rows
     """
 
     contacts: list[Contact]
@@ -84,6 +85,7 @@ class Estimate:
     misfit: float = 0.0
     first: int = 0
     noise: float = 0.0
+    unlike: bool = False
 
 
 def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Contact], np.ndarray]:

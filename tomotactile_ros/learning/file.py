@@ -18,7 +18,6 @@ import zlib
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -34,6 +33,7 @@ MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
 _MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up to 256 cells
 _DIGITS = 9
 _ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was known of them
+_RIM = "outline"  # how far out and askew its sides are; lacking in earlier files, as `_ASIDE`
 _EXCESS = "excess"  # earlier files have it as `resistance`
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
 
@@ -49,9 +49,12 @@ def save_sensor(
     path: str | os.PathLike, layout: Layout, operator: SheetOperator, state: SensorState
 ) -> None:
     """Write what is known about a sensor with `layout`, whole or not at all."""
-    field = operator.field
-    values = field.modes @ state["sheet"][:-2]
-    deviations = _field_deviation(field.modes, state)
+    field, known, spread = operator.field, state["sheet"], state.std("sheet")
+    uneven, turned = slice(0, field.count), slice(field.count, operator.of_rim.start)
+    expected = [state.expected[state.slice(part)][0] for part in PARTS]
+    unit = ChannelPrior(resistance=0.0, aside=1 / operator.pitch).deviations(operator, 1.0)
+    expected[3] = np.sqrt(expected[3] ** 2 - unit[2][0] ** 2)  # without what radii make of them
+    expected[4:] = expected[4] / unit[3][0], expected[5] / unit[4][0]  # a common way taken off
     content = {
         "format": FORMAT,
         "layout": layout.id,
@@ -62,25 +65,27 @@ def save_sensor(
             "untouched": state.idle,
             "time": float(state.time),
         },
-        "expected": {part: _round(state.expected[state.slice(part)][-1]) for part in PARTS},
+        "expected": {part: _round(each) for part, each in zip(PARTS, expected)},
     }
     for part in PARTS[1:]:
-        values, spread = findings.of_channels(state, operator, part)
-        content[part], content[f"{part}_deviation"] = _round(values), _round(spread)
+        values, deviations = findings.of_channels(state, operator, part)
+        content[part], content[f"{part}_deviation"] = _round(values), _round(deviations)
     content[_EXCESS] = _round(state["resistance"])
     content[f"{_EXCESS}_deviation"] = _round(state.std("resistance"))
     deviation = state.deviation
     correlation = state.covariance / deviation[:, None] / deviation
     content["sheet"] = {
-        "anisotropy": _round(state["sheet"][-2:]),
-        "anisotropy_deviation": _round(state.std("sheet")[-2:]),
+        "anisotropy": _round(known[turned]),
+        "anisotropy_deviation": _round(spread[turned]),
         "places": _round(field.centres),
-        "logarithm": _round(values, 5),
-        "logarithm_deviation": _round(deviations, 5),
-        "coefficients": _round(state["sheet"][:-2]),
-        "coefficients_deviation": _round(state.std("sheet")[:-2]),
+        "logarithm": _round(field.modes @ known[uneven], 5),
+        "logarithm_deviation": _round(_field_deviation(field.modes, state), 5),
+        "coefficients": _round(known[uneven]),
+        "coefficients_deviation": _round(spread[uneven]),
         "modes": _pack(field.modes),
     }
+    content[_RIM] = _round(known[operator.of_rim])
+    content[f"{_RIM}_deviation"] = _round(spread[operator.of_rim])
     content["correlation"] = _pack(correlation[np.triu_indices(len(correlation), 1)])
     write_mapping(path, content)
 
@@ -91,7 +96,7 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     `model` of the sheet, as the estimator takes it.
     """
     reader = Reader.open(path, FORMAT, MAX_BYTES)
-    keys = [f"{part}{end}" for part in (*PARTS[1:], _EXCESS) for end in ("", "_deviation")]
+    keys = [f"{part}{end}" for part in (*PARTS[1:], _EXCESS, _RIM) for end in ("", "_deviation")]
     reader.only(
         "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", *keys
     )
@@ -122,20 +127,28 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     anisotropic = sheet.numbers("anisotropy_deviation", 2)
     places = sheet.points("places")
     values = _unpack(sheet, "modes", len(places) * modes).reshape(len(places), modes)
-    mean = np.concatenate([coefficients, anisotropy, *(channels[part] for part in parts)])
+    rim, cut = np.zeros(0), np.zeros(0)
+    if _RIM in reader:
+        rim, cut = (np.array(reader.numbers(f"{_RIM}{end}", 8)) for end in ("", "_deviation"))
+    mean = np.concatenate([coefficients, anisotropy, rim, *(channels[part] for part in parts)])
     deviation = np.concatenate(
-        [spread, anisotropic, *(channels[f"{part}_deviation"] for part in parts)]
+        [spread, anisotropic, cut, *(channels[f"{part}_deviation"] for part in parts)]
     )
     size = len(mean)
     if not (deviation > 0).all():
         sheet.refuse("coefficients_deviation", float(deviation.min()), "is not a positive number")
     correlation = _correlation(_unpack(reader, "correlation", size * (size - 1) // 2), size)
     covariance = correlation * deviation[:, None] * deviation
-    expected = _expected(reader, operator, count)
-    if size < modes + 2 + (len(PARTS) - 1) * count:
-        unknown = expected[-len(_ASIDE) * count :]
-        mean = np.concatenate([mean, np.zeros_like(unknown)])
-        covariance = block_diag(covariance, np.diag(unknown**2))
+    expected = _expected(reader, operator)
+    lacking = np.zeros(modes + 10 + (len(PARTS) - 1) * count, bool)  # of earlier files
+    lacking[modes + 2 : modes + 10] = _RIM not in reader
+    lacking[modes + 10 + len(parts) * count :] = True
+    unknown = np.concatenate([np.zeros(modes), expected[operator.field.count :]])
+    whole = np.diag(np.where(lacking, unknown, 0.0) ** 2)
+    whole[np.ix_(~lacking, ~lacking)] = covariance
+    covariance, found = whole, mean
+    mean = np.zeros(len(lacking))
+    mean[~lacking] = found
     return _in_modes(operator, places, values, mean, covariance, expected, _counts(reader))
 
 
@@ -158,7 +171,7 @@ def _counts(reader):
     return {**counts, "time": learned.number("time", 0.0)}
 
 
-def _expected(reader, operator, count):
+def _expected(reader, operator):
     section = reader.section("expected")
     section.only(*PARTS)
     aside = ChannelPrior().aside * operator.pitch
@@ -166,7 +179,9 @@ def _expected(reader, operator, count):
     for part, value in zip(PARTS, found):
         if not value > 0:
             section.refuse(part, value, "is not a positive number")
-    return np.concatenate([operator.deviation, *(np.full(count, each) for each in found[1:])])
+    gain, offset, resistance, aside, _ = found[1:]
+    prior = ChannelPrior(gain, offset, resistance, aside=aside / operator.pitch)
+    return np.concatenate([operator.deviation, *prior.deviations(operator, 1.0)])
 
 
 def _correlation(upper, size):
@@ -185,7 +200,7 @@ def _correlation(upper, size):
 
 def _in_modes(operator, places, values, mean, covariance, expected, counts) -> SensorState:
     """The state with the modes of `operator`, from one with other modes (places (C, 2), values (C,
-    J - 2))."""
+    F))."""
     field, modes = operator.field, values.shape[1]
     if len(places) != len(field.centres) or np.abs(places - field.centres).max() > 1e-6:
         apart = ((field.centres[:, None] - places) ** 2).sum(axis=-1)
@@ -202,7 +217,7 @@ def _in_modes(operator, places, values, mean, covariance, expected, counts) -> S
     new = (ways * np.where(size > 1e-3, size, 0.0)) @ ways.T  # modes that the file does not have
     covariance[:own, :own] += new * expected[0] ** 2
     return replace(
-        SensorState(own + 2, whole @ mean, (covariance + covariance.T) / 2, expected), **counts
+        SensorState(own + 10, whole @ mean, (covariance + covariance.T) / 2, expected), **counts
     )
 
 

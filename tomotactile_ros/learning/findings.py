@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.rim import SIDES
 from tomotactile_ros.learning.recorded import Learned
 from tomotactile_ros.learning.state import SensorState
 
@@ -21,12 +22,12 @@ _DIRECT = 0.5  # of the least deviation that touches alone can leave of a resist
 _OUT = 3.0  # deviations of a channel from the others, beside which it is named
 
 
-def anisotropy(state: SensorState) -> tuple[float, float, float]:
+def anisotropy(state: SensorState, operator: SheetOperator) -> tuple[float, float, float]:
     """Ratio of the conductance along to that across, the direction (degrees from x), and the
     ratio's deviation."""
-    p, q = state["sheet"][-2:]
+    where = slice(operator.field.count, operator.of_rim.start)
+    p, q = state.mean[where]
     size = float(np.hypot(p, q))
-    where = slice(state.modes - 2, state.modes)
     way = np.array([p, q]) / size if size > 1e-9 else np.array([1.0, 0.0])
     deviation = float(np.sqrt(way @ state.covariance[where, where] @ way))
     ratio = float(np.exp(2 * size))
@@ -41,10 +42,10 @@ def relative_gain_deviation(state: SensorState) -> float:
     return float(np.sqrt(np.trace(apart @ block @ apart) / len(block)))
 
 
-def unevenness(state: SensorState) -> float:
+def unevenness(state: SensorState, operator: SheetOperator) -> float:
     """Standard deviation of the logarithm of the sheet's conductance as its modes show it; what was
     expected where nothing is known."""
-    modes = slice(0, state.modes - 2)
+    modes = slice(0, operator.field.count)
     return float(np.sqrt((state.mean[modes] ** 2 + state.deviation[modes] ** 2).mean()))
 
 
@@ -57,7 +58,8 @@ def field(state: SensorState, operator: SheetOperator) -> tuple[np.ndarray, np.n
     count = modes.shape[1]
     covariance = state.covariance[:count, :count]
     shown = np.sqrt(np.einsum("cj,jk,ck->c", modes, covariance, modes))
-    return modes @ state["sheet"][:-2], np.hypot(shown, unevenness(state) * operator.field.left)
+    left = unevenness(state, operator) * operator.field.left
+    return modes @ state.mean[:count], np.hypot(shown, left)
 
 
 def resistance(state: SensorState) -> np.ndarray:
@@ -80,7 +82,7 @@ def resistance_deviation(state: SensorState, operator: SheetOperator) -> np.ndar
     deviation, used = state.std("resistance").copy(), operator.used
     told = deviation[used] < _DIRECT * operator.inexact / np.sqrt(max(state.frames, 1))
     at = operator.field.cell_of(operator.layout.positions[used])
-    model = np.hypot(_LASTING, unevenness(state) * operator.field.left[at]) * operator.own_impedance
+    model = np.hypot(_LASTING, unevenness(state, operator) * operator.field.left[at]) * operator.own_impedance
     learned = state.known("resistance")[used] > 0
     deviation[used] = np.hypot(deviation[used], np.where(learned & ~told, model, 0.0))
     return np.minimum(deviation, state.expected[state.slice("resistance")])
@@ -161,6 +163,7 @@ def _parts(state, operator, good):
         yield from _resistances(state, operator, good)
         yield from _places(state, good)
         yield from _sheet(state, operator)
+        yield _outline(state, operator)
 
 
 def _is_told(state, part, good):
@@ -216,7 +219,7 @@ def _sheet(state, operator):
         f"conductance {_signed(np.expm1(values[low]))} at {_place(places[low])}, "
         f"{_signed(np.expm1(values[high]))} at {_place(places[high])}"
     )
-    ratio, direction, spread = anisotropy(state)
+    ratio, direction, spread = anisotropy(state, operator)
     if ratio - 1 > 2 * spread:
         yield (
             f"  {ratio:.3f} : 1 (+- {spread:.3f}) more conductive along {direction:.0f} degrees "
@@ -224,6 +227,16 @@ def _sheet(state, operator):
         )
     else:
         yield f"  no anisotropy above {1 + 2 * spread:.3f} : 1"
+
+
+def _outline(state, operator):
+    """How far out the sides of the sheet are, of what surrounds its outline."""
+    out, spread = (1e3 * each[operator.of_rim][: len(SIDES)] for each in (state.mean, state.deviation))
+    sides = ", ".join(f"{side} {by:+.1f}" for side, by in zip(SIDES, out))
+    return (
+        f"outline: sides are farther out than in the layout by {sides} mm, each known to "
+        f"{np.sqrt((spread**2).mean()):.1f} mm"
+    )
 
 
 def _undetermined(learned, good):

@@ -41,14 +41,14 @@ def _maps(figure, above, below, layout, learned):
     grid = Grid.for_outline(layout.outline, _CELLS)
     at = learned.operator.field.at(grid.pixels)
     state = learned.state
-    sheet = slice(0, state.modes)
-    values = 100 * np.expm1(at @ state["sheet"])
+    sheet = slice(0, learned.operator.field.count)
+    values = 100 * np.expm1(at @ state.mean[sheet])
     field = learned.operator.field
-    left = findings.unevenness(state) * field.left[field.cell_of(grid.pixels)]
+    left = findings.unevenness(state, learned.operator) * field.left[field.cell_of(grid.pixels)]
     shown = np.sqrt(np.einsum("kj,ji,ki->k", at, state.covariance[sheet, sheet], at))
     spread = 100 * np.hypot(shown, left)
     most = max(5.0, np.abs(values).max())
-    ratio, direction, uncertain = findings.anisotropy(state)
+    ratio, direction, uncertain = findings.anisotropy(state, learned.operator)
     way = (
         f"{ratio:.2f} : 1 along {direction:.0f}°"
         if ratio - 1 > 2 * uncertain

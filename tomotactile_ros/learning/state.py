@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.channels import ALIKE, KINDS, ChannelPrior
+from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.rim import SIDES
 
 PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
@@ -54,15 +55,15 @@ class SensorState:
         """Nothing has been learned; `operator` with all electrodes in use."""
         channels = channels or ChannelPrior()
         count = operator.layout.electrodes
-        widths = channels.deviations(count, 1.0, operator.pitch)
+        widths = channels.deviations(operator, 1.0)
         expected = np.concatenate([operator.deviation, *widths])
         mean = np.zeros(len(expected))
         mean[operator.modes : operator.modes + count] = 1.0
         covariance = np.diag(expected**2)
         resistances = slice(operator.modes + 2 * count, operator.modes + 3 * count)
-        alike = covariance[resistances, resistances]
-        alike *= 1 - ALIKE
-        alike += ALIKE * channels.resistance**2
+        covariance[resistances, resistances] = channels.covariance_of_resistances(operator)
+        aside = slice(operator.modes + 3 * count, None)
+        covariance[aside, aside] = channels.covariance_of_places(operator)
         return cls(operator.modes, mean, covariance, expected)
 
     @property
@@ -170,7 +171,8 @@ class SensorState:
         count, hours = self.electrodes, max(seconds, 0.0) / _HOUR
         rates = np.concatenate(
             [
-                np.full(self.modes, SHEET_WALK),
+                np.full(self.modes - 2 * len(SIDES), SHEET_WALK),
+                np.zeros(2 * len(SIDES)),  # once cut
                 np.full(count, GAIN_WALK),
                 np.full(count, OFFSET_WALK),
                 np.full(count, RESISTANCE_WALK),

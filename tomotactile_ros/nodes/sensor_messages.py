@@ -18,7 +18,7 @@ def sensor_to_message(
 ) -> SensorMessage:
     """All that is known of a sensor."""
     whole, part = divmod(round(state.time * 1e9), 10**9)
-    ratio, direction, deviation = findings.anisotropy(state)
+    ratio, direction, deviation = findings.anisotropy(state, operator)
     logarithm, logarithm_deviation = findings.field(state, operator)
     message = SensorMessage(
         header=Header(stamp=Time(sec=whole, nanosec=part), frame_id=frame_id),

@@ -625,6 +625,10 @@ class Pipeline:
         contacts = [_reported(each) for each in estimate.contacts]
         covariances = [np.reshape(each.position_covariance, (2, 2)) for each in contacts]
         reason = estimate.reason
+        # a sheet cut otherwise, torn or holed: its couplings err where it is so, its currents do not
+        shown = self._shown(given, self._read(given)) if estimate.unlike else None
+        if shown is not None:
+            return _Found(replace(shown, misfit=estimate.misfit, noise=noise), given, seen)
         if any(may_be_anywhere(each, self.layout) for each in covariances):
             reason = ANYWHERE
         if reason:

@@ -14,7 +14,8 @@ class Locator:
     """Finds triangles by walking, from the one with the nearest centre.
 
     A step goes across the side that the point lies beyond most. In a Delaunay triangulation such a
-    walk ends, here after a step or two.
+    walk ends, here after a step or two; where rounding made another of it and a walk goes round, all
+    triangles are looked at.
 
     points (N, 2); triangles (T, 3), counter-clockwise, of their convex hull; neighbours (T, 3)
     triangle opposite each corner, -1 for none; kept (T,) which triangles belong to the mesh.
@@ -39,12 +40,18 @@ class Locator:
         found = self._kept[self._start(where)]
         weights = self._weights(found, where)
         walking = np.flatnonzero(_least(weights) < _INSIDE)
-        while len(walking):
+        for _ in range(len(self._corners)):
+            if not len(walking):
+                break
             beyond = self._neighbours[found[walking], weights[:, walking].argmin(axis=0)]
             walking, beyond = walking[beyond >= 0], beyond[beyond >= 0]
             found[walking] = beyond
             weights[:, walking] = new = self._weights(beyond, where[walking])
             walking = walking[_least(new) < _INSIDE]
+        for each in walking:
+            of_all = self._weights(slice(None), where[each])
+            found[each] = _least(of_all).argmax()
+            weights[:, each] = of_all[:, found[each]]
         lost = np.flatnonzero((self._number[found] < 0) | (_least(weights) < _INSIDE))
         if len(lost):
             found[lost] = self._kept[self._tree.query(where[lost])[1]]

@@ -63,7 +63,7 @@ struct Tables {
   std::vector<Matrix> share_change;  // J of n x M: of H at the points of `coarse`
   Points cells;                      // centres of the cells of the field, m
   double reach = 0;                  // over which cells are averaged, m
-  Matrix nodes;                      // C x (J - 2)
+  Matrix nodes;                      // C x F, of the first F of J
 
   void complete();                   // checks shapes, throws BadInput; makes what follows from the rest
 };

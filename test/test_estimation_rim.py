@@ -1,0 +1,106 @@
+"""Sheets that are not cut as the layout has it, and electrodes that are not printed so."""
+
+import numpy as np
+import pytest
+
+import tomotactile_ros as tt
+from tomotactile_ros.bench.trials import LAW
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.tables import Around, off_electrodes
+from tomotactile_ros.reconstruction.pipeline import Pipeline
+from tomotactile_ros.reconstruction.settings import Settings
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import SheetField, Tear
+
+DRIVE, NOISE = 3.3, 1e-3
+
+
+def layout(outline, half=0.1, side=4, radius=0.005):
+    at = np.linspace(-half, half, side)
+    places = np.array([[x, y] for y in at for x in at])
+    return tt.Layout("cut", outline, 1e4, radius, places)
+
+
+def square(size, **others):
+    return layout(tt.Outline.rectangle(size, size), **others)
+
+
+OUTLINES = {
+    "square": lambda by: square(0.2 + 2 * by),
+    "round": lambda by: layout(tt.Outline.circle(0.1 + by), 0.03, radius=0.003),
+}
+
+
+@pytest.mark.parametrize("name, by", [("square", 3e-3), ("round", 10e-3)])
+def test_a_larger_outline_changes_couplings_and_shares_as_another_mesh_of_it_says(name, by):
+    """To first order: what meshes differ by, and second order, are the rest."""
+    drawn, cut = (SheetOperator(OUTLINES[name](way), "fem") for way in (0.0, by))
+    sheet = np.zeros(drawn.modes)
+    sheet[drawn.of_rim][:4] = by
+    seen = (np.abs(drawn.admittance) > 2e-3 * drawn.admittance.max()) & ~np.eye(16, dtype=bool)
+    change = np.log(cut.admittance[seen] / drawn.admittance[seen])
+    told = np.log(drawn.admittance_of(sheet)[seen] / drawn.admittance[seen])
+    assert np.abs(change - told).max() < 0.25 * np.abs(change).max()
+    places = off_electrodes(np.random.default_rng(0).uniform(-0.06, 0.06, (99, 2)), drawn.layout)
+    shares = [each.points(places, np.full(99, 0.003))[0] for each in (drawn, cut)]
+    change, told = shares[1] - shares[0], drawn.share_added(sheet, Around(drawn.lattice, places))[0]
+    assert 0.6 < np.polyfit(told.ravel(), change.ravel(), 1)[0] < 1.2
+
+
+def test_electrodes_have_no_shift_turn_or_scale_in_common():
+    operator = SheetOperator(square(0.2))
+    x, y = operator.layout.positions.T
+    covariance = ChannelPrior().covariance_of_places(operator)
+    alone = ChannelPrior().aside * operator.pitch
+    for way in ([1, 0], [0, 1], [x, y], [-y, x]):
+        together = np.concatenate([np.broadcast_to(each, 16) for each in way]).astype(float)
+        together /= np.linalg.norm(together)
+        assert np.sqrt(together @ covariance @ together) < 0.02 * alone
+    askew = np.concatenate([x, -y]) / np.linalg.norm([x, y])
+    assert np.sqrt(askew @ covariance @ askew) == pytest.approx(alone)
+
+
+def pressed(true, at, sheet=None):
+    """Frame of 2 N on a foot of 6 mm, V, and which electrode each row grounds."""
+    contact = Contact("disc", center=at, radius=0.006, force=2.0)
+    defects = Defects(sheet=sheet or SheetField())
+    simulator = tt.Simulator(true, Scene("cut", DRIVE, (contact,), LAW, defects=defects))
+    frame = simulator.frame(0.0)
+    return frame + np.random.default_rng(1).normal(0, NOISE, frame.shape), simulator.grounded
+
+
+def fine(size, half=0.1, radius=0.0025):
+    return square(size, half=half, side=8, radius=radius)
+
+
+@pytest.mark.parametrize(
+    "drawn, true, within",
+    [
+        (fine(0.2), fine(0.204), 0.3e-3),
+        (fine(0.2), fine(0.22), 0.5e-3),
+        (fine(0.2, 0.09), fine(0.195, 0.09), 0.3e-3),
+        (fine(0.2), fine(0.2, radius=0.0035), 1e-3),
+        (square(0.2), square(0.204), 1.5e-3),
+    ],
+    ids=["4 mm more", "20 mm more", "5 mm less", "electrodes too large", "4 x 4, 4 mm more"],
+)
+def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, within):
+    for at in ((0.037, 0.052), (-0.071, 0.018)):
+        result = Pipeline(drawn, Settings("accurate")).process(*pressed(true, at), DRIVE)
+        assert result.state == "valid", result.reason
+        (found,) = result.contacts
+        assert np.hypot(found.x - at[0], found.y - at[1]) < within
+        assert abs(found.force - 2.0) < max(0.2, 3 * found.force_std)
+
+
+def test_a_contact_on_a_torn_sheet():
+    """No sheet near the layout's explains its couplings; its currents tell all the same."""
+    torn = SheetField(tears=(Tear(((-0.045, 0.027), (0.045, 0.027)), 0.001),))
+    at = -0.043, -0.03
+    result = Pipeline(fine(0.2), Settings("accurate")).process(*pressed(fine(0.2), at, torn), DRIVE)
+    assert result.state == "valid" and result.misfit > 10
+    (found,) = result.contacts
+    assert np.hypot(found.x - at[0], found.y - at[1]) < 1e-3
