@@ -33,6 +33,8 @@ STOPPED = "20"  # s that a node may take to end on a machine with other work, un
 DEVICES = ("fake", "serial", "replay", "none")
 FOR_DEVICE = {
     "port": "serial",
+    "baud": "serial",
+    "protocol": "serial",
     "recording": "replay",
     "topic": "replay",
     "loop": "replay",
@@ -43,6 +45,9 @@ TEXTS = {
     "scene": "for device:=fake: what touches the sheet, a scene file or an installed name",
     "device": "fake (simulated), serial, replay, or none: the reconstruction alone",
     "port": "for device:=serial",
+    "baud": "for device:=serial: bit/s",
+    "protocol": "for device:=serial: binary, or lines of text: text-V, text-mV, text-10bit ...",
+    "drive_voltage": "V, for lines of text, and for recordings that do not hold it",
     "recording": "for device:=replay: a frames.npz or a rosbag2",
     "topic": "for device:=replay: which topic of a bag with several sensors",
     "rate": "frames/s; 0 leaves it to the device",
@@ -67,14 +72,14 @@ ON_REFUSAL = ("stop", "ignore")
 DELIVERIES = ("frames", "rows")
 OF_NODE = {
     "driver": (
-        "layout", "scene", "device", "port", "recording", "topic", "rate", "delivery", "loop", "frame_id",
-        "hardware_id", "use_sim_time", "autostart",
+        "layout", "scene", "device", "port", "baud", "protocol", "drive_voltage", "recording", "topic",
+        "rate", "delivery", "loop", "frame_id", "hardware_id", "use_sim_time", "autostart",
     ),
     "reconstruction": (
         "layout", "profile", "frame_id", "hardware_id", "use_sim_time", "autostart",
     ),
 }  # fmt: skip
-NUMBERS = ("rate",)
+NUMBERS = {"rate": float, "baud": int, "drive_voltage": float}
 SHOWN = ("pressure_view", "contact_markers", "layout_markers", "surface")
 
 
@@ -163,9 +168,12 @@ def check(given: dict[str, str], where: str) -> str:
     refuse_unless(
         given["on_refusal"] in ON_REFUSAL, given, "on_refusal", "is neither stop nor ignore"
     )
-    for name in NUMBERS:
+    for name, kind in NUMBERS.items():
         refuse_unless(
-            not given[name] or is_rate(given[name]), given, name, "is no number from 0 on"
+            not given[name] or is_number(given[name], kind),
+            given,
+            name,
+            f"is no {'whole ' if kind is int else ''}number from 0 on",
         )
     refuse_unless(
         re.fullmatch(NAMESPACE, given["namespace"]),
@@ -212,10 +220,10 @@ def refuse_unless(right: object, given: dict[str, str], name: str, complaint: st
         raise Refused(f"{name}:={given[name]} {complaint}")
 
 
-def is_rate(text: str) -> bool:
-    """Whether a text is a number that can be a rate."""
+def is_number(text: str, kind: type) -> bool:
+    """Whether a text is a number of that type, from 0 on."""
     try:
-        return 0.0 <= float(text) < float("inf")
+        return 0.0 <= kind(text) < float("inf")
     except ValueError:
         return False
 
@@ -266,11 +274,11 @@ def make_node(name: str, given: dict[str, str]) -> Node:
     )
 
 
-def typed(key: str, text: str) -> bool | float | ParameterValue:
+def typed(key: str, text: str) -> bool | int | float | ParameterValue:
     """An argument in the type of its parameter; a text stays one, also where YAML sees a number."""
     if key in SWITCHES:
         return text == "true"
-    return float(text) if key in NUMBERS else ParameterValue(text, value_type=str)
+    return NUMBERS[key](text) if key in NUMBERS else ParameterValue(text, value_type=str)
 
 
 def after(name: str, given: dict[str, str], event, context: LaunchContext) -> list:

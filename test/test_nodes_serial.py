@@ -209,3 +209,25 @@ def test_a_sensor_that_does_not_fit_is_refused_and_the_node_lives(probe, start, 
         probe, "driver: device", DiagnosticStatus.ERROR, "16 electrodes, the layout 64"
     )
     ends_cleanly(driver)
+
+
+def test_a_sensor_that_prints_text_comes_through_the_driver(probe, start, plug):
+    """The emulator prints; a layout that does not fit, then one that does."""
+    plug("--protocol", "text-12bit", "--layout", "equal-4x4")
+    text = {"device": "serial", "port": plug.port, "protocol": "text-12bit"}
+    other = start("driver", {**text, "layout": "equal-8x8"})
+    ros_checks.check_diagnostics(
+        probe, "driver: device", DiagnosticStatus.ERROR, "16 fields, the layout has 64 electrodes"
+    )
+    ends_cleanly(other)
+    driver = start("driver", {**text, "layout": "equal-4x4", "order": "adaptive"})
+    frame = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: m.electrodes == 16)
+    assert list(frame.grounded) == list(range(16))
+    voltages = np.reshape(frame.voltages, (16, 16))
+    assert np.array_equal(np.isnan(voltages), np.eye(16, dtype=bool))
+    assert 0.1 < np.nanmax(voltages) < 3.3 and frame.row_period > 0
+    found = values(probe, lambda v: v["state"] == "streaming")
+    assert int(found["lines"]) >= 16 and found["frames_incomplete"] == "0"
+    refused = probe.set_parameter("/driver", "protocol", "text-volts")
+    assert not refused.successful and "text-V" in refused.reason
+    ends_cleanly(driver)

@@ -14,6 +14,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.surfaces.simple import Cylinder
+from tomotactile_ros.view import timeline
 from tomotactile_ros.view.page import LOCALHOST, Page
 from tomotactile_ros.view.page_parts import frames_of, rings, roots_of
 
@@ -156,10 +157,38 @@ def test_a_recording_is_played_and_scrubbed(serve, open_tab, tmp_path):
     words = ["--layout", "equal-4x4", "--scene", "slide", "--frames", "30", "--out", frames]
     assert main(["simulate", *words]) == 0
     tab = open_tab(serve("view", "--layout", "equal-4x4", "--recording", frames))
-    tab.says("30 of 30 frames, 0 of them withheld")
+    tab.says("30 of 30 frames, 0 of them withheld, 0 late")
     tab.key_until(lambda: seconds(tab) < 0.03, "[role=slider]", "Home", 36)
     tab.key_until(lambda: seconds(tab) > 0.46, "[role=slider]", "End", 35)
     tab.until(lambda: tab.contacts(), "contact")
+
+
+def test_withheld_and_late_frames_are_marked_below_the_slider(serve, open_tab, tmp_path):
+    """Ten frames of a sensor whose readings cannot be, five that are missing."""
+    frames, spoilt = str(tmp_path / "frames.npz"), str(tmp_path / "spoilt.npz")
+    words = ["--layout", "equal-4x4", "--scene", "press", "--frames", "40", "--out", frames]
+    assert main(["simulate", *words]) == 0
+    content = dict(np.load(frames))
+    content["voltages"][10:20] = np.random.default_rng(0).uniform(0, 3, (10, 16, 16))
+    kept = [k for k in range(40) if k not in range(30, 35)]
+    content |= {name: content[name][kept] for name in ("voltages", "stamps")}
+    np.savez(spoilt, **{name: content[name] for name in content if "truth" not in name})
+    tab = open_tab(serve("view", "--layout", "equal-4x4", "--recording", spoilt))
+    tab.until(
+        lambda: re.search(r"35 of 35 frames, 1\d of them withheld, 1 late", tab.text()), "marks"
+    )
+
+    def marked(colour):
+        """From where to where the strip has a colour, in 1/400 of its width."""
+        bars = f"[...document.querySelectorAll('svg rect[fill=\"{colour}\"]')]"
+        numbers = tab.script(f"{bars}.map(bar => [bar.x.baseVal.value, bar.width.baseVal.value])")
+        return [(x / 10, (x + width) / 10) for x, width in numbers]
+
+    tab.until(lambda: marked(timeline.LATE), "late frame")
+    ((begin, end),) = marked(timeline.WITHHELD)
+    assert begin == pytest.approx(11, abs=0.5) and 20.5 < end < 24  # a frame holds at its end
+    ((begin, end),) = marked(timeline.LATE)
+    assert begin == pytest.approx(36, abs=0.5) and end == pytest.approx(37, abs=0.5)
 
 
 def test_the_sheet_is_pressed_by_a_click_and_the_touch_appears(page, open_tab):

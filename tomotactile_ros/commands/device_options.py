@@ -8,8 +8,9 @@ import time
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 
-from tomotactile_ros.devices import Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.devices import PROTOCOLS, Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.stream import FrameStream
+from tomotactile_ros.frame import DEFAULT_DRIVE
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.support.command_line import positive
@@ -33,6 +34,18 @@ def add_device_arguments(parser: ArgumentParser, layout: str | None = None) -> N
     source.add_argument("--recording", help="recorded frames (.npz or rosbag2) at their own pace")
     source.add_argument("--scene", help="simulated sensor under this scene (default: default)")
     parser.add_argument("--baud", type=int, default=2_000_000, help="speed of a serial port, bit/s")
+    parser.add_argument(
+        "--protocol",
+        choices=PROTOCOLS,
+        default="binary",
+        help="of a serial port: binary, or printed lines in V, mV or counts (default: binary)",
+    )
+    parser.add_argument(
+        "--drive-voltage",
+        type=positive,
+        default=DEFAULT_DRIVE,
+        help=f"V, for text and recordings that do not hold it (default: {DEFAULT_DRIVE})",
+    )
     parser.add_argument(
         "--rate", type=positive, default=0.0, help="frames/s (default: the sensor's own)"
     )
@@ -61,6 +74,8 @@ def open_device(
         scene,
         port=args.port or "",
         baud=args.baud,
+        protocol=args.protocol,
+        drive_voltage=args.drive_voltage,
         recording=args.recording or "",
         max_age=max_age,
         capture=capture,

@@ -1,5 +1,5 @@
 # ruff: noqa: N999 - the name of the command; modules of commands are imported by name
-"""`tomotactile import`: readings of other programs (CSV, TSV, .mat, .npy) as frames."""
+"""`tomotactile import`: readings of other programs (CSV, TSV, .mat, .npy, rosbag2) as frames."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from tomotactile_ros.importer.units import UNITS
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.files import check_out
 
-HELP = "make frames of readings in a CSV, TSV, .mat or .npy file"
+HELP = "make frames of readings in a CSV, TSV, .mat or .npy file, or a bag of arrays"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("readings", help="file: .csv, .tsv, .txt, .dat, .mat, .npy or .npz")
+    parser.add_argument(
+        "readings", help="file: .csv, .tsv, .txt, .dat, .mat, .npy, .npz, or a rosbag2"
+    )
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument("--out", required=True, help="frames to write (.npz)")
     parser.add_argument(
@@ -37,7 +39,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--missing", nargs="+", default=[], metavar="X", help="what stands for a missing reading"
     )
-    parser.add_argument("--variable", help="name of the array in a file of several")
+    parser.add_argument(
+        "--variable", help="name of the array in a file of several, or topic of a bag"
+    )
     parser.add_argument(
         "--drive-voltage", type=float, default=DEFAULT_DRIVE, help=f"V (default: {DEFAULT_DRIVE})"
     )

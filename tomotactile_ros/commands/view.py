@@ -9,6 +9,7 @@ import time
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tomotactile_ros.commands.device_options import source_of
 from tomotactile_ros.commands.reconstruct import law_of_recording, stamps_of_recording
 from tomotactile_ros.commands.run import add_chain_arguments, open_chain, shots
 from tomotactile_ros.commands.tare import apply_tare
+from tomotactile_ros.devices.health import late_of
 from tomotactile_ros.devices.recording import open_recording
 from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.frames_file import FramesFile
@@ -24,8 +26,10 @@ from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.view.display import Shot
 from tomotactile_ros.view.page import LOCALHOST, PORT, Page
 from tomotactile_ros.view.page_sheet import Sheet
+from tomotactile_ros.view.timeline import late_frames, strip
 
 HELP = "show a sensor, or a recording with a slider, as a page in the browser"
+_MARKED = 0.5  # s between two drawings of the strip below the slider
 _TICK = 0.04  # s between two looks at a recording that plays
 
 
@@ -76,8 +80,9 @@ def _show_recording(args: Namespace, layout: Layout) -> None:
     stamps, told = stamps_of_recording(recorded)
     pipeline = Pipeline(layout, Settings(args.profile, contact_law=law))
     apply_tare(args.tare, pipeline)
-    with open_page(args, f"{layout.name}, {args.recording}", law is not None) as page:
-        page.say("  \n".join(filter(None, [f"**{args.recording}**", of_law, told])))
+    name = Path(args.recording).name
+    with open_page(args, f"{layout.name}, {name}", law is not None) as page:
+        page.say("  \n".join(filter(None, [f"**{name}**", of_law, told])))
         with suppress(KeyboardInterrupt):
             player = Player(page, page.add_layout(layout, pipeline.grid))
             player.play(replace(recorded, stamps=stamps), pipeline, args.duration)
@@ -95,6 +100,7 @@ class Player:
         with gui.add_folder("recording", order=0.5):
             self._state = gui.add_markdown("")
             self._slider = gui.add_slider("time, s", 0.0, 0.1, 0.001, 0.0)
+            self._strip = gui.add_html("")
             self._plays = gui.add_checkbox("play", True)
             self._speed = gui.add_dropdown("speed", ("1", "0.1", "0.25", "0.5", "2", "5"))
         self._slider.on_update(self._on_slider)
@@ -117,19 +123,34 @@ class Player:
             worker.join()
 
     def _work(self, recorded: FramesFile, pipeline: Pipeline, stopped: threading.Event) -> None:
-        begin, withheld = math.nan, 0
+        begin, drawn = math.nan, -math.inf
+        withheld: list[bool] = []
+        assert recorded.stamps is not None  # where the file has none, they count from 0
+        late = late_frames(recorded.stamps)
         for number, frame in enumerate(recorded, 1):
             if stopped.is_set():
                 return
             begin = frame.stamp if number == 1 else begin
             result = pipeline.process(frame)
-            withheld += bool(result.reason)
+            withheld.append(bool(result.reason))
             at = frame.stamp + result.holds - begin
             image = np.asarray(result.image, np.float32)
-            shot = Shot(image, result.contacts, at, 0.0, 0.0, result.reason, faults=result.faults)
+            behind = late_of(int(late[:number].sum()), number, "frames")
+            shot = Shot(
+                image, result.contacts, at, 0.0, 0.0, result.reason, 0.0, behind, result.faults
+            )
             self._shots.append(shot)
             self._slider.max = max(at, 0.1)
-            self._state.content = f"{number} of {len(recorded)} frames, {withheld} of them withheld"
+            if time.monotonic() - drawn > _MARKED or number == len(recorded):
+                drawn = time.monotonic()
+                times = np.array([shot.scene_time for shot in self._shots])
+                self._strip.content = strip(
+                    times, self._slider.max, np.array(withheld), late[:number]
+                )
+            self._state.content = (
+                f"{number} of {len(recorded)} frames, {sum(withheld)} of them withheld, "
+                f"{late[:number].sum()} late"
+            )
 
     def _advance(self, seconds: float, more_to_come: bool) -> None:
         """Go on by some seconds; from the end to the begin, once the end is known."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tomotactile_ros.devices.base import Device, Frame, Status
+from tomotactile_ros.devices.text import FORMATS
 from tomotactile_ros.devices.time_source import TimeSource
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.scan_order import spread
@@ -15,6 +16,7 @@ from tomotactile_ros.support.errors import InputError
 __all__ = ["Device", "DeviceSettings", "Frame", "Status", "make_device"]
 
 KINDS = ("fake", "serial", "replay")
+PROTOCOLS = ("binary", *FORMATS)
 ORDERS = ("jumping", "device", "adaptive")
 
 
@@ -34,13 +36,15 @@ class DeviceSettings:
         For ``fake``; the physics is that of `tomotactile_ros.sheet.make_sheet`.
     port, baud : str, int
         For ``serial``; see `tomotactile_ros.devices.line.find_port`.
+    protocol : str
+        For ``serial``: ``binary``, docs/protocol.md, or one of `tomotactile_ros.devices.text.FORMATS`.
     partial_frames : bool
         For ``serial``: deliver incomplete frames, with NaN in the missing rows.
     recording, topic, loop : str, str, bool
         For ``replay``: file or bag, which topic of a bag with several, and whether to start over at
         its end.
     drive_voltage : float, V
-        For ``replay`` of recordings that do not hold it.
+        For text, and for ``replay`` of recordings that do not hold it.
     max_age : float, s
         For ``serial``: frames whose last sample is longer ago are dropped and counted; 0 for any.
     rows_per_message : int
@@ -67,6 +71,7 @@ class DeviceSettings:
     model: str = "fem"
     port: str = ""
     baud: int = 2_000_000
+    protocol: str = "binary"
     partial_frames: bool = False
     recording: str = ""
     topic: str = ""
@@ -98,7 +103,7 @@ def make_device(settings: DeviceSettings) -> Device:
     device.run_length = settings.rows_per_message
     if settings.time is not None and settings.device != "serial":
         device.time = settings.time
-    if settings.order != "device":
+    if settings.order != "device" and settings.protocol == "binary":
         positions = settings.layout.positions
         device.usual_order = tuple(spread(positions, range(len(positions))))
     device.set_scan(settings.scan or settings.layout.scan)
@@ -118,6 +123,7 @@ def _make_fake(settings: DeviceSettings) -> Device:
 def _make_serial(settings: DeviceSettings) -> Device:
     from tomotactile_ros.devices.line import complaint_about
     from tomotactile_ros.devices.serial import SerialDevice
+    from tomotactile_ros.devices.text_serial import TextSerialDevice
 
     if not settings.port:
         raise InputError("port: missing; expected a tty, usb:VID:PID or a URL such as socket://")
@@ -126,6 +132,20 @@ def _make_serial(settings: DeviceSettings) -> Device:
         raise InputError(complaint)
     if settings.baud <= 0:
         raise InputError(f"baud: {settings.baud} is no bit rate; expected e.g. 2000000")
+    if settings.protocol not in PROTOCOLS:
+        raise InputError(f"protocol: {settings.protocol!r} is none of {', '.join(PROTOCOLS)}")
+    if settings.protocol != "binary":
+        for name in ("capture", "partial_frames", "address"):
+            if getattr(settings, name):
+                raise InputError(f"{name}: is for protocol binary, not for {settings.protocol}")
+        return TextSerialDevice(
+            settings.port,
+            settings.layout.electrodes,
+            settings.protocol,
+            settings.drive_voltage,
+            baud=settings.baud,
+            rate=settings.rate,
+        )
     device = SerialDevice(
         settings.port,
         settings.layout.electrodes,

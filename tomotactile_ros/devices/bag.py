@@ -1,4 +1,4 @@
-"""Voltage frames of a rosbag2 (mcap, sqlite3), with or without ROS.
+"""Voltage frames, or plain arrays, of a rosbag2 (mcap, sqlite3), with or without ROS.
 
 Where a ROS 2 is sourced its own reader, `rosbag2_py`, is used, which knows every storage and
 compression that is installed there; otherwise `rosbags`, which needs no ROS and is told by
@@ -9,13 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import shared_folders
 from tomotactile_ros.support.yamlio import read_mapping
 
 MESSAGE = "tomotactile_ros/msg/VoltageFrame"
+ARRAYS = tuple(
+    f"std_msgs/msg/{kind}MultiArray"
+    for kind in ("Float32", "Float64", "Int16", "UInt16", "Int32", "UInt32")
+)
 ROWS_TOPIC = "voltage_rows"
 _METADATA = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -31,10 +37,24 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[object]:
 
     Raises InputError for anything that cannot be read.
     """
+    for _, message in _messages(path, topic, (MESSAGE,)):
+        yield message
+
+
+def read_arrays(path: Path, topic: str | None = None) -> Iterator[tuple[float, Any]]:
+    """Messages of one of the types `ARRAYS`, and when they were recorded (Unix time, s); else as
+    `read_bag`."""
+    for nanoseconds, message in _messages(path, topic, ARRAYS):
+        yield 1e-9 * nanoseconds, message
+
+
+def _messages(
+    path: Path, topic: str | None, types: tuple[str, ...]
+) -> Iterator[tuple[int, object]]:
     _check_plain(path)
     read = _with_ros if _has_ros() else _with_rosbags
     try:
-        yield from read(path, topic)
+        yield from read(path, topic, types)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - a damaged bag ends in errors of many kinds
@@ -60,24 +80,28 @@ def _has_ros() -> bool:
     return True
 
 
-def _with_ros(path: Path, topic: str | None) -> Iterator[object]:
+def _with_ros(
+    path: Path, topic: str | None, types: tuple[str, ...]
+) -> Iterator[tuple[int, object]]:
     import rosbag2_py
     from rclpy.serialization import deserialize_message
-
-    from tomotactile_ros.msg import VoltageFrame
 
     reader = rosbag2_py.SequentialReader()
     storage = rosbag2_py.StorageOptions(uri=str(path), storage_id=_STORAGE.get(path.suffix, ""))
     reader.open(storage, rosbag2_py.ConverterOptions("", ""))
-    topics = {t.name for t in reader.get_all_topics_and_types() if t.type == MESSAGE}
-    chosen = _choose(path, topics, topic)
+    topics = {t.name: t.type for t in reader.get_all_topics_and_types() if t.type in types}
+    chosen = _choose(path, set(topics), topic, types)
+    package, _, name = topics[chosen].split("/")
+    kind = getattr(import_module(f"{package}.msg"), name)
     reader.set_filter(rosbag2_py.StorageFilter(topics=[chosen]))
     while reader.has_next():
-        _, data, _ = reader.read_next()
-        yield deserialize_message(data, VoltageFrame)
+        _, data, nanoseconds = reader.read_next()
+        yield nanoseconds, deserialize_message(data, kind)
 
 
-def _with_rosbags(path: Path, topic: str | None) -> Iterator[object]:
+def _with_rosbags(
+    path: Path, topic: str | None, types: tuple[str, ...]
+) -> Iterator[tuple[int, object]]:
     try:
         from rosbags.highlevel import AnyReader
     except ImportError:
@@ -85,17 +109,18 @@ def _with_rosbags(path: Path, topic: str | None) -> Iterator[object]:
             f"{path}: reading bags needs rosbag2_py of a sourced ROS 2, or the Python package rosbags"
         ) from None
     with AnyReader([path], default_typestore=_typestore()) as reader:
-        connections = [c for c in reader.connections if c.msgtype == MESSAGE]
-        chosen = _choose(path, {c.topic for c in connections}, topic)
-        for _, _, data in reader.messages([c for c in connections if c.topic == chosen]):
-            yield _deserialize(reader, data)
+        connections = [c for c in reader.connections if c.msgtype in types]
+        chosen = _choose(path, {c.topic for c in connections}, topic, types)
+        mine = [c for c in connections if c.topic == chosen]
+        for connection, nanoseconds, data in reader.messages(mine):
+            yield nanoseconds, _deserialize(reader, data, connection.msgtype)
 
 
-def _choose(path: Path, topics: set[str], wanted: str | None) -> str:
+def _choose(path: Path, topics: set[str], wanted: str | None, types: tuple[str, ...]) -> str:
     """The topic to read; rows of the same frames are left out where there are frames."""
     listed = ", ".join(sorted(topics))
     if not topics:
-        raise InputError(f"{path}: holds no {MESSAGE}")
+        raise InputError(f"{path}: holds no {' or '.join(types)}")
     if wanted:
         if wanted not in topics and f"/{wanted}" not in topics:
             raise InputError(f"{path}: topic: no frames on {wanted}, but on {listed}")
@@ -106,11 +131,13 @@ def _choose(path: Path, topics: set[str], wanted: str | None) -> str:
     return next(iter(whole))
 
 
-def _deserialize(reader, data: bytes):
+def _deserialize(reader, data: bytes, kind: str):
     """A message of the bag; one of before there was a row period where the bag does not say."""
     try:
-        return reader.deserialize(data, MESSAGE)
-    except Exception:  # noqa: BLE001 - too short, in whatever words
+        return reader.deserialize(data, kind)
+    except Exception:
+        if kind != MESSAGE:
+            raise
         return _typestore(without="float32 row_period").deserialize_cdr(data, MESSAGE)
 
 

@@ -141,7 +141,7 @@ class Conversation:
             return LineFault(
                 "garbled",
                 f"port: {since['bytes']} bytes from {port} at {self.line.baud} bit/s and no valid "
-                "packet; wrong baud rate or another kind of device",
+                "packet; wrong baud rate, lines of text (protocol) or another kind of device",
             )
         return LineFault(
             "silent", f"port: {port} is open but nothing answers; is the sensor powered?"

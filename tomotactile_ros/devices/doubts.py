@@ -55,7 +55,9 @@ class Doubts:
         if stands:
             stands = not 0 < (rows.sequence - last.sequence) & 0xFFFFFFFF < 1 << 31
         varies = rows.drive_span > VARIES * rows.drive_voltage
-        self._recent.add(1, stands, timeless, rows_are_mistaken(rows), jumped, 0, varies)
+        self._recent.add(
+            1, stands, timeless, rows_are_mistaken(rows.voltages, rows.grounded), jumped, 0, varies
+        )
 
     def troubles(self) -> list[Trouble]:
         """What is to be said."""
@@ -91,14 +93,14 @@ class Doubts:
         return found
 
 
-def rows_are_mistaken(rows: RowsOfFrame) -> bool:
-    """Whether each row lacks one reading beside the grounded electrode's, each another one.
+def rows_are_mistaken(voltages: np.ndarray, grounded: np.ndarray) -> bool:
+    """Whether each row (L, E) lacks one reading beside the grounded electrode's, each another one.
 
     A device that does not read the grounded electrode (version 1) shows thereby which one it is.
     """
-    number = len(rows.grounded)
-    lacking = np.isnan(rows.voltages)
+    number = len(grounded)
+    lacking = np.isnan(voltages)
     if number < 3 or np.count_nonzero(lacking) != 2 * number:
         return False
-    lacking[np.arange(number), rows.grounded] = False
+    lacking[np.arange(number), grounded] = False
     return bool((lacking.sum(axis=1) == 1).all() and (lacking.sum(axis=0) <= 1).all())

@@ -1,6 +1,6 @@
 """The sensor as a program: speaks docs/protocol.md on a pseudo-terminal or a TCP port.
 
-`firmware` is the device, a port of `ports` the cable, and `Emulator` joins them in a loop that
+`firmware` is the device (`printer` one that prints text), a port of `ports` the cable, and `Emulator` joins them in a loop that
 never sleeps longer than to the end of the frame.
 """
 
@@ -19,12 +19,17 @@ import numpy as np
 
 from tomotactile_ros.devices.firmware import MAX_RATE, MIN_RATE, EmulatedDevice, idle_source
 from tomotactile_ros.devices.ports import PtyPort, TcpPort, port_maker
+from tomotactile_ros.devices.printer import PrintingDevice
 from tomotactile_ros.devices.protocol import ALL_ADDRESSES, VERSIONS
+from tomotactile_ros.devices.text import FORMATS, volts_per_unit
+from tomotactile_ros.frame import DEFAULT_DRIVE
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.command_line import Parser
 from tomotactile_ros.support.errors import InputError
+
+VERSION_NAMES = tuple(map(str, VERSIONS))
 
 
 class Emulator:
@@ -32,7 +37,7 @@ class Emulator:
 
     Parameters
     ----------
-    device : EmulatedDevice
+    device : EmulatedDevice or PrintingDevice
     make_port : callable
         Makes the port, each time the plug goes in.
     mangle : callable
@@ -46,11 +51,13 @@ class Emulator:
 
     def __init__(
         self,
-        device: EmulatedDevice,
+        device: EmulatedDevice | PrintingDevice,
         make_port: Callable[[], PtyPort | TcpPort],
         mangle: Callable[[bytes], bytes] = bytes,
     ) -> None:
         self.device = device
+        if isinstance(device, PrintingDevice):
+            self.BUFFER = 1  # what nobody reads is lost, and not read later
         self.path = ""
         self._make_port, self._mangle = make_port, mangle
         self._stop = threading.Event()
@@ -107,11 +114,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=float, default=15.625, help="frames/s at power-up")
     parser.add_argument(
         "--protocol",
-        type=int,
         nargs="+",
-        choices=VERSIONS,
-        default=list(VERSIONS),
-        help="versions of the protocol that it speaks (default: all)",
+        choices=(*VERSION_NAMES, *FORMATS),
+        default=list(VERSION_NAMES),
+        help="versions of the binary protocol that it speaks (default: all), or text that it prints",
     )
     parser.add_argument("--address", type=int, default=0, help="on a bus, 1 to 254 (default: none)")
     parser.add_argument("--temperature", type=float, default=math.nan, help="that it reports, °C")
@@ -130,7 +136,7 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(list(takewhile(lambda word: word != "--ros-args", words)))
 
 
-def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
+def _make_device(arguments: argparse.Namespace) -> EmulatedDevice | PrintingDevice:
     layout = load_layout(arguments.layout)
     if not MIN_RATE <= arguments.rate <= MAX_RATE:
         raise InputError(
@@ -138,9 +144,14 @@ def _make_device(arguments: argparse.Namespace) -> EmulatedDevice:
         )
     if not 0 <= arguments.address < ALL_ADDRESSES:
         raise InputError(f"address: {arguments.address}, expected 0 (none) to 254")
+    text = [name for name in arguments.protocol if name in FORMATS]
+    if text:
+        if len(arguments.protocol) > 1 or arguments.address:
+            raise InputError(f"protocol: {text[0]} goes with no other and with no address")
+        return _printing(layout, arguments.scene, text[0], arguments.rate)
     settings = {
         "rate": arguments.rate,
-        "versions": arguments.protocol,
+        "versions": [int(name) for name in arguments.protocol],
         "address": arguments.address,
     }
     device = _simulated(layout, arguments.scene, settings)
@@ -169,6 +180,20 @@ def _simulated(layout: Layout, scene_name: str | None, settings: dict) -> Emulat
         drive_voltage=scene.drive_voltage,
     )
     return device
+
+
+def _printing(
+    layout: Layout, scene_name: str | None, text_format: str, rate: float
+) -> PrintingDevice:
+    """The same sheets behind a sensor that prints its readings."""
+    order = np.array(layout.scan or range(layout.electrodes))
+    if scene_name is None:
+        volts = volts_per_unit(text_format, DEFAULT_DRIVE)
+        return PrintingDevice(idle_source(layout.electrodes), order, volts, rate)
+    scene = load_scene(scene_name)
+    simulator = Simulator(layout, scene, row_period=1.0 / (rate * len(order)))
+    volts = volts_per_unit(text_format, scene.drive_voltage)
+    return PrintingDevice(lambda t, number, order: simulator.frame(t, number), order, volts, rate)
 
 
 def _interrupt(signum: int, frame: object) -> None:

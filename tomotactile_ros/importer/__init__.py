@@ -1,1 +1,1 @@
-"""Readings in files of other programs (CSV, TSV, MATLAB, numpy), made into frames."""
+"""Readings in files of other programs (CSV, TSV, MATLAB, numpy, arrays in bags), made into frames."""

@@ -73,7 +73,7 @@ def import_frames(
     rate: float | None = None,
     time_unit: str | None = None,
 ) -> Imported:
-    """Frames of `layout` from a file (CSV, TSV, .mat, .npy) or an array of another program.
+    """Frames of `layout` from a file (CSV, TSV, .mat, .npy, rosbag2) or an array of another program.
 
     Parameters
     ----------
@@ -85,7 +85,8 @@ def import_frames(
         missing, or as the layout scans
     order : `pyeit` or `eidors`, of whose measurements the readings are; rotated : their `rotate_meas`
     unit : `V`, `mV`, `uV` or `counts`; None: guessed; bits : of counts; full_scale : V of the highest
-    missing : what stands for a missing reading; variable : name of an array in a file of several
+    missing : what stands for a missing reading; variable : name of an array in a file of several,
+        or topic of a bag
     drive_voltage : V
     row_period : s from row to row; rate : frames a second; None: from a column of times, or not known
     time_unit : `s`, `ms` or `us` of that column; None: from its name
@@ -131,7 +132,7 @@ def import_frames(
 def _columns(table: Table, layout: Layout, order: str | None, time_unit: str | None) -> Columns:
     """The readings without columns of something else."""
     if not table.has_columns:
-        return Columns(np.atleast_1d(np.squeeze(table.values)))
+        return Columns(np.atleast_1d(np.squeeze(table.values)), table.times)
     each, rows = layout.electrodes, {layout.electrodes, len(layout.grounded)}
     widths = [each, *(each * count for count in rows)]
     if order is not None:

@@ -12,7 +12,7 @@ from tomotactile_ros.support.errors import InputError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _MOST = 2  # columns
-_TIME = re.compile(r"^t$|time|stamp|second", re.IGNORECASE)
+_TIME = re.compile(r"^t$|(?<![a-z])time|time(?![a-z])|stamp|second", re.IGNORECASE)
 _UNIT = re.compile(r"(?<![a-z])(ms|us|µs)(?![a-z])|(milli|micro)", re.IGNORECASE)
 _LONGEST = 1.0  # s from line to line, beyond which times are probably not in s
 

@@ -1,4 +1,5 @@
-"""Numbers in files of other programs: text (CSV, TSV), MATLAB's and numpy's arrays.
+"""Numbers in files of other programs: text (CSV, TSV, logs of a serial port), MATLAB's and numpy's
+arrays, arrays in a rosbag2.
 
 What is guessed of a file is told with it, a line each.
 """
@@ -13,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tomotactile_ros.devices.bag import read_arrays
+from tomotactile_ros.devices.recording import BAGS
 from tomotactile_ros.frames_file import MAX_BYTES, load_arrays
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -24,6 +27,7 @@ _NOTHING = ("", "nan", "na", "n/a", "null", "none", "-")  # a cell that holds no
 _COMMENTS = "#%"
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "spaces"}
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+_NUMBERED = re.compile(r"\s*(\d+)\s*:[ \t;,]?")
 _LOOKED_AT = 50  # lines, for the separator
 
 
@@ -35,12 +39,14 @@ class Table:
     names : of the columns, where a text has a header
     told : what was found out about the file
     has_columns : it is a text, which may hold more than readings
+    times : (N,) s, of the first index
     """
 
     values: np.ndarray
     names: tuple[str, ...] = ()
     told: list[str] = field(default_factory=list)
     has_columns: bool = False
+    times: np.ndarray | None = None
 
 
 def read_table(
@@ -48,11 +54,13 @@ def read_table(
 ) -> Table:
     """The numbers of a file; InputError for one that is none of `ENDINGS`, or damaged.
 
-    variable : of a file that holds several arrays
+    variable : of a file that holds several arrays; topic of a bag
     missing : what stands where there is no reading, beside nothing and `nan`
     """
     path = Path(path)
     ending = path.suffix.lower()
+    if ending in BAGS or path.is_dir():
+        return _bag(path, variable)
     if ending not in ENDINGS:
         raise InputError(
             f"{path}: is none of {', '.join(ENDINGS)}; save the readings as one of them"
@@ -90,11 +98,18 @@ def _text(path: Path, missing: Sequence[str]) -> Table:
     ]
     if not lines:
         raise InputError(f"{path}: holds no numbers")
+    numbered = [_NUMBERED.match(line) for _, line in lines]
+    if all(numbered):  # `3: ...`, as devices/text.py has it: a column
+        mark = next((m for m in "\t;," if m in lines[0][1]), " ")
+        lines = [(number, _NUMBERED.sub(rf"\1{mark}", line)) for number, line in lines]
     separator = _separator([line for _, line in lines[:_LOOKED_AT]])
-    rows = [
+    split = [
         (number, [cell.strip().strip('"') for cell in line.split(separator)])
         for number, line in lines
     ]
+    rows = [(number, cells) for number, cells in split if any(cells)]
+    if not rows:
+        raise InputError(f"{path}: holds no numbers")
     nothing = {*_NOTHING, *(each.lower() for each in missing)}
     comma = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, rows[-1][1]))
     first = rows[0][1]
@@ -189,6 +204,27 @@ def _matlab(path: Path) -> dict[str, object]:
         if value.dtype.names and "meas" in value.dtype.names  # data of EIDORS
     }
     return {**found, **structs}
+
+
+def _bag(path: Path, topic: str | None) -> Table:
+    """Arrays of a topic, (N, ...) as their layout says, and when they were recorded."""
+    times: list[float] = []
+    arrays: list[np.ndarray] = []
+    for time, message in read_arrays(path, topic):
+        shape = [dimension.size for dimension in message.layout.dim]
+        array = np.asarray(message.data, float)
+        if arrays and array.size != arrays[0].size:
+            raise InputError(
+                f"{path}: array {len(arrays)} has {array.size} numbers, those before {arrays[0].size}"
+            )
+        arrays.append(array.reshape(shape) if np.prod(shape) == array.size else array)
+        times.append(time)
+    if not arrays:
+        raise InputError(f"{path}: holds no array")
+    values = np.stack(arrays)
+    shown = " x ".join(map(str, values.shape[1:]))
+    told = f"{len(values)} arrays of {shown} numbers, times as they were recorded"
+    return Table(values, told=[told], times=np.array(times))
 
 
 def _chosen(path: Path, arrays: dict, variable: str | None) -> Table:

@@ -14,7 +14,15 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.devices import KINDS, ORDERS, Device, DeviceSettings, Frame, make_device
+from tomotactile_ros.devices import (
+    KINDS,
+    ORDERS,
+    PROTOCOLS,
+    Device,
+    DeviceSettings,
+    Frame,
+    make_device,
+)
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
@@ -53,6 +61,12 @@ SPECS = (
         path=True,
     ),
     Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
+    Spec(
+        "protocol",
+        "binary",
+        "For serial: packets, or rows that are printed as text in V, mV or counts",
+        choices=PROTOCOLS,
+    ),
     Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
     Spec(
         "scan",
@@ -98,7 +112,7 @@ SPECS = (
     Spec(
         "drive_voltage",
         3.3,
-        "For replay: drive voltage, V, where the recording names none",
+        "Drive voltage, V: for protocol text-..., and for replay where the recording names none",
         low=1e-3,
         high=1e3,
     ),
@@ -233,7 +247,8 @@ class Driver:
 
     def _choose_order(self, values: dict[str, Any]) -> None:
         """Let contacts choose the order of the scan where they are to, and nothing else does."""
-        chosen = values["scan"] or self._layout.scan or values["device"] == "replay"
+        fixed = values["device"] == "replay" or values["protocol"] != "binary"
+        chosen = values["scan"] or self._layout.scan or fixed
         adaptive = values["order"] == "adaptive" and not chosen
         self._order.follow(self._layout if adaptive else None)
 

@@ -1,0 +1,286 @@
+"""Lines of text as first prototypes print them: every form becomes the same frames, and what is lost,
+cut or garbled costs frames but never makes one row another."""
+
+import itertools
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devices_support import PATIENCE, Watch, plugged
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tomotactile_ros import InputError
+from tomotactile_ros.devices import DeviceSettings, emulator, make_device
+from tomotactile_ros.devices.printer import PrintingDevice
+from tomotactile_ros.devices.text import LONGEST, TextFrames, volts_per_unit
+from tomotactile_ros.devices.text_serial import TextSerialDevice
+from tomotactile_ros.layouts.layout import equal_grid
+
+E = 6
+OWN = np.eye(E, dtype=bool)
+
+
+def readings(frame: int) -> np.ndarray:
+    """(E, E) counts that tell frame, row and column; the grounded electrode reads 0."""
+    counts = 100 * (frame % 9 + 1) + 10 * np.arange(E)[:, None] + np.arange(E)
+    return np.where(OWN, 0, counts)
+
+
+def lines(frame: int, form: str) -> list[str]:
+    """The frame as a sketch prints it."""
+    own = {"blanks": "", "dashes": "-"}.get(form, "0")
+    rows = [
+        [own if OWN[r, c] else str(v) for c, v in enumerate(row)]
+        for r, row in enumerate(readings(frame))
+    ]
+    if form == "numbered":
+        return [" ".join([str(r), *row]) for r, row in enumerate(rows)]
+    if form == "colons":
+        return [f"{r}: " + "\t".join(row) for r, row in enumerate(rows)]
+    if form == "dashes":
+        return [" ".join(row) for row in rows]
+    if form == "blanks":
+        return [",".join(row) for row in rows]
+    if form == "tabs before":
+        return [f"{r}:" + "".join(f"\t{v}" for v in row) for r, row in enumerate(rows)]
+    if form == "bars":
+        return [*("\t" + "".join(f"{v}\t" for v in row) for row in rows), ""]
+    text = ["".join(f"{v}, " for v in row) for row in rows]  # a separator behind every reading
+    return ["# frame", *text] if form == "comments" else [*text, ""]
+
+
+FORMS = (
+    "numbered", "colons", "tabs before", "dashes", "blanks", "comments", "bars", "empty lines",
+)  # fmt: skip
+TELLING = FORMS[:5]  # rows say themselves which they are
+
+
+def stream(form: str, frames: range) -> bytes:
+    return "".join(f"{line}\r\n" for n in frames for line in lines(n, form)).encode()
+
+
+def found(data: bytes, text: TextFrames | None = None, step: int = 7) -> list[np.ndarray]:
+    """What comes of the bytes, a few at a time; the first line is lost, as always."""
+    text = text or TextFrames(E, range(E))
+    pieces = [data[i : i + step] for i in range(0, len(data), step)]
+    return [f.readings for i, piece in enumerate(pieces) for f in text.feed(piece, float(i))]
+
+
+def tells(frame: np.ndarray) -> set[int]:
+    """Which frames the readings are from; fails where a row is not at its place."""
+    assert np.array_equal(np.isnan(frame), OWN)
+    counts = frame[~OWN].astype(int)
+    assert np.array_equal(counts % 100, readings(0)[~OWN] % 100)
+    return set(counts // 100)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_becomes_the_same_frames(form):
+    got = found(stream(form, range(6)))
+    assert len(got) >= 4  # the first is cut, the last may wait for the line behind it
+    numbers = [tells(frame) for frame in got]
+    assert all(len(n) == 1 for n in numbers)
+    assert all(b == {max(a) + 1} for a, b in itertools.pairwise(numbers))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@given(begin=st.integers(20, 500), length=st.integers(1, 400))
+def test_bytes_that_are_lost_never_make_a_row_another(form, begin, length):
+    """Numbers at the cut may be joined to others, as there is no checksum: of those one at most."""
+    data = stream(form, range(9))
+    for frame in found(data[:begin] + data[begin + length :]):
+        assert np.array_equal(np.isnan(frame), OWN)
+        places = frame % 100 == readings(0) % 100
+        assert np.count_nonzero(~places & ~OWN) <= 1
+
+
+@pytest.mark.parametrize("form", TELLING)
+@given(lost=st.sets(st.integers(0, 9 * E - 1)))
+def test_lost_lines_cost_the_frames_that_they_are_of(form, lost):
+    """Nothing is lost beside: each frame comes that is whole, with the line behind it."""
+    printed = [line for n in range(9) for line in lines(n, form)]
+    kept = ["", *(line for i, line in enumerate(printed) if i not in lost), ""]
+    text = TextFrames(E, range(E))
+    got = found("".join(f"{line}\n" for line in kept).encode(), text)
+    whole = [{n + 1} for n in range(9) if not lost & set(range(n * E, (n + 1) * E + 1))]
+    numbers = [tells(frame) for frame in got]
+    assert [n for n in numbers if len(n) == 1] == whole
+    assert text.frames == len(got)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_garbage_between_and_within_frames_is_counted(form):
+    noise = b"\xff\xfe 3 4 \x00\r\nhello 1 2 3\r\n"
+    data = stream(form, range(3)) + noise + stream(form, range(3, 9))
+    text = TextFrames(E, range(E))
+    numbers = [tells(frame) for frame in found(data, text)]
+    assert {9} in numbers or {8} in numbers
+    assert all(len(n) == 1 for n in numbers)
+    assert text.lines_ignored == 2 and text.frames_incomplete <= 1
+
+
+@pytest.mark.parametrize(
+    ("print_row", "complaint"),
+    [
+        (lambda r, row: " ".join(map(str, row)), "nothing tells where a frame begins"),
+        (lambda r, row: " ".join(map(str, [*row, 1, 2])), "has 8 fields, the layout has 6"),
+        (lambda r, row: f"{r + 1}: " + " ".join(map(str, row)), "of electrode 6, the last one is 5"),
+        (lambda r, row: " ".join(map(str, [r, *np.delete(row, r)])) + "\n" * (r == 5), "its number"),
+        (lambda r, row: "".join(f"{v}," for v in np.delete(row, r)) + "\n" * (r == 5), "of electrode 5"),
+        (lambda r, row: " ".join(map(str, row)) + "\n", "1 rows are together, a frame has 6"),
+        (lambda r, row: " ".join([*map(str, row[:-1]), "4OO"]), "has '4OO' where a number should"),
+    ],
+)  # fmt: skip
+def test_what_does_not_tell_rows_safely_is_no_frame_and_says_why(print_row, complaint):
+    text = TextFrames(E, range(E))
+    printed = [print_row(r, row) for n in range(5) for r, row in enumerate(readings(n))]
+    assert found("".join(f"{line}\n" for line in printed).encode(), text) == []
+    complaints = {text.complaint}
+    for line in printed:
+        text.feed(f"{line}\n".encode(), 0.0)
+        complaints.add(text.complaint)
+    assert any(complaint in each for each in complaints), complaints
+
+
+def test_a_line_without_end_is_given_up():
+    text = TextFrames(E, range(E))
+    assert found(b"1" * (3 * LONGEST), text, step=4096) == []
+    assert len(found(stream("colons", range(4)), text)) == 2
+
+
+def test_rows_ground_what_the_layout_scans():
+    order = [4, 0, 2]
+    text = TextFrames(E, order)
+    chosen = [line for n in range(4) for line in np.array(lines(n, "colons"))[order]]
+    frames = text.feed("".join(f"{line}\n" for line in ["", *chosen, ""]).encode(), 0.0)
+    assert len(frames) == 4
+    for frame in frames:
+        assert frame.grounded.tolist() == order
+        assert np.array_equal(frame.readings % 100, np.where(OWN, np.nan, readings(0) % 100)[order],
+                              equal_nan=True)  # fmt: skip
+
+
+def printing(rate: float = 100.0) -> PrintingDevice:
+    return PrintingDevice(lambda t, n, order: 1e-3 * readings(n), np.arange(E), 1e-3, rate)
+
+
+def collected(device: TextSerialDevice) -> Watch:
+    watch = Watch(device)
+    device.open(watch)
+    return watch
+
+
+def check(frames) -> None:
+    for frame in frames:
+        assert len(tells(np.round(1e3 * frame.voltages.astype(float)))) == 1
+        assert frame.grounded.tolist() == list(range(E)) and frame.drive_voltage == 5.0
+    stamps = [frame.stamp for frame in frames]
+    assert stamps == sorted(set(stamps))
+    numbers = [frame.sequence for frame in frames]
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_sensor_that_prints_is_read_loses_lines_and_comes_back(tmp_path):
+    """On a pseudo-terminal: lost lines, garbage, a plug that is pulled, an emulator without host."""
+    count = itertools.count()
+
+    def spoil(data: bytes) -> bytes:
+        number = next(count)
+        if data and number % 40 == 3:
+            return b""  # lines are lost
+        return b"\xfe\x80 rubbish\r\n" + data if data and number % 40 == 20 else data
+
+    port = str(tmp_path / "port")
+    device = TextSerialDevice(port, E, "text-mV", 5.0)
+    watch = collected(device)
+    watch.wait_for(lambda status: "does not exist" in status.message)
+    for _ in range(2):
+        with plugged(printing(), lambda: emulator.PtyPort(port), mangle=spoil):
+            watch.wait_for_frames(60)
+            watch.wait_for(lambda status: status.state == "streaming")
+        watch.wait_for(lambda status: status.state == "disconnected")
+    device.close()
+    figures = device.status().counters
+    assert figures["reconnects"] == 1 and figures["frames_incomplete"] > 0
+    assert figures["lines"] > 100 * E > figures["lines_ignored"] > 0
+    check(watch.frames)
+    assert np.median([frame.row_period for frame in watch.frames]) < 0.02
+
+
+def test_a_stop_a_wrong_count_and_silence_are_told(tmp_path):
+    port = str(tmp_path / "port")
+    with plugged(printing(), lambda: emulator.PtyPort(port)):
+        device = TextSerialDevice(port, E, "text-mV", 5.0)
+        watch = collected(device)
+        watch.wait_for_frames(3)
+        device.set_streaming(False)
+        watch.wait_for(lambda status: status.state == "stopped")
+        device.set_streaming(True)
+        watch.wait_for_frames(3)
+        device.close()
+        check(watch.frames)
+        device = TextSerialDevice(port, E + 2, "text-mV", 5.0)
+        watch = collected(device)
+        watch.wait_for(lambda status: status.state == "garbled")
+        assert "the layout has 8 electrodes" in device.status().message
+        device.close()
+    with plugged(printing(), lambda: emulator.PtyPort(port), mangle=lambda data: b""):
+        device = TextSerialDevice(port, E, "text-mV", 5.0)
+        watch = collected(device)
+        watch.wait_for(lambda status: status.state == "silent")
+        device.close()
+    assert PATIENCE and not watch.frames
+
+
+ARDUINO = """
+#include <cstdio>
+enum { OUTPUT = 1, A0 = 14 };
+static int pins[20];
+void pinMode(int, int) {}
+void digitalWrite(int pin, int level) { pins[pin] = level; }
+void delayMicroseconds(int) {}
+int address(int first) {
+  return pins[first] + 2 * pins[first + 1] + 4 * pins[first + 2] + 8 * pins[first + 3];
+}
+int analogRead(int) { return address(2) == address(6) ? 0 : 20 * address(6) + address(2) + 1; }
+struct {
+  void begin(long) {}
+  void print(int value) { std::printf("%d", value); }
+  void print(const char *text) { std::printf("%s", text); }
+  void println() { std::printf("\\r\\n"); }
+} Serial;
+"""
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+def test_the_sketch_of_the_documentation_prints_what_is_read(tmp_path):
+    """As it stands there, on a computer: multiplexers and converter are stood in for."""
+    page = (Path(__file__).parents[1] / "docs/hardware.md").read_text(encoding="utf-8")
+    (sketch,) = re.findall(r"```cpp\n(.*?)```", page, re.DOTALL)
+    source = ARDUINO + sketch + "int main() { setup(); for (int i = 0; i < 4; i++) loop(); }"
+    (tmp_path / "sketch.cpp").write_text(source)
+    subprocess.run(["g++", "sketch.cpp", "-o", "sketch"], cwd=tmp_path, check=True)
+    printed = subprocess.run([tmp_path / "sketch"], capture_output=True, check=True).stdout
+    frames = TextFrames(16, range(16)).feed(printed, 0.0)
+    expected = np.add.outer(20 * np.arange(16), np.arange(16)) + 1.0
+    np.fill_diagonal(expected, np.nan)
+    assert len(frames) == 3  # the first one has lost its first line
+    for frame in frames:
+        np.testing.assert_array_equal(frame.readings, expected)
+
+
+def test_units_and_settings():
+    assert volts_per_unit("text-V", 5.0) == 1.0
+    assert volts_per_unit("text-mV", 5.0) == 1e-3
+    assert volts_per_unit("text-10bit", 5.0) == pytest.approx(5.0 / 1024)
+    layout = equal_grid(2, 3, (0.2, 0.2), 0.004, 1e4, inset=0.02)
+    wanted = {"device": "serial", "port": "/dev/null", "protocol": "text-V", "order": "jumping"}
+    device = make_device(DeviceSettings(layout, **wanted))
+    assert isinstance(device, TextSerialDevice) and device.usual_order == ()
+    for wrong in ({"capture": "x"}, {"partial_frames": True}, {"address": 3}, {"protocol": "text"}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            make_device(DeviceSettings(layout, **{**wanted, **wrong}))

@@ -1,0 +1,219 @@
+"""Frames from the lines that first prototypes print: docs/protocol.md, section 8.
+
+Lines have neither checksum nor frame number.  So a frame is taken only where something beside the
+readings says which row is which: a number or a blank in each row, or the empty lines before and
+behind rows that are as many as they should be.  A line that is lost, cut or joined to the next one
+costs the frames that it touches, and never shifts a row.  That the last row is what it says shows
+the line behind it: the first row of the next frame, an empty line or a comment.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tomotactile_ros.devices.doubts import rows_are_mistaken
+
+UNITS = {"text-V": 1.0, "text-mV": 1e-3}
+COUNTS = {f"text-{bits}bit": bits for bits in (8, 10, 12, 14, 16)}
+FORMATS = (*UNITS, *COUNTS)
+LONGEST = 1 << 16  # bytes of a line
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+_NUMBERED = re.compile(r"\s*(\d{1,5})\s*:", re.ASCII)
+# no reading; print() of Arduino writes ovf
+_BLANKS = frozenset(("", "-", "x", "na", "nan", "inf", "-inf", "ovf", "-ovf"))
+
+
+def volts_per_unit(text_format: str, drive_voltage: float) -> float:
+    """V of a printed 1; the counts of a converter end at the drive voltage."""
+    if text_format in UNITS:
+        return UNITS[text_format]
+    return drive_voltage / 2 ** COUNTS[text_format]
+
+
+class TextRow(NamedTuple):
+    """A line that is a row: readings (E,), which electrode it says that it grounds, and its form."""
+
+    readings: np.ndarray
+    grounded: int | None
+    form: tuple[bool, int]  # whether it begins with its number; how many fields it has
+    arrival: float
+
+
+class TextFrame(NamedTuple):
+    """Rows that are a frame: readings (L, E) as printed, NaN at the grounded electrode, electrodes (L,),
+    arrivals of the lines (s), number among whole and incomplete frames."""
+
+    readings: np.ndarray
+    grounded: np.ndarray
+    arrivals: list[float]
+    sequence: int
+
+
+def parse_row(line: str, electrodes: int, arrival: float = 0.0) -> TextRow:
+    """The row that a line is; ValueError, with what is wrong, where it is none."""
+    label = _NUMBERED.match(line)
+    rest = line[label.end() :] if label else line
+    parted = re.search(r"[,;\t]", rest)
+    fields = [f.strip() for f in re.split(r"[,;\t]", rest)] if parted else rest.split()
+    number = int(label[1]) if label else None
+    length = len(fields)
+    if length == electrodes + 2 and not fields[0] and not fields[-1]:
+        fields = fields[1:-1]  # a separator before and behind every reading
+    elif length == electrodes + 1:
+        if not fields[-1]:  # behind
+            fields.pop()
+        elif not fields[0]:  # before
+            fields.pop(0)
+        elif number is None and fields[0].isdecimal():
+            number = int(fields.pop(0))
+    elif label and fields and not fields[-1] and number != electrodes - 1:
+        raise ValueError("ends with a separator and has one reading too few")
+    if len(fields) != electrodes:
+        raise ValueError(f"has {length} fields, the layout has {electrodes} electrodes")
+    if number is not None and number >= electrodes:
+        raise ValueError(f"is of electrode {number}, the last one is {electrodes - 1}")
+    wrong = [f for f in fields if f.lower() not in _BLANKS and not _NUMBER.fullmatch(f)]
+    if wrong:
+        raise ValueError(f"has {wrong[0][:20]!r} where a number should be")
+    readings = np.array([np.nan if f.lower() in _BLANKS else float(f) for f in fields])
+    blank = np.flatnonzero(np.isnan(readings))
+    grounded = int(blank[0]) if number is None and blank.size == 1 else number
+    return TextRow(readings, grounded, (number is not None, length), arrival)
+
+
+class TextFrames:
+    """Finds the frames in a stream of lines.
+
+    Parameters
+    ----------
+    electrodes : int
+    order : sequence of int
+        Electrodes that the rows of a frame ground, row after row.
+
+    Attributes
+    ----------
+    lines, lines_ignored, frames, frames_incomplete : int
+        All lines, those that are neither a row nor empty or a comment, and frames.
+    since : int
+        Lines since the last frame.
+    complaint : str
+        Why the last lines are no frame.
+    """
+
+    def __init__(self, electrodes: int, order: Sequence[int]) -> None:
+        self.lines = self.lines_ignored = self.frames = self.frames_incomplete = self.since = 0
+        self.complaint = ""
+        self._electrodes, self.order = electrodes, list(order)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what is under way: another line begins."""
+        self._rest = b""
+        self._cut = True  # the first line may have begun before
+        self._rows: list[TextRow] = []
+        self._begun = False  # whether something has told where the frame begins
+        self._parted = False  # whether an empty line has
+        self._before = "none"  # what the row before said, for people
+
+    def feed(self, data: bytes, arrival: float) -> list[TextFrame]:
+        """Take in bytes that came at a time (s); return the frames that they complete."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        frames = []
+        for line in lines:
+            if self._cut:
+                self._cut = False
+                continue
+            frame = self._line(line.decode("ascii", "replace").rstrip("\r "), arrival)
+            self.lines += 1
+            self.since += 1
+            if frame is not None:
+                self.frames += 1
+                self.since = 0
+                frames.append(frame)
+        if len(self._rest) > LONGEST:
+            self._rest, self._cut = b"", True
+            self._garbage("has no end")
+        return frames
+
+    def _line(self, line: str, arrival: float) -> TextFrame | None:
+        if not line.strip() or line.lstrip().startswith("#"):
+            return self._part()
+        try:
+            row = parse_row(line, self._electrodes, arrival)
+        except ValueError as error:
+            self._garbage(f"{line.strip()[:40]!r} {error}")
+            return None
+        return self._row(row)
+
+    def _row(self, row: TextRow) -> TextFrame | None:
+        told, frame = row.grounded, None
+        if len(self._rows) == len(self.order):
+            if self._told() and told == self.order[0]:
+                frame = self._finish()
+            else:
+                self._lose(f"more than {len(self.order)} rows are together")
+        if told is not None and not (self._begun and told == self.order[len(self._rows)]):
+            self._lose(f"a row in which electrode {told} is grounded comes after {self._before}")
+            self._begun = told == self.order[0]
+        self._before = "one that does not say" if told is None else f"one of electrode {told}"
+        if self._begun:
+            self._rows.append(row)
+        elif told is None and not self.complaint:
+            self.complaint = "nothing tells where a frame begins: print an empty line behind it"
+        return frame
+
+    def _part(self) -> TextFrame | None:
+        """An empty line or a comment: between frames, or between rows that tell what they are."""
+        frame = None
+        if len(self._rows) == len(self.order) and (self._parted or self._told()):
+            frame = self._finish()
+        elif self._told():
+            return None
+        elif self._rows:
+            self._lose(f"{len(self._rows)} rows are together, a frame has {len(self.order)}")
+        self._rows, self._begun, self._parted = [], True, True
+        return frame
+
+    def _garbage(self, complaint: str) -> None:
+        """A line that may have been a row, of which nobody knows which one."""
+        self.lines_ignored += 1
+        if not self._told():  # else the row that it was will be missing
+            self._lose("")
+        self.complaint = f"a line {complaint}"
+
+    def _told(self) -> bool:
+        """Whether there are rows, and each says which electrode it grounds."""
+        return bool(self._rows) and all(row.grounded is not None for row in self._rows)
+
+    def _lose(self, complaint: str) -> None:
+        self.frames_incomplete += bool(self._rows and self.frames)
+        self.complaint = complaint
+        self._rows, self._begun, self._parted = [], False, False
+
+    def _finish(self) -> TextFrame | None:
+        """The frame of the rows, if they do not contradict each other."""
+        rows, order = self._rows, np.array(self.order)
+        readings = np.array([row.readings for row in rows])
+        first, last = readings[:, 0].copy(), readings[:, -1].copy()
+        readings[np.arange(len(rows)), order] = np.nan
+        numbered, fields = rows[0].form
+        objection = ""
+        if len({row.form for row in rows}) > 1:
+            objection = "the rows of a frame have different numbers of fields"
+        elif not numbered and np.array_equal(first, order):
+            objection = "a row has its number, and one reading too few"
+        elif not numbered and fields == self._electrodes and np.isnan(last).all():
+            objection = "the last field of every row is blank"
+        elif rows_are_mistaken(readings, order):
+            objection = "each row lacks the reading of another electrode than its own"
+        if objection:
+            self._lose(objection)
+            return None
+        self._rows, self._begun, self._parted = [], False, False
+        number = self.frames + self.frames_incomplete
+        return TextFrame(readings, order, [row.arrival for row in rows], number)
