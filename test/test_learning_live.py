@@ -361,3 +361,11 @@ def test_offsets_that_have_wandered_are_no_contacts():
         assert result.state == "valid" and len(result.contacts) == 1
         assert _error(result, simulator(16).scene.contacts[touch]) < 4e-4
         assert result.misfit < 1.5
+
+
+def test_offsets_are_learned_on_where_a_clock_was_set_back():
+    learner, untouched = live(), np.zeros((16, 16))
+    for begun in (1000.0, 500.0):
+        told = [learner.offer(untouched, GROUNDED, DRIVE, begun + 0.1 * i) for i in range(17)]
+        assert told == [False] * 15 + [True, False]
+        learner.work()

@@ -164,9 +164,10 @@ def test_contacts_choose_what_the_next_frame_grounds(probe, start, plug):
 
 
 def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
-    plug("--rate", "100")
+    plug("--rate", "100", "--temperature", "31.5")
     start("driver", {"device": "serial", "port": plug.port, "use_sim_time": "true"})
     frames = probe.listen(VoltageFrame, "/voltage_frame", 1000)
+    temperatures = probe.listen(Temperature, "/temperature")
     clock = probe.node.create_publisher(Clock, "/clock", 10)
 
     def stamps():
@@ -181,6 +182,9 @@ def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
         frames.clear()
         probe.until(lambda: len(frames) >= 50, "frames")
         assert stamps() == sorted(stamps())
+        temperatures.clear()
+        probe.until(lambda: temperatures, "temperature")
+        assert second - 30 < stamp_of(temperatures[0].header) <= second
 
 
 def test_a_restart_without_a_device_says_that_there_is_none(probe, start, tmp_path):

@@ -1,5 +1,7 @@
 """Nodes with `use_sim_time`: a simulated sensor lives in the time of /clock, and ages are measured with it."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,43 @@ def test_nothing_grows_old_while_a_slow_simulation_goes_on(probe, start, scene):
     probe.until(lambda: heard[-1].state == ContactArray.STALE, "contacts that are taken back")
     assert "no contacts for" in heard[-1].reason
     ends_cleanly(sensor)
+
+
+@pytest.mark.parametrize("delivery", ["frames", "rows"])
+def test_a_recording_goes_on_as_fast_as_the_simulation(probe, start, scene, tmp_path, delivery):
+    """At half of real time it kept the pace of that, with an error about row_period."""
+    given = ros_checks.arguments_of("replay", tmp_path, "equal-8x8", scene)
+    given |= {"use_sim_time": "true", "delivery": delivery, "loop": "true"}
+    driver, reconstruction = start("driver", given), start("reconstruction", {"use_sim_time": True})
+    clock = SimulatedClock(probe, pace=0.5)
+    frames = probe.listen(VoltageFrame, "voltage_frame", 200)
+    contacts = probe.listen(ContactArray, "contacts", 200)
+    probe.until(lambda: len(frames) > 20 and any(m.contacts for m in contacts), "contacts")
+    ros_checks.check_rate(frames)
+    assert of_time(frames)[-1] <= clock.now < of_time(frames)[-1] + 1.0
+    name = "reconstruction: reconstruction"
+    ros_checks.check_diagnostics(probe, name, DiagnosticStatus.OK, "images are made")
+    del frames[:]
+    clock.now = 500.0
+    probe.until(lambda: len([t for t in of_time(frames) if t < 900.0]) > 20, "frames")
+    ros_checks.check_rate([m for m in frames if stamp_of(m.header) < 900.0])
+    assert "row_period" not in driver.output + reconstruction.output
+    ends_cleanly(driver)
+    ends_cleanly(reconstruction)
+
+
+@pytest.mark.parametrize("delivery", ["frames", "rows"])
+def test_what_has_come_before_there_is_a_time_is_not_used(probe, start, scene, delivery):
+    """How old it is nobody knows: contacts of it were valid."""
+    start("driver", {"scene": scene, "delivery": delivery})
+    reconstruction = start("reconstruction", {"use_sim_time": True})
+    clock = SimulatedClock(probe)
+    frames = probe.listen(VoltageFrame, "voltage_frame", 200)
+    contacts = probe.listen(ContactArray, "contacts", 200)
+    probe.until(lambda: frames, "frames")
+    name = "reconstruction: reconstruction"
+    ros_checks.check_diagnostics(probe, name, DiagnosticStatus.ERROR, "nobody publishes /clock")
+    assert not contacts
+    clock.now, clock.pace = time.time(), 1.0
+    probe.until(lambda: any(m.contacts for m in contacts), "contacts")
+    ends_cleanly(reconstruction)

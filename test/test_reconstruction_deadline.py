@@ -78,6 +78,18 @@ def test_a_search_that_takes_longer_is_the_result_of_the_call_in_which_it_ends()
     assert within.taken_late() is None  # it is told once
 
 
+def test_a_search_from_before_a_clock_was_set_back_is_nobodys(layout, frames):
+    """It was told as what is there now, with a stamp of the time before."""
+    pipeline = Pipeline(layout, Settings("accurate"))
+    first, second = (replace(f, stamp=t) for f, t in zip(frames, (1000.0, 500.0)))
+    results = [pipeline.process(first, deadline=AT_ONCE)]
+    job = pipeline._within._job  # whoever waits for the interpreter may find it at its end
+    assert job is None or job.wait(LIMIT)
+    results.append(pipeline.process(second, deadline=AT_ONCE))
+    pipeline.stop()
+    assert [r.holds <= 0.016 for r in results] == [True, True]
+
+
 def test_a_search_that_nobody_needs_a_result_of_keeps_no_glance_waiting():
     within, gate = Within(), Gate()
     assert within.result(lambda: "found", lambda: time.sleep(0.01), LIMIT, anything) == "found"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from tomotactile_ros.devices.health import Health, Trouble
-from tomotactile_ros.devices.time_source import HostTime, TimeSource
+from tomotactile_ros.devices.time_source import NO_TIME, HostTime, TimeSource
 from tomotactile_ros.frame import Frame
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -241,7 +241,7 @@ class ThreadedDevice:
     def _wait_for_time(self) -> bool:
         """Wait until it is known what time it is; whether the device goes on."""
         while not self._stop.is_set() and self._now() <= 0.0:
-            self._set_state("stopped", "no simulated time: nobody publishes /clock")
+            self._set_state("stopped", NO_TIME)
             self._pause(math.inf)
         self._latest = self._now()
         return not self._stop.is_set()

@@ -10,6 +10,8 @@ import threading
 import time
 from typing import Protocol
 
+NO_TIME = "no simulated time: nobody publishes /clock, or it still says 0"
+
 
 class TimeSource(Protocol):
     """Time, s; 0 while it is not known."""

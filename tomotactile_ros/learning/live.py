@@ -214,7 +214,7 @@ class LiveLearner:
         return are_offsets(frame, np.arange(len(frame)), state.mean[where], state.expected[where])
 
     def _offer_idle(self, frame) -> bool:
-        if frame.time - self._idle_time < _IDLE_EVERY:
+        if 0.0 <= frame.time - self._idle_time < _IDLE_EVERY:  # a clock may be set back
             return False
         self._idle.append(frame)
         if len(self._idle) < _IDLE:

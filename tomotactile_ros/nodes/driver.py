@@ -301,21 +301,30 @@ class Driver:
     def _hand_on(self, frame: Frame, listeners: list[Callable], publisher: Publisher) -> None:
         if is_timeless(self._node):  # no stamp would be right
             return
-        if self.parameters["device"] == "serial" and self._node.get_clock().ros_time_is_active:
-            simulated = self._simulated.setdefault(publisher.topic_name, SimulatedTime())
-            frame = replace(frame, stamp=simulated.of(frame.stamp, seconds_now(self._node)))
+        if self.parameters["device"] == "serial":
+            frame = replace(frame, stamp=self._stamp_of(frame.stamp, publisher))
         header = make_header(frame.stamp, self.parameters["frame_id"])
         for listener in listeners:
             listener(frame, self._layout.id, header)
         if publisher.get_subscription_count() > 0:
             publisher.publish(frame_to_message(frame, self._layout.id, header))
 
+    def _stamp_of(self, when: float, publisher: Publisher) -> float:
+        """The stamp, s, of what hardware has read at a Unix time, s."""
+        if not self._node.get_clock().ros_time_is_active:
+            return when
+        simulated = self._simulated.setdefault(publisher.topic_name, SimulatedTime())
+        return simulated.of(when, seconds_now(self._node))
+
     def _publish_temperature(self, device: Device) -> None:
         """Publish what a device with a thermometer has told since the last time."""
         told = getattr(device, "temperature", None)
-        if told is not None and told[1] != self._temperature_stamp:
+        if told is None or is_timeless(self._node):
+            return
+        if told[1] != self._temperature_stamp:
             self._temperature_stamp = told[1]
-            header = make_header(told[1], self.parameters["frame_id"])
+            stamp = self._stamp_of(told[1], self._temperature_publisher)
+            header = make_header(stamp, self.parameters["frame_id"])
             self._temperature_publisher.publish(Temperature(header=header, temperature=told[0]))
 
 

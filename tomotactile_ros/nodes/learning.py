@@ -154,10 +154,16 @@ class Learning:
         """What is wrong with the learning, and with the sensor."""
         found = [Trouble("sensor", False, self._complaint)] if self._complaint else []
         for each in self._learner.health.findings if self._learner is not None else ():
-            since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(each.since))
+            since = self._date(each.since)
             text = f"{each.text} (since {since}, {each.sure:.0f} standard deviations)"
             found.append(Trouble(f"health {each.name}", False, text))
         return found
+
+    def _date(self, stamp: float) -> str:
+        """A stamp, s, for people; simulated time has no date."""
+        if self._node.get_clock().ros_time_is_active:
+            return f"{stamp:.1f} s"
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))
 
     def _work(self, wake: threading.Event, ended: threading.Event) -> None:
         while True:

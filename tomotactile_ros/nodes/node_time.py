@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.devices.time_source import HostTime
+from tomotactile_ros.devices.time_source import NO_TIME, HostTime
 
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
 
@@ -39,9 +39,7 @@ def troubles_of_time(node: Node) -> list[Trouble]:
     """Why there is no time, where there is none."""
     if not is_timeless(node):
         return []
-    return [
-        Trouble("time", True, "no simulated time: use_sim_time is set, nobody publishes /clock")
-    ]
+    return [Trouble("time", True, f"{NO_TIME} (use_sim_time is set)")]
 
 
 class NodeTime:

@@ -23,7 +23,7 @@ from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
 from tomotactile_ros.nodes.learning import Learning
-from tomotactile_ros.nodes.node_time import seconds_now, troubles_of_time
+from tomotactile_ros.nodes.node_time import is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
 from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import (
@@ -143,7 +143,7 @@ class Reconstruction:
     def accept(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Process a frame and publish what comes out, or refuse it with a warning."""
         with self._lock, unless_stopped(self._node):
-            if not self._active:
+            if not self._active or is_timeless(self._node):  # how old they are nobody knows
                 return
             try:
                 self._process(frame, layout_id, header)
@@ -158,6 +158,8 @@ class Reconstruction:
         with self._rows_lock, unless_stopped(self._node):
             pipeline = self._pipeline
             if not self._active or pipeline is None or not self._rows.wanted:
+                return
+            if is_timeless(self._node):
                 return
             try:
                 self._check(rows, layout_id)

@@ -15,6 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.devices.time_source import NO_TIME
 from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions
@@ -22,7 +23,7 @@ from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
-from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
+from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode, run
@@ -145,6 +146,8 @@ class SkinPart:
         member.complaint = ""
         if message.state != ContactArray.VALID:
             member.complaint = printable(message.reason) or "its contacts are not valid"
+        elif is_timeless(self._node):
+            member.complaint = f"how old its contacts are is not known, {NO_TIME}"
         elif self._too_old(message.header):
             member.complaint = "its contacts are too old, by their stamps (max_age)"
         try:

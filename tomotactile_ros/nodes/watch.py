@@ -6,6 +6,7 @@ import numpy as np
 from rclpy.node import Node
 
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
+from tomotactile_ros.devices.time_source import NO_TIME
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
@@ -191,7 +192,7 @@ class FrameWatch:
             return ""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         if is_timeless(self._node):
-            return "no frames, and no time: use_sim_time is set, nobody publishes /clock"
+            return f"no frames are used: {NO_TIME} (use_sim_time is set)"
         if not publishers:
             self._refusal = self._incompatible = ""  # of one that has gone
             return (

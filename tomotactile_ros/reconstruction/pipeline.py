@@ -340,6 +340,8 @@ class Pipeline:
         ended, rows = self._ended, max(len(grounded) - 1, 0)
         began = ended + row_period if stamp is None else stamp
         self._ended = began + row_period * rows
+        if self._ended < ended:  # the clock was set back
+            self._forget()
         at_once = abs(began - ended - row_period) < row_period / 2
         before, self._last_row = self._last_row if at_once else None, None
         if row_period > 0 and len(grounded):
