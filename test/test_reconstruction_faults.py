@@ -6,6 +6,7 @@ import pytest
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.course import Tap
 from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
@@ -93,3 +94,42 @@ def test_a_channel_that_stands_still_is_named(profile, stuck):
     assert (
         len(result.contacts) == 1 and list(result.faults) == [stuck] and result.excluded == (stuck,)
     )
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+@pytest.mark.parametrize(
+    "place, force, radius, begun, lasts",
+    [
+        ((6.5, -26.6), 1.39, 6.2, 3.99, 0.208),  # 0, 1, 9 and 10 contradicted all others
+        ((-57.7, -84.9), 0.91, 6.2, 3.0, 0.098),
+        ((33.6, -31.7), 0.70, 5.9, 3.93, 0.0),  # 15 never changed
+        ((33.6, -31.7), 0.70, 5.9, 3.93, 0.247),
+        ((41.1, 43.1), 1.82, 4.6, 3.97, 0.130),  # its electrodes had other numbers
+        ((-40.5, -34.3), 4.78, 4.6, 3.6, 0.232),  # its readings scattered by 16 mV
+    ],
+)
+def test_a_touch_that_begins_is_no_fault(profile, place, force, radius, begun, lasts):
+    """Of a healthy sensor no channel is named, and contacts are withheld at most in a frame of which a
+    row or two were touched."""
+    four = load_layout("equal-4x4")
+    period = 16 * ROW_PERIOD
+    contact = Contact(
+        "disc",
+        center=[1e-3 * value for value in place],
+        radius=1e-3 * radius,
+        force=force,
+        profile="hertz",
+        start=begun * period,
+        course=Tap(lasts, 10.0) if lasts else None,
+    )
+    scene = Scene("tap", 3.3, (contact,), LAW, Noise(0.001, 6), Adc(12, 3.3))
+    simulator, pipeline = Simulator(four, scene), Pipeline(four, Settings(profile))
+    for number in range(6):
+        result = pipeline.process(simulator.measure(number * period, number))
+        assert result.faults == {} and result.excluded == ()
+        touched = (number + 1 - begun) * 16  # rows
+        assert not result.reason or 0 < touched < 3
+        if touched > 3:
+            (found,) = result.contacts
+            apart = 1e3 * np.hypot(found.x - contact.center[0], found.y - contact.center[1])
+            assert apart < 10

@@ -441,7 +441,11 @@ class Estimator:
             there, state.misfit, state.equations
         )
         if touched and not goes_on:
-            begins(rows)
+            try:
+                begins(rows)
+            except _Contradiction:
+                _ask(followed, SUSPECT)  # rows of several states contradict each other, too
+                raise
         elif touched and state.misfit > _UNEXPLAINED:
             begins(rows, goes_on=True)
         alike = search.of_one_state(rows, prior) if timed and not goes_on else whole
@@ -683,10 +687,10 @@ class _Followed(Exception):
         self.by_rows = by_rows
 
 
-def _ask(followed: Callable[[], FollowedRows | None] | None) -> None:
-    """`_Followed` where rows tell."""
+def _ask(followed: Callable[[], FollowedRows | None] | None, most: float = np.inf) -> None:
+    """`_Followed` where rows tell, with a misfit below `most`."""
     by_rows = None if followed is None else followed()
-    if by_rows is not None:
+    if by_rows is not None and by_rows.estimate.misfit < most:
         raise _Followed(by_rows)
 
 

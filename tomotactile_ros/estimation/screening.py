@@ -34,14 +34,24 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
     while nothing drives the others: contacts raise the readings of all electrodes."""
     if len(readings) < 4:
         return np.zeros(readings.shape[1], bool)
-    low = np.where(valid, readings, np.inf).min(axis=0)
-    high = np.where(valid, readings, -np.inf).max(axis=0)
-    read = valid.any(axis=0)
-    low, high = np.where(read, low, 0.0), np.where(read, high, 0.0)
+    low, high = _range(readings, valid)
     span, level = high - low, np.abs(high + low) / 2
-    alive = np.median(span) > _ALIVE * _STUCK * noise
+    changing, still = np.median(span) > _ALIVE * _STUCK * noise, span < _STUCK * noise
     idle = np.median(level) < _ALIVE * noise
-    return (span < _STUCK * noise) & (alive | (idle & (level > max(_RAISED, _ALIVE * noise))))
+    stuck = still & idle & (level > max(_RAISED, _ALIVE * noise))
+    for n in np.flatnonzero(still & ~stuck) if changing else ():
+        # in the rows in which it was read itself: a touch may begin in another
+        low, high = _range(readings[valid[:, n]], valid[valid[:, n]])
+        stuck[n] = np.median(high - low) > _ALIVE * _STUCK * noise
+    return stuck
+
+
+def _range(readings: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E,) lowest and highest of readings (L, E), V; 0 where there are none."""
+    read = valid.any(axis=0)
+    low = np.where(valid, readings, np.inf).min(axis=0, initial=np.inf)
+    high = np.where(valid, readings, -np.inf).max(axis=0, initial=-np.inf)
+    return np.where(read, low, 0.0), np.where(read, high, 0.0)
 
 
 def too_many_are_bad(bad: int, of: int) -> str:

@@ -473,7 +473,25 @@ class Pipeline:
             self._doubts = Doubts(self.layout, transfer, self.settings.noise)
         frame[:, self._excluded] = np.nan
         frame[self._excluded] = np.nan
-        return self._doubts.mistake([frame], given.drive_voltage)
+        mistake = self._doubts.mistake([frame], given.drive_voltage)
+        return "" if mistake and self._begins(given) else mistake
+
+    def _begins(self, given: _Given) -> bool:
+        """Whether a touch that begins, or changes from row to row, explains all readings of a frame: they need
+        not agree then, as those of one state of the sheet do."""
+        if not given.row_period > 0:
+            return False
+        self._look_before()
+        rows, chosen = self._rows_of(given)
+        read = rows, chosen, given.drive_voltage, given.began, given.row_period
+        followed = self._changing.estimate(*read, {})
+        return followed is not None and _is_sure(followed.estimate)
+
+    def _look_before(self) -> None:
+        """Ask the estimator of the last frame, where an image explained it."""
+        before, self._imaged_before = self._imaged_before, None
+        if before is not None:
+            self._estimate(before)
 
     def rows(self, waits: bool = True) -> RowsState:
         """The state of a sensor whose rows are followed, before the first of them (`process_row`).
@@ -708,6 +726,9 @@ class Pipeline:
             self._exchanged = bool(exchanged.any())
         if exchanged is None or not self._exchanged:
             return None
+        if self._begins(given):
+            self._exchanged = False
+            return None
         estimate = self._without(exchanged, given)
         return estimate if _is_sure(estimate) else None
 
@@ -868,9 +889,7 @@ class Pipeline:
     def _handed_over(self, given: _Given) -> _Found:
         """What the estimator says of a frame that no image explains; of the last that one did it is
         asked first, because a frame that changes tells little of what rests beside."""
-        before, self._imaged_before = self._imaged_before, None
-        if before is not None:
-            self._estimate(before)
+        self._look_before()
         return self._estimated(given)
 
     def _rests(self, frame, bad) -> bool:
