@@ -303,10 +303,11 @@ def test_channels_are_told_by_the_frame_itself():
 
 @pytest.mark.parametrize("ohm", [75.0, 225.0])
 def test_resistances_to_ground(ohm):
-    """All switches alike: a contact is one, where it is, and the resistances are found."""
+    """All switches alike: a contact is one, where it is, and the resistances are found, as well as one
+    touch tells them from an outline that is some tenths of a millimetre off."""
     fit = find("4x4", simulate("4x4", ONE, ground_resistance=Uniform(ohm)))
     check(fit, ONE, force=0.2)
-    assert fit.unknowns.resistance.mean() == pytest.approx(ohm, abs=60.0)
+    assert fit.unknowns.resistance.mean() == pytest.approx(ohm, abs=80.0)
 
 
 @pytest.mark.parametrize("name, place", [("4x4", 0.5e-3), ("8x8", 0.3e-3)])

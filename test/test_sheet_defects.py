@@ -1,10 +1,12 @@
 """Uneven, anisotropic, torn and warm sheets: against closed forms, smaller sheets and the
 reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Defects
@@ -242,3 +244,25 @@ def test_the_closed_form_refuses_anisotropy():
     scene = Scene("any", DRIVE, defects=Defects(sheet=SheetField(anisotropy=Anisotropy(2.0))))
     with pytest.raises(InputError, match="needs a uniform sheet resistance"):
         Simulator(GRID, scene, "closed_form")
+
+
+def test_a_sheet_that_was_made_otherwise_reads_as_one_whose_layout_has_it(tmp_path):
+    path = tmp_path / "cut.yaml"
+    path.write_text(
+        "format: tomotactile-scene/1\ndrive_voltage: 3.3\n"
+        "contacts: [{shape: disc, center: [0.03, 0.02], radius: 0.006, force: 2.0}]\n"
+        "contact_law: {coefficient: 1.0e-4, exponent: 1.0}\n"
+        "defects: {outline: {rectangle: [0.21, 0.204]}, electrode_radius: 0.006}\n"
+    )
+    drawn, scene = load_layout("equal-4x4"), load_scene(str(path))
+    made = replace(drawn, outline=Outline.rectangle(0.21, 0.204), radius=0.006)
+    frames = [
+        Simulator(layout, each).ideal_frame(0.0)
+        for layout, each in ((drawn, scene), (made, replace(scene, defects=Defects())))
+    ]
+    np.testing.assert_allclose(*frames, atol=3e-4)  # elements are parts of the layout
+    as_drawn = Simulator(drawn, replace(scene, defects=Defects())).ideal_frame(0.0)
+    assert np.nanmax(np.abs(frames[0] - as_drawn)) > 0.02
+    smaller = Defects(outline=Outline.rectangle(0.19, 0.2))
+    with pytest.raises(InputError, match="equal-4x4 as it was made.*outside the outline"):
+        Simulator(drawn, replace(scene, defects=smaller))

@@ -106,12 +106,11 @@ class Simulator:
     def _make_sheet(self, model, h):
         """The sheet as the scene has it; tears are as wide as half an element at least."""
         uneven, width = self.scene.defects.sheet, h / 2
+        made = self.scene.defects.made(self.layout)
         return make_sheet(
-            self.layout,
+            made,
             model,
-            resistance=resistance_of(
-                self.layout, uneven, self.scene.defects.sheet_variation, width
-            ),
+            resistance=resistance_of(made, uneven, self.scene.defects.sheet_variation, width),
             anisotropy=uneven.anisotropy,
             lines=uneven.rims(width),
             h=h,

@@ -45,7 +45,12 @@ class ChannelPrior:
         shift, turn and scale, since places are told relative to them."""
         x, y = operator.layout.positions[operator.used].T
         common = np.stack(
-            [np.append(1 + 0 * x, 0 * y), np.append(0 * x, 1 + 0 * y), np.append(x, y), np.append(-y, x)]
+            [
+                np.append(1 + 0 * x, 0 * y),
+                np.append(0 * x, 1 + 0 * y),
+                np.append(x, y),
+                np.append(-y, x),
+            ]
         )
         ways, size, _ = np.linalg.svd(common.T / operator.pitch, full_matrices=False)
         ways = ways[:, size > 1e-6 * size[0]]

@@ -276,7 +276,7 @@ def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
-    """(k,) number of the contact that each cell of a fit belongs to; its sensor as it is there.
+    """(k,) number of the contact that each cell of a fit belongs to.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
     where the readings contradict that it conducts half of what the lower peak does; `doubt` : in them,
@@ -306,10 +306,17 @@ def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
 
 def _costs_of_more(fit: Fit, strengths: np.ndarray):
     """How much the cost grows, to second order, when a cell is given a conductance, the others that are
-    not at their bound following: a function of cell and conductance, S."""
-    linear = Contacts(fit)
-    normal = linear.normal / np.outer(strengths, strengths)
-    right = linear.right / strengths
+    not at their bound and the sensor following: a function of cell and conductance, S."""
+    linear, cells = Linear(fit, fit.equations), np.arange(len(strengths))
+    sensor = np.arange(linear.free, len(linear.normal))
+    follow = np.linalg.solve(
+        linear.normal[np.ix_(sensor, sensor)],
+        np.column_stack([linear.normal[np.ix_(sensor, cells)], linear.right[sensor]]),
+    )
+    mixed = linear.normal[np.ix_(cells, sensor)]
+    normal = linear.normal[np.ix_(cells, cells)] - mixed @ follow[:, :-1]
+    normal = normal / np.outer(strengths, strengths)
+    right = (linear.right[cells] - mixed @ follow[:, -1]) / strengths
     there = _conduct(strengths)
     own = normal[np.ix_(there, there)]
     scale = 1 / np.sqrt(own.diagonal())

@@ -203,7 +203,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     )
     electrodes = reader.section("electrodes")
     electrodes.only("radius", "positions")
-    outline = _read_outline(reader.section("outline"), reader.flag("unusual_size"))
+    outline = read_outline(reader.section("outline"), reader.flag("unusual_size"))
     surface: Surface = Flat()
     if "surface" in reader:
         surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
@@ -276,7 +276,8 @@ def _equal_steps(count: int) -> np.ndarray:
     return (2 * np.arange(count) - (count - 1)) / (count - 1)
 
 
-def _read_outline(reader: Reader, unusual_size: bool) -> Outline:
+def read_outline(reader: Reader, unusual_size: bool) -> Outline:
+    """The outline in a mapping of a layout or scene file."""
     reader.only("rectangle", "circle", "polygon", "holes")
     kinds = [kind for kind in ("rectangle", "circle", "polygon") if kind in reader]
     if len(kinds) != 1:

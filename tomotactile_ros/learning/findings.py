@@ -82,7 +82,10 @@ def resistance_deviation(state: SensorState, operator: SheetOperator) -> np.ndar
     deviation, used = state.std("resistance").copy(), operator.used
     told = deviation[used] < _DIRECT * operator.inexact / np.sqrt(max(state.frames, 1))
     at = operator.field.cell_of(operator.layout.positions[used])
-    model = np.hypot(_LASTING, unevenness(state, operator) * operator.field.left[at]) * operator.own_impedance
+    model = (
+        np.hypot(_LASTING, unevenness(state, operator) * operator.field.left[at])
+        * operator.own_impedance
+    )
     learned = state.known("resistance")[used] > 0
     deviation[used] = np.hypot(deviation[used], np.where(learned & ~told, model, 0.0))
     return np.minimum(deviation, state.expected[state.slice("resistance")])
@@ -231,7 +234,9 @@ def _sheet(state, operator):
 
 def _outline(state, operator):
     """How far out the sides of the sheet are, of what surrounds its outline."""
-    out, spread = (1e3 * each[operator.of_rim][: len(SIDES)] for each in (state.mean, state.deviation))
+    out, spread = (
+        1e3 * each[operator.of_rim][: len(SIDES)] for each in (state.mean, state.deviation)
+    )
     sides = ", ".join(f"{side} {by:+.1f}" for side, by in zip(SIDES, out))
     return (
         f"outline: sides are farther out than in the layout by {sides} mm, each known to "

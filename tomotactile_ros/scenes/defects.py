@@ -7,6 +7,8 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from tomotactile_ros.layouts.layout import Layout, read_outline
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes import channels, sheet_field
 from tomotactile_ros.scenes.channels import Channels, read_channels
 from tomotactile_ros.scenes.sheet_field import SheetField, SheetVariation, read_sheet_field
@@ -77,6 +79,8 @@ class Defects:
     swapped : pairs of electrodes whose wires are exchanged.
     drift, hum, sheet_variation : see there; None for none.
     switch_resistance : between the grounded electrode and ground, ohm.
+    outline : of the sheet as it was cut, holes included, where it is not that of the layout.
+    electrode_radius : of the electrodes as they were printed, m, the same.
     sheet, channels : what else is wrong with the sheet; with the readings, and what lies between
         each electrode and ground. In a scene file their keys stand beside the others.
     """
@@ -87,17 +91,32 @@ class Defects:
     hum: Hum | None = None
     switch_resistance: float = 0.0
     sheet_variation: SheetVariation | None = None
+    outline: Outline | None = None
+    electrode_radius: float | None = None
     sheet: SheetField = field(default_factory=SheetField)
     channels: Channels = field(default_factory=Channels)
 
     def __post_init__(self):
         checks.not_negative(self.switch_resistance, "switch_resistance", "resistance in ohm")
+        if self.electrode_radius is not None:
+            checks.length(self.electrode_radius, "electrode_radius")
         wires = [wire for pair in self.swapped for wire in pair]
         for key, numbers in (("dead", self.dead), ("swapped", wires)):
             if len(set(numbers)) < len(numbers):
                 raise InputError(f"{key}: {checks.show(list(numbers))} names an electrode twice")
             if min(numbers, default=0) < 0:
                 raise InputError(f"{key}: {min(numbers)} is not an electrode, they count from 0")
+
+    def made(self, layout: Layout) -> Layout:
+        """The sensor as it was made after `layout`; InputError where electrodes do not lie on that."""
+        changed = {"outline": self.outline, "radius": self.electrode_radius}
+        changed = {key: each for key, each in changed.items() if each is not None}
+        if not changed:
+            return layout
+        try:
+            return dataclasses.replace(layout, **changed)
+        except InputError as error:
+            raise InputError(f"defects: {layout.name} as it was made: {error}") from None
 
 
 def _check_seed(seed: int) -> None:
@@ -114,6 +133,8 @@ def named_defects(defects: Defects) -> dict[str, object]:
 def _content(value):
     if isinstance(value, tuple):
         return [_content(each) for each in value]
+    if isinstance(value, Outline):
+        return value.to_dict()
     if not dataclasses.is_dataclass(value):
         return value
     return {key: each for key, each in dataclasses.asdict(value).items() if each is not None}
@@ -145,6 +166,7 @@ def read_adc(reader: Reader) -> Adc | None:
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
     own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
+    own += ("outline", "electrode_radius")
     reader.only(*own, *sheet_field.KEYS, *channels.KEYS)
     swapped = []
     for key, entry in reader.entries("swapped"):
@@ -161,6 +183,10 @@ def read_defects(reader: Reader) -> Defects:
         sheet_variation=read_section(
             reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
         ),
+        outline=read_outline(reader.section("outline"), False) if "outline" in reader else None,
+        electrode_radius=reader.number("electrode_radius")
+        if "electrode_radius" in reader
+        else None,
         sheet=read_sheet_field(reader),
         channels=read_channels(reader),
     )
