@@ -62,6 +62,8 @@ class DeviceSettings:
         For ``serial``: a file for all that comes from the line; none if empty.
     time : TimeSource or None
         For ``fake`` and ``replay``: the time that they live in; None for this machine's.
+    beside : bool
+        For ``fake``: simulate in a process of its own, where others compute in this one.
     """
 
     layout: Layout
@@ -84,6 +86,7 @@ class DeviceSettings:
     address: int = 0
     capture: str = ""
     time: TimeSource | None = None
+    beside: bool = False
 
 
 def make_device(settings: DeviceSettings) -> Device:
@@ -112,12 +115,14 @@ def make_device(settings: DeviceSettings) -> Device:
 
 def _make_fake(settings: DeviceSettings) -> Device:
     from tomotactile_ros.devices.fake import FakeDevice
+    from tomotactile_ros.devices.scene_beside import SceneBeside
     from tomotactile_ros.simulation import Simulator
 
     if settings.scene is None:
         raise InputError("scene: missing; the fake device needs to know what touches the sheet")
-    simulator = Simulator(settings.layout, settings.scene, settings.model)
-    return FakeDevice(simulator, rate=settings.rate)
+    given = settings.layout, settings.scene, settings.model
+    beside = SceneBeside(*given) if settings.beside and not settings.scene.live else None
+    return FakeDevice(Simulator(*given), rate=settings.rate, beside=beside)
 
 
 def _make_serial(settings: DeviceSettings) -> Device:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice
+from tomotactile_ros.devices.scene_beside import SceneBeside
 from tomotactile_ros.scenes.scene import described
 from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
@@ -48,11 +49,15 @@ class FakeDevice(ThreadedDevice):
         Time in its scene begins when the device is opened.
     rate : float
         Frames/s; 0 means 1000 ground conditions a second (Kojima et al. 2023: 15.6 Hz for 64).
+    beside : SceneBeside
+        The same scene in a process of its own, which makes the frames once it is ready; not live.
     """
 
-    def __init__(self, simulator: Simulator, *, rate: float = 0.0) -> None:
+    def __init__(
+        self, simulator: Simulator, *, rate: float = 0.0, beside: SceneBeside | None = None
+    ) -> None:
         super().__init__(simulator.layout.electrodes)
-        self._simulator = simulator
+        self._simulator, self._beside = simulator, beside
         self._own_order = tuple(simulator.grounded.tolist())
         self._skipped = 0
         self._begin: float | None = None  # of time in the scene, s, by `time`
@@ -94,14 +99,20 @@ class FakeDevice(ThreadedDevice):
 
     def _run(self) -> None:
         self._sequence = self._skipped = 0
-        with ThreadPoolExecutor(1, thread_name_prefix="scene") as pool:
-            while self._wait_for_time():
-                if self._touches is not None:
-                    self._touches.clear()
-                try:
-                    self._scan_on(pool)
-                except SetBack:
-                    self.health.forget_rate()
+        if self._beside is not None:
+            self._beside.start()
+        try:
+            with ThreadPoolExecutor(1, thread_name_prefix="scene") as pool:
+                while self._wait_for_time():
+                    if self._touches is not None:
+                        self._touches.clear()
+                    try:
+                        self._scan_on(pool)
+                    except SetBack:
+                        self.health.forget_rate()
+        finally:
+            if self._beside is not None:
+                self._beside.stop()
 
     def _scan_on(self, pool: ThreadPoolExecutor) -> None:
         """Scan frame after frame until the device is closed; SetBack where time is."""
@@ -116,7 +127,7 @@ class FakeDevice(ThreadedDevice):
             scan = self._scan_of(self._sequence, start)
             end = start + scan.period
             if self._on_rows is None:
-                voltages = self._whole(scan)
+                voltages = self._whole(scan, pool)
             else:
                 voltages = self._in_runs(scan, pool)
             if not self._wait_until(end):
@@ -150,7 +161,7 @@ class FakeDevice(ThreadedDevice):
             scan.row_period,
         )
 
-    def _whole(self, scan: _Scan) -> np.ndarray:
+    def _whole(self, scan: _Scan, pool: ThreadPoolExecutor) -> np.ndarray:
         """(L, E) voltages of a frame; returns before it ends, of a live scene behind that."""
         # as under real hardware, the computer is free for the last frame's image at first
         idle_until = scan.start + min(0.5 * scan.period, scan.period - 2.0 * self._took)
@@ -158,15 +169,18 @@ class FakeDevice(ThreadedDevice):
             idle_until = scan.start + scan.period
         self._wait_until(idle_until)
         now = self._now()
-        voltages = self._compute(scan)
+        voltages = pool.submit(self._compute, scan).result()
         self._took = self._now() - now
         return voltages
 
     def _compute(self, scan: _Scan, first: int = 0, last: int | None = None) -> np.ndarray:
         """(L, E) voltages of a frame, or of some of its rows."""
-        simulator = self._simulator
+        simulator, t = self._simulator, scan.start - self._begin
+        if self._beside is not None:
+            found = self._beside.frame(scan.row_period, scan.order, t, scan.sequence)
+            if found is not None:
+                return found.astype(np.float32)
         simulator.row_period, simulator.grounded = scan.row_period, np.array(scan.order)
-        t = scan.start - self._begin
         if last is None:
             return simulator.frame(t, scan.sequence).astype(np.float32)
         return simulator.rows(t, first, last, scan.sequence).astype(np.float32)

@@ -130,6 +130,7 @@ class Driver:
     """
 
     name = "driver"
+    alone = True  # in its process
 
     def __init__(self, node: Node):
         self._node = node
@@ -240,6 +241,7 @@ class Driver:
         named = {key: values[key] for key in DeviceSettings.__dataclass_fields__ if key in values}
         named["scene"] = load_scene(values["scene"]) if fake else None
         named["layout"], named["time"] = self._layout, self._time
+        named["beside"] = not self.alone
         device = make_device(DeviceSettings(**named))
         device.set_streaming(values["streaming"])
         self._touches.listen(fake and named["scene"].live, self._layout)

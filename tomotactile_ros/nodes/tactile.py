@@ -29,6 +29,12 @@ _MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
 
+class DirectDriver(Driver):
+    """A driver that shares its process with reconstructions."""
+
+    alone = False
+
+
 class DirectReconstruction(Reconstruction):
     """A reconstruction whose frames are handed over within the process."""
 
@@ -109,7 +115,7 @@ def make_nodes(make: Callable[..., PlainNode | ManagedNode] = PlainNode) -> Iter
     """Both nodes of one sensor, connected; `make` makes each of what it does."""
     reconstruction = make(DirectReconstruction)
     yield reconstruction
-    driver = make(Driver)
+    driver = make(DirectDriver)
     driver.part.listeners.append(reconstruction.part.hand_over)
     driver.part.row_listeners.append(reconstruction.part.hand_over_rows)
     yield driver

@@ -1,0 +1,63 @@
+"""The scene of a fake device simulated in a process of its own, where others compute in this one.
+
+A frame of 4 x 4 electrodes takes 5 ms of the 16 that it lasts, and its image as many: two sensors in
+one process have no time for their images. Until the process is there, which takes a second or two, and
+if it has ended, frames are simulated here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.support.beside import Process
+from tomotactile_ros.support.errors import InputError
+
+
+class Simulated:
+    """A simulator that is told with each frame how it is scanned; arguments are those of `Simulator`."""
+
+    def __init__(self, layout: Layout, scene: Scene, model: str):
+        self._simulator = Simulator(layout, scene, model)
+
+    def frame(self, row_period: float, order: tuple[int, ...], t: float, sequence: int):
+        """(L, E) V of a frame that begins at `t`, s, with `row_period`, s, from row to row of `order`."""
+        simulator = self._simulator
+        simulator.row_period, simulator.grounded = row_period, np.array(order)
+        return simulator.frame(t, sequence)
+
+
+class SceneBeside:
+    """The same in a process of its own, for one thread at a time."""
+
+    def __init__(self, layout: Layout, scene: Scene, model: str):
+        self._given = layout, scene, model
+        self._process = Process(Simulated)
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process, if there is one."""
+        return self._process.pid
+
+    def start(self) -> None:
+        """Begin to prepare."""
+        self._process.start()
+        try:
+            self._process.make(*self._given)
+        except ConnectionError:
+            self.stop()
+
+    def stop(self) -> None:
+        """End the process."""
+        self._process.stop()
+
+    def frame(self, row_period: float, order: tuple[int, ...], t: float, sequence: int):
+        """`Simulated.frame`; None where the process is not there."""
+        try:
+            if self._process.runs and self._process.ready():
+                return self._process.ask("frame", row_period, order, t, sequence)
+        except (ConnectionError, InputError):  # what is wrong with a scene the own simulator says
+            self.stop()
+        return None
