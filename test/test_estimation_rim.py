@@ -8,6 +8,8 @@ from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.tables import Around, off_electrodes
+from tomotactile_ros.learning.file import load_sensor, save_sensor
+from tomotactile_ros.learning.findings import lines
 from tomotactile_ros.reconstruction.pipeline import Pipeline
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.contact import Contact
@@ -104,3 +106,25 @@ def test_a_contact_on_a_torn_sheet():
     assert result.state == "valid" and result.misfit > 10
     (found,) = result.contacts
     assert np.hypot(found.x - at[0], found.y - at[1]) < 1e-3
+
+
+def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
+    drawn, true, random = square(0.2), square(0.204), np.random.default_rng(11)
+    frames = [pressed(true, random.uniform(-0.085, 0.085, 2))[0] for _ in range(20)]
+    learned = tt.learn(drawn, np.array(frames), drawn.grounded, DRIVE, noise=NOISE)
+    out = learned.state.mean[learned.operator.of_rim][:4]
+    assert np.abs(out - 2e-3).max() < 0.7e-3
+    assert any("left +" in line for line in lines(learned))
+    save_sensor(tmp_path / "sensor.yaml", drawn, learned.operator, learned.state)
+    again = load_sensor(tmp_path / "sensor.yaml", drawn)
+    np.testing.assert_allclose(again.mean, learned.state.mean, atol=1e-5)
+    np.testing.assert_allclose(again.deviation, learned.state.deviation, rtol=1e-3)
+    np.testing.assert_allclose(again.expected, learned.state.expected, rtol=1e-5)
+    off = {None: [], again: []}
+    for at in random.uniform(-0.08, 0.08, (6, 2)):
+        frame = pressed(true, at)
+        for sensor, ways in off.items():
+            pipeline = Pipeline(drawn, Settings("accurate"), sensor=sensor)
+            (found,) = pipeline.process(*frame, DRIVE).contacts
+            ways.append(np.hypot(found.x - at[0], found.y - at[1]))
+    assert np.median(off[again]) < max(0.3e-3, np.median(off[None]))
