@@ -4,7 +4,7 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run play view test bench paper docs fuzz sanitize faults protocol lock clean
+.PHONY: help setup run play view test bench paper docs fuzz sanitize faults protocol pictures lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=fast)"
@@ -18,6 +18,7 @@ help:
 	@echo "make sanitize the compiled core under sanitizers, with random arrays"
 	@echo "make faults   everything that can go wrong with a sensor, on purpose (FAULTS_ARGS=)"
 	@echo "make protocol constants and tables of the wire protocol, from docs/protocol.yaml"
+	@echo "make pictures pictures of README and docs, again (PICTURES='play.png run.gif')"
 	@echo "make setup    only set up and build; scripts/setup COMMAND runs any command there"
 	@echo "make lock     pin all packages anew, with hashes, in scripts/requirements.lock"
 	@echo "make clean    remove everything that was made"
@@ -60,6 +61,9 @@ protocol:
 
 faults:
 	@$(SETUP) python3 -u benchmark/faults.py $(FAULTS_ARGS)
+
+pictures:
+	@$(SETUP) scripts/pictures $(PICTURES)
 
 lock:
 	@scripts/lock
