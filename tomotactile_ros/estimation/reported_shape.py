@@ -35,7 +35,7 @@ _WEAK = 0.05  # of the strongest: weaker parts may be errors of its shape
 def contacts_of_shape(fit: Fit, law: ContactLaw) -> tuple[list[Contact], list[Contact]]:
     """Contacts, strongest first, and the cells that they consist of, as discs."""
     cells = _Cells(fit, law)
-    group = groups(fit)
+    group = groups(fit, following=True)
     found = [cells.together(np.flatnonzero(group == each)) for each in np.unique(group)]
     most = max(contact.force for contact, _ in found)
     kept = [each for each in found if each[0].force > _WEAK * most and each[0].probability > 0]

@@ -275,8 +275,9 @@ def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return step, cho_solve(factor, right[count:] - mixed.T @ step)
 
 
-def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
-    """(k,) number of the contact that each cell of a fit belongs to.
+def groups(fit: Fit, doubt: float | None = None, following: bool = False) -> np.ndarray:
+    """(k,) number of the contact that each cell of a fit belongs to; `following`: the sensor follows, which
+    is what can be told of them, else it is as it is there, for parts to begin a search with.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
     where the readings contradict that it conducts half of what the lower peak does; `doubt` : in them,
@@ -284,7 +285,7 @@ def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
     """
     u, doubt = fit.unknowns, fit.doubt if doubt is None else doubt
     strengths = np.exp(u.contacts[:, CONDUCTANCE])
-    costs = _costs_of_more(fit, strengths)
+    costs = _costs_of_more(fit, strengths, following)
     side = np.exp(u.contacts[:, RADIUS]) * np.sqrt(np.pi)
     beside = cdist(u.contacts[:, :2], u.contacts[:, :2]) < 1.5 * side
     group = np.full(len(strengths), -1)
@@ -304,19 +305,18 @@ def groups(fit: Fit, doubt: float | None = None) -> np.ndarray:
     return np.unique(group, return_inverse=True)[1]
 
 
-def _costs_of_more(fit: Fit, strengths: np.ndarray):
+def _costs_of_more(fit: Fit, strengths: np.ndarray, following: bool):
     """How much the cost grows, to second order, when a cell is given a conductance, the others that are
-    not at their bound and the sensor following: a function of cell and conductance, S."""
-    linear, cells = Linear(fit, fit.equations), np.arange(len(strengths))
-    sensor = np.arange(linear.free, len(linear.normal))
-    follow = np.linalg.solve(
-        linear.normal[np.ix_(sensor, sensor)],
-        np.column_stack([linear.normal[np.ix_(sensor, cells)], linear.right[sensor]]),
-    )
-    mixed = linear.normal[np.ix_(cells, sensor)]
-    normal = linear.normal[np.ix_(cells, cells)] - mixed @ follow[:, :-1]
-    normal = normal / np.outer(strengths, strengths)
-    right = (linear.right[cells] - mixed @ follow[:, -1]) / strengths
+    not at their bound following, and if `following` the sensor: a function of cell and conductance, S."""
+    linear = Linear(fit, fit.equations) if following else Contacts(fit)
+    cells = slice(0, len(strengths))
+    normal, right = linear.normal[cells, cells], linear.right[cells]
+    if following:
+        sensor = slice(linear.free, None)
+        mixed = linear.normal[sensor, cells]
+        follow = np.linalg.solve(linear.normal[sensor, sensor], mixed).T
+        normal, right = normal - follow @ mixed, right - follow @ linear.right[sensor]
+    normal, right = normal / np.outer(strengths, strengths), right / strengths
     there = _conduct(strengths)
     own = normal[np.ix_(there, there)]
     scale = 1 / np.sqrt(own.diagonal())
