@@ -98,12 +98,19 @@ def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Cont
     covariance = fit.covariance * fit.doubt + bent @ bent.T
     certainties = _certainties(fit, covariance, group)
     which = np.flatnonzero(certainties >= _LIKELY**2)
-    floor = PLACE_FLOOR * fit.operator.pitch * fit.equations.unevenness(fit)
+    floor = place_floor(fit, fit.equations.unevenness(fit))
     found = [_contact(fit, i, covariance, bent, certainties[i], law, floor) for i in which]
     sure = certainties[which] > _CERTAIN**2
     likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
     order = sorted(likely, key=lambda i: -found[i].force)
     return [found[i] for i in order], group[which[order]]
+
+
+def place_floor(fit: Fit, uneven: float) -> float:
+    """Standard deviation of places in x and in y, m, of what no reading tells: what the model errs, and
+    the shift, turn and scale that electrodes have in common that lie aside as they were found."""
+    in_common = float(np.sqrt(2 * np.mean(fit.unknowns.aside**2) / fit.operator.count))
+    return float(np.hypot(PLACE_FLOOR * fit.operator.pitch * uneven, in_common))
 
 
 def _contact(

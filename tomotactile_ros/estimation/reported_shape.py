@@ -14,9 +14,9 @@ from tomotactile_ros.estimation.reported import (
     FORCE_FLOOR,
     IMPEDANCE_FLOOR,
     MOST_RELATIVE,
-    PLACE_FLOOR,
     Contact,
     crowded,
+    place_floor,
     told,
 )
 from tomotactile_ros.estimation.shape import certainty, groups
@@ -100,7 +100,7 @@ class _Cells:
             conductance *= least
             less = least ** (1 / self._exponent)
             force, pressure = force * less, pressure * less
-        floor = (PLACE_FLOOR * fit.operator.pitch * self._uneven) ** 2
+        floor = place_floor(fit, self._uneven) ** 2
         floor += (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
         contact = Contact(
