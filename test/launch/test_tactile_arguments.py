@@ -69,6 +69,17 @@ RIGHT = [
     ({"scene": "slide"}, "driver", {"scene": "slide"}),
     ({"device": "serial", "port": "/dev/x"}, "driver", {"device": "serial", "port": "/dev/x"}),
     (
+        {
+            "device": "serial",
+            "port": "/dev/x",
+            "baud": "9600",
+            "protocol": "text-mV",
+            "drive_voltage": "5",
+        },
+        "driver",
+        {"baud": 9600, "protocol": "text-mV", "drive_voltage": 5.0},
+    ),
+    (
         {"device": "replay", "recording": "b", "topic": "/l", "loop": "true"},
         "driver",
         {"recording": "b", "topic": "/l", "loop": True},
@@ -99,6 +110,9 @@ def test_a_right_value_reaches_its_node(nodes_of, arguments, program, parameters
 WRONG = [
     ({"device": "seriel"}, "device:=seriel is none of fake, serial, replay, none"),
     ({"port": "/dev/x"}, "port:=/dev/x needs device:=serial, it is fake: data would be simulated"),
+    ({"protocol": "text-V"}, "protocol:=text-V needs device:=serial, it is fake"),
+    ({"device": "serial", "baud": "9600.5"}, "baud:=9600.5 is no whole number from 0 on"),
+    ({"drive_voltage": "five"}, "drive_voltage:=five is no number from 0 on"),
     ({"recording": "b"}, "recording:=b needs device:=replay, it is fake: data would be simulated"),
     ({"topic": "/l"}, "topic:=/l needs device:=replay"),
     ({"loop": "true"}, "loop:=true needs device:=replay"),

@@ -185,4 +185,4 @@ class _Sensor:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(Viewer)], args, __doc__, {Viewer.name: SPECS})
+    return run(lambda: [PlainNode(Viewer)], args, __doc__, {Viewer.name: SPECS}, threads=False)

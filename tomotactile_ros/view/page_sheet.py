@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 MAGNIFIED = 10.0  # times the deviation: ellipses of 0.1 mm are not seen on a sheet of 200 mm
 _CURVES = 20.0  # s of forces that are shown
 _DRAWN_EVERY, _TOLD_EVERY, _CURVED_EVERY = 0.05, 0.2, 0.25  # s
-_STEP = 0.0005  # m that what is written beside a contact may lag behind
+_STEP = 0.015  # of the size of the sheet, that a label moves at least: each move is a message
 _ORANGE, _TRUE, _DEAD, _WELL = (255, 128, 26), (40, 200, 90), (230, 40, 40), (200, 200, 200)
 _HERE = Pose(np.zeros(3), Rotation.identity())
 
@@ -258,16 +258,19 @@ class Sheet:
         rims = rings(above, frames, discs([c.radius for c in contacts]))
         spreads = rings(above[known], frames[known], roots)
         self._draw_lines("rims", np.concatenate([rims, spreads, *trails]), _ORANGE)
-        numbers = [f"{number_of(c, k)}" for k, c in enumerate(contacts, 1)]
+        # a label stays with its contact, also where another one becomes the strongest
+        numbers = [number_of(c, k) for k, c in enumerate(contacts, 1)]
+        order = np.argsort(numbers, kind="stable")
         while len(self._labels) < len(numbers):
             name = f"{self._root}/id/{len(self._labels)}"
             self._labels.append(self._page.server.scene.add_label(name, "", visible=False))
         for k, label in enumerate(self._labels):
             _put(label, visible=k < len(numbers))
             if label.visible:
-                _put(label, text=numbers[k])
-                if np.abs(label.position - tails[k]).max() > _STEP:
-                    label.position = tails[k]
+                tip = tails[order[k]]
+                _put(label, text=f"{numbers[order[k]]}")
+                if np.abs(label.position - tip).max() > _STEP * s:
+                    label.position = tip
 
     def _draw_truth(self, truth: Sequence[dict]) -> None:
         """What really touches, as circles on the surface of the layout."""
