@@ -10,6 +10,7 @@ from tomotactile_ros.scenes.course import Tap
 from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.view.contact_lines import contact_lines
 
 LAYOUT, DRIVE, LAW = load_layout("equal-8x8"), 3.3, ContactLaw(1e-4, 1.0)
 
@@ -79,6 +80,9 @@ def test_an_electrode_under_a_conductor_is_not_named(profile, law):
     (found,) = result.contacts
     assert np.hypot(found.x - place[0], found.y - place[1]) < 1e-3
     assert result.faults == {} and result.excluded == ()
+    if law is not None:  # as good as bare: what it conducts is not told by readings
+        assert found.force_std == np.inf and found.force < scene.truth(0.0)[0]["force"]
+        assert "at least" in repr(found) and "at least" in contact_lines([found])[0]
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])

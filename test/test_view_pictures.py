@@ -30,7 +30,9 @@ from tomotactile_ros.view.trails import Trails
 
 LAYOUT = load_layout("equal-4x4")
 GRID = Grid.for_outline(LAYOUT.outline, 40)
-UPPER_RIGHT = SimpleNamespace(x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01, id=0)
+UPPER_RIGHT = SimpleNamespace(
+    x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01, id=0, force_std=0.1
+)
 
 
 def pressed(contact) -> np.ndarray:

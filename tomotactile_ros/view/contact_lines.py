@@ -1,5 +1,6 @@
 """Contacts as lines for people, beside the truth where it is known."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,7 +38,8 @@ def contact_lines(
     for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1):
         parts = [f"contact {number_of(contact, i)}: {_place(contact.x, contact.y)}"]
         if calibrated:
-            parts += [f"  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
+            least = "  at least" if math.isinf(contact.force_std) else ""
+            parts += [f"{least}  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
         if truth is not None:
             parts += ["  nothing is there"] if j is None else _compare(contact, truth[j])
         lines.append(fitting(parts, width))

@@ -80,7 +80,8 @@ def table_of(contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool)
         spread = np.sqrt(max(c.position_covariance[0], c.position_covariance[3], 0.0))
         row = [f"<b>{number_of(c, k)}</b>", f"{1e3 * c.x:.1f}, {1e3 * c.y:.1f}"]
         row += ["–" if np.isnan(spread) else f"{1e3 * spread:.2f}"]
-        row += [f"{strength_of(c, calibrated):.2f}"]
+        least = "≥ " if calibrated and np.isinf(c.force_std) else ""
+        row += [f"{least}{strength_of(c, calibrated):.2f}"]
         if truth is not None:
             row += ["ghost", ""] if j is None else _beside(c, truth[j])
         rows.append(row)
