@@ -50,6 +50,7 @@ _SETTLED = 1.0  # of the cost: a step that gains less is the last
 _ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
 _SADDLE = 0.5  # of the lower of two peaks: what presses at least between parts of one contact
 _SURE = 3.0  # standard deviations: what costs more is not there
+_REGION = 2.0  # the same with the sensor free: what lies in the region of 95 % may be
 _ABOVE = 1e-3  # of the strongest: cells that conduct more are not at their bound
 
 
@@ -300,7 +301,7 @@ def groups(fit: Fit, doubt: float | None = None, following: bool = False) -> np.
         group[cell] = main
         for other in near[near != main]:
             wanted = _SADDLE * strengths[peaks[other]]
-            if costs(cell, wanted) < _SURE**2 * doubt:
+            if costs(cell, wanted) < (_REGION if following else _SURE) ** 2 * doubt:
                 group[group == other] = main
     return np.unique(group, return_inverse=True)[1]
 
