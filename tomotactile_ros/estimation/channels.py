@@ -37,8 +37,11 @@ class ChannelPrior:
 
     def covariance_of_resistances(self, operator: SheetOperator) -> np.ndarray:
         """(n, n) ohm², of what switches and wires have and of what radii make of it."""
-        parts = np.full(operator.count, self.resistance), self.radius * operator.by_radius
-        return sum((1 - ALIKE) * np.diag(each**2) + ALIKE * np.outer(each, each) for each in parts)
+        parts = np.array(
+            [np.full(operator.count, self.resistance), self.radius * operator.by_radius]
+        )
+        own, common = np.diag((parts**2).sum(axis=0)), parts.T @ parts
+        return (1 - ALIKE) * own + ALIKE * common
 
     def covariance_of_places(self, operator: SheetOperator) -> np.ndarray:
         """(2 n, 2 n) m², of ways aside in x of all, then in y: all that electrodes may have but a common

@@ -109,12 +109,12 @@ class Defects:
 
     def made(self, layout: Layout) -> Layout:
         """The sensor as it was made after `layout`; InputError where electrodes do not lie on that."""
-        changed = {"outline": self.outline, "radius": self.electrode_radius}
-        changed = {key: each for key, each in changed.items() if each is not None}
-        if not changed:
+        if self.outline is None and self.electrode_radius is None:
             return layout
+        outline = layout.outline if self.outline is None else self.outline
+        radius = layout.radius if self.electrode_radius is None else self.electrode_radius
         try:
-            return dataclasses.replace(layout, **changed)
+            return dataclasses.replace(layout, outline=outline, radius=radius)
         except InputError as error:
             raise InputError(f"defects: {layout.name} as it was made: {error}") from None
 
@@ -166,8 +166,8 @@ def read_adc(reader: Reader) -> Adc | None:
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
     own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
-    own += ("outline", "electrode_radius")
-    reader.only(*own, *sheet_field.KEYS, *channels.KEYS)
+    made = "outline", "electrode_radius"
+    reader.only(*own, *made, *sheet_field.KEYS, *channels.KEYS)
     swapped = []
     for key, entry in reader.entries("swapped"):
         swapped.append(entry.integers(key))
