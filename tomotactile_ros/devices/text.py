@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,7 +35,8 @@ def volts_per_unit(text_format: str, drive_voltage: float) -> float:
     return drive_voltage / 2 ** COUNTS[text_format]
 
 
-class TextRow(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TextRow:
     """A line that is a row: readings (E,), which electrode it says that it grounds, and its form."""
 
     readings: np.ndarray
@@ -44,7 +45,8 @@ class TextRow(NamedTuple):
     arrival: float
 
 
-class TextFrame(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TextFrame:
     """Rows that are a frame: readings (L, E) as printed, NaN at the grounded electrode, electrodes (L,),
     arrivals of the lines (s), number among whole and incomplete frames."""
 
