@@ -274,7 +274,7 @@ def test_odd_touches_of_which_some_lack_a_channel_are_looked_at_together():
 def test_a_sheet_that_dries_is_told_by_all_resistances_together():
     """They are known in parts of the sheet's resistance; one wire alone is not taken for it."""
     state = states()[-1]
-    where, spread = state.slice("resistance"), 0.1 * state.covariance
+    where, spread = state.slice("resistance"), 0.03 * state.covariance
     mean = state.mean.copy()
     mean[where] = np.linspace(100, 400, 16)
     before = replace(state.learned(mean, spread), touches=10)

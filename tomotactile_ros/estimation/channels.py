@@ -23,47 +23,48 @@ class ChannelPrior:
     gain : relative; published electronics contradict reciprocity by 0.8 to 7 %
     offset : V; the input offset of common converters and amplifiers
     resistance : ohm; an analogue switch has some tens to hundreds
-    radius : of an electrode, relative: screen prints and cut foil; a smaller one acts as a resistance to
-        ground, a larger one as a negative one
     aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.1 mm at
         8 x 8 on 200 mm, as well as they can be made
+    radius : of an electrode, relative: screen prints and cut foil; a smaller one acts as a resistance to
+        ground, a larger one as a negative one
+
+    Methods take an operator, and the electrodes `among` (n,) of its layout, without them those in use.
     """
 
     gain: float = 0.03
     offset: float = 0.003
     resistance: float = 200.0
-    radius: float = 0.1
     aside: float = 3e-3
+    radius: float = 0.1
 
-    def covariance_of_resistances(self, operator: SheetOperator) -> np.ndarray:
+    def covariance_of_resistances(
+        self, operator: SheetOperator, among: np.ndarray | None = None
+    ) -> np.ndarray:
         """(n, n) ohm², of what switches and wires have and of what radii make of it."""
-        parts = np.array(
-            [np.full(operator.count, self.resistance), self.radius * operator.by_radius]
-        )
+        by_radius = operator.by_radius[operator.used if among is None else among]
+        parts = np.array([np.full(len(by_radius), self.resistance), self.radius * by_radius])
         own, common = np.diag((parts**2).sum(axis=0)), parts.T @ parts
         return (1 - ALIKE) * own + ALIKE * common
 
-    def covariance_of_places(self, operator: SheetOperator) -> np.ndarray:
+    def covariance_of_places(
+        self, operator: SheetOperator, among: np.ndarray | None = None
+    ) -> np.ndarray:
         """(2 n, 2 n) m², of ways aside in x of all, then in y: all that electrodes may have but a common
         shift, turn and scale, since places are told relative to them."""
-        x, y = operator.layout.positions[operator.used].T
-        common = np.stack(
-            [
-                np.append(1 + 0 * x, 0 * y),
-                np.append(0 * x, 1 + 0 * y),
-                np.append(x, y),
-                np.append(-y, x),
-            ]
-        )
+        x, y = operator.layout.positions[operator.used if among is None else among].T
+        one, none = np.ones(len(x)), np.zeros(len(x))
+        common = np.array([[*one, *none], [*none, *one], [*x, *y], [*-y, *x]])
         ways, size, _ = np.linalg.svd(common.T / operator.pitch, full_matrices=False)
         ways = ways[:, size > 1e-6 * size[0]]
-        apart = np.eye(2 * operator.count) - (1 - _TOGETHER**2) * ways @ ways.T
+        apart = np.eye(2 * len(x)) - (1 - _TOGETHER**2) * ways @ ways.T
         return (self.aside * operator.pitch) ** 2 * apart
 
-    def deviations(self, operator: SheetOperator, drive: float) -> tuple[np.ndarray, ...]:
+    def deviations(
+        self, operator: SheetOperator, drive: float, among: np.ndarray | None = None
+    ) -> tuple[np.ndarray, ...]:
         """(n,) of each kind; offsets in parts of the `drive` voltage, ways aside in m."""
-        count = operator.count
-        aside = np.sqrt(self.covariance_of_places(operator).diagonal())
-        resistance = np.sqrt(self.covariance_of_resistances(operator).diagonal())
+        aside = np.sqrt(self.covariance_of_places(operator, among).diagonal())
+        resistance = np.sqrt(self.covariance_of_resistances(operator, among).diagonal())
+        count = len(resistance)
         gain, offset = np.full(count, self.gain), np.full(count, self.offset / drive)
         return gain, offset, resistance, aside[:count], aside[count:]

@@ -303,11 +303,11 @@ class SheetOperator:
 
     @cached_property
     def by_radius(self) -> np.ndarray:
-        """(n,) ohm that an electrode's impedance falls by per logarithm of its radius: what spreads
+        """(E,) ohm that an electrode's impedance falls by per logarithm of its radius: what spreads
         from a half disc at the rim spreads twice as much, from a quarter four times."""
         turn = 2 * np.pi / _ROUND * (np.arange(_ROUND) + 0.5)
         ring = self.layout.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        around = (self.layout.positions[self.used][:, None] + ring).reshape(-1, 2)
+        around = (self.layout.positions[:, None] + ring).reshape(-1, 2)
         inside = self.layout.outline.contains(around).reshape(-1, _ROUND).mean(axis=1)
         return self.resistance / (2 * np.pi * inside)
 

@@ -68,6 +68,10 @@ SEPARATION = "d' is the difference between two contacts and one, in parts of the
 MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
+_AS_DRAWN = (
+    1e-3  # of what is expected of the outline: layouts are compared on sheets that have theirs
+)
+
 
 @dataclass(frozen=True)
 class Conditions:
@@ -172,8 +176,13 @@ class Expectation:
         self.layout, self.conditions = layout, conditions or Conditions()
         self.operator = operator or SheetOperator(layout)
         how = self.conditions
-        channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8)  # as good as known
-        self.prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
+        channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8, 1e-9)  # as good as known
+        prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
+        deviation, precision = prior.sheet_deviation.copy(), np.array(prior.precision)
+        cut = np.arange(self.operator.modes)[self.operator.of_rim]
+        deviation[cut] *= _AS_DRAWN
+        precision[cut, cut] /= _AS_DRAWN**2
+        self.prior = replace(prior, sheet_deviation=deviation, precision=precision)
 
     def linear(self, *centres: np.ndarray, grounded=None) -> Linear:
         """Normal equations at discs with their middles at `centres` (2,), m, each."""

@@ -52,7 +52,8 @@ def save_sensor(
     field, known, spread = operator.field, state["sheet"], state.std("sheet")
     uneven, turned = slice(0, field.count), slice(field.count, operator.of_rim.start)
     expected = [state.expected[state.slice(part)][0] for part in PARTS]
-    unit = ChannelPrior(resistance=0.0, aside=1 / operator.pitch).deviations(operator, 1.0)
+    every = np.arange(layout.electrodes)
+    unit = ChannelPrior(resistance=0.0, aside=1 / operator.pitch).deviations(operator, 1.0, every)
     expected[3] = np.sqrt(expected[3] ** 2 - unit[2][0] ** 2)  # without what radii make of them
     expected[4:] = expected[4] / unit[3][0], expected[5] / unit[4][0]  # a common way taken off
     content = {
@@ -180,8 +181,9 @@ def _expected(reader, operator):
         if not value > 0:
             section.refuse(part, value, "is not a positive number")
     gain, offset, resistance, aside, _ = found[1:]
+    every = np.arange(operator.layout.electrodes)
     prior = ChannelPrior(gain, offset, resistance, aside=aside / operator.pitch)
-    return np.concatenate([operator.deviation, *prior.deviations(operator, 1.0)])
+    return np.concatenate([operator.deviation, *prior.deviations(operator, 1.0, every)])
 
 
 def _correlation(upper, size):

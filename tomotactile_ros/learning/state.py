@@ -52,18 +52,19 @@ class SensorState:
 
     @classmethod
     def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:
-        """Nothing has been learned; `operator` with all electrodes in use."""
+        """Nothing has been learned of any electrode of the layout."""
         channels = channels or ChannelPrior()
         count = operator.layout.electrodes
-        widths = channels.deviations(operator, 1.0)
+        every = np.arange(count)
+        widths = channels.deviations(operator, 1.0, every)
         expected = np.concatenate([operator.deviation, *widths])
         mean = np.zeros(len(expected))
         mean[operator.modes : operator.modes + count] = 1.0
         covariance = np.diag(expected**2)
         resistances = slice(operator.modes + 2 * count, operator.modes + 3 * count)
-        covariance[resistances, resistances] = channels.covariance_of_resistances(operator)
+        covariance[resistances, resistances] = channels.covariance_of_resistances(operator, every)
         aside = slice(operator.modes + 3 * count, None)
-        covariance[aside, aside] = channels.covariance_of_places(operator)
+        covariance[aside, aside] = channels.covariance_of_places(operator, every)
         return cls(operator.modes, mean, covariance, expected)
 
     @property
