@@ -32,12 +32,8 @@ from tomotactile_ros.devices import (
     make_device,
     protocol,
 )
-from tomotactile_ros.devices.serial import (
-    FIRST_RETRY,
-    LAST_RETRY,
-    SerialDevice,
-    retry_delays,
-)
+from tomotactile_ros.devices.line_device import FIRST_RETRY, LAST_RETRY, retry_delays
+from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.errors import InputError
 

@@ -6,7 +6,7 @@ connect -> identify -> set the rate, start -> stream, and from the beginning aft
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 from tomotactile_ros.devices import protocol
@@ -16,7 +16,7 @@ from tomotactile_ros.devices.assembly import (
     RowsOfFrame,
     RunAssembler,
 )
-from tomotactile_ros.devices.base import Frame, ThreadedDevice
+from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.capture import Capture
 from tomotactile_ros.devices.clock import DeviceClock
 from tomotactile_ros.devices.conversation import ANSWER_TIME, Conversation, check_identity
@@ -24,10 +24,9 @@ from tomotactile_ros.devices.delay import RoundTrips
 from tomotactile_ros.devices.doubts import Doubts
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.line import Line, LineFault, open_line
+from tomotactile_ros.devices.line_device import SILENCE, SILENT_FRAMES, LineDevice
 from tomotactile_ros.devices.world import Settings, World
 
-FIRST_RETRY, LAST_RETRY = 0.05, 0.5
-SILENCE, SILENT_FRAMES = 1.0, 3.0
 RATE_TOLERANCE = 1.5
 LATE_PERIOD, LATE_BUT_USED = 2.0, 60.0
 EMPTYING_TIME = 60.0
@@ -35,15 +34,7 @@ KEEP_ALIVE_PERIOD, KEEP_ALIVE_TIMEOUT = 1.0, 5.0
 LEAST_STEP = 1e-6  # s from one stamp of rows to the next
 
 
-def retry_delays(first: float = FIRST_RETRY, last: float = LAST_RETRY) -> Iterator[float]:
-    """Yield the waits between attempts to connect, s: doubled each time, never above `last`."""
-    delay = first
-    while True:
-        yield delay
-        delay = min(2.0 * delay, last)
-
-
-class SerialDevice(ThreadedDevice):
+class SerialDevice(LineDevice):
     """Frames from hardware that speaks the wire protocol.
 
     Parameters
@@ -84,12 +75,10 @@ class SerialDevice(ThreadedDevice):
         capture: str = "",
         opener: Callable[[str, int], Line] = open_line,
     ) -> None:
-        super().__init__(electrodes, rate)
+        super().__init__(port, electrodes, baud, rate, opener)
         self.identity: protocol.Identity | None = None
-        self._port, self._baud = port, baud
         self._partial, self._address = partial_frames, address
         self._capture_path = capture
-        self._world = World(self._stop, self._changed, self._settings_now, opener)
         self._reset()
 
     def _reset(self) -> None:
@@ -106,9 +95,6 @@ class SerialDevice(ThreadedDevice):
         self._answers_ignored = 0
         self._stale_at = self._row_stamp = -math.inf
         self.identity = None
-
-    def _settings_now(self) -> Settings:
-        return Settings(self._rate, self._streaming, self._scan)
 
     def open(
         self,
@@ -160,12 +146,6 @@ class SerialDevice(ThreadedDevice):
         self._on_frame, self._on_rows, self._world = on_frame, on_rows, world
         self._run()
 
-    def _now(self) -> float:
-        return self._world.now()
-
-    def _stopped(self) -> bool:
-        return self._world.stopped()
-
     def _troubles(self) -> list[Trouble]:
         """As of every device; also a refused wish, a fault of the device, a wrong rate."""
         found = super()._troubles() + self._doubts.troubles()
@@ -200,38 +180,19 @@ class SerialDevice(ThreadedDevice):
             "low_latency": float(self._low_latency),
         }
 
-    def _run(self) -> None:
-        delays = retry_delays()
+    def _understood(self) -> int:
+        return self._connections
+
+    def _talk(self, line: Line) -> None:
+        self._low_latency, self._found = line.low_latency, line.name
+        if self._state[0] in ("closed", "disconnected"):
+            self._set_state("identifying", f"asking {self._port} for its identity")
+        talk = Conversation(line, self._parser, self._world, self._address)
         while not self._stopped():
-            connections = self._connections
-            try:
-                self._one_connection()
-            except LineFault as fault:
-                self._report(fault)
-            if self._connections > connections:
-                delays = retry_delays()
-            if not self._stopped():
-                self._world.wait(next(delays))
-
-    def _one_connection(self) -> None:
-        line = self._world.open(self._port, self._baud)
-        if line is None:
-            return
-        try:
-            self._low_latency, self._found = line.low_latency, line.name
-            if self._state[0] in ("closed", "disconnected"):
-                self._set_state("identifying", f"asking {self._port} for its identity")
-            talk = Conversation(line, self._parser, self._world, self._address)
-            while not self._stopped():
-                identity = talk.identify(self._report)
-                if identity is not None:
-                    self._accept(identity)
-                    self._stream(talk)
-        finally:
-            line.close()
-
-    def _report(self, fault: LineFault) -> None:
-        self._set_state(fault.state, str(fault))
+            identity = talk.identify(self._report)
+            if identity is not None:
+                self._accept(identity)
+                self._stream(talk)
 
     def _accept(self, identity: protocol.Identity) -> None:
         check_identity(identity, self._electrodes, self._found)

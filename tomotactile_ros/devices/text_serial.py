@@ -7,17 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tomotactile_ros.devices.base import Frame, ThreadedDevice, rows_of
-from tomotactile_ros.devices.line import Line, LineFault, open_line
-from tomotactile_ros.devices.serial import SILENCE, SILENT_FRAMES, retry_delays
+from tomotactile_ros.devices.base import Frame, rows_of
+from tomotactile_ros.devices.line import Line, open_line
+from tomotactile_ros.devices.line_device import SILENCE, SILENT_FRAMES, LineDevice
 from tomotactile_ros.devices.text import TextFrame, TextFrames, volts_per_unit
-from tomotactile_ros.devices.world import Settings, World
 
 STALE = 0.1  # s from the opening: what comes until then has waited on the line
 LEAST_STEP = 1e-4  # s from one stamp to the next
 
 
-class TextSerialDevice(ThreadedDevice):
+class TextSerialDevice(LineDevice):
     """Frames from lines of text; their times are those at which the lines arrive.
 
     Parameters
@@ -45,15 +44,11 @@ class TextSerialDevice(ThreadedDevice):
         rate: float = 0.0,
         opener: Callable[[str, int], Line] = open_line,
     ) -> None:
-        super().__init__(electrodes, rate)
-        self._port, self._baud, self._drive_voltage = port, baud, drive_voltage
+        super().__init__(port, electrodes, baud, rate, opener)
+        self._drive_voltage = drive_voltage
         self._volts = volts_per_unit(text_format, drive_voltage)
-        self._world = World(self._stop, self._changed, self._settings, opener)
         self._text = TextFrames(electrodes, range(electrodes))
-        self._connections, self._bytes = 0, 0
-
-    def _settings(self) -> Settings:
-        return Settings(self._rate, self._streaming, self._scan)
+        self._bytes = 0
 
     def _counters(self) -> dict[str, float]:
         text = self._text
@@ -68,38 +63,25 @@ class TextSerialDevice(ThreadedDevice):
     def _run(self) -> None:
         self._text = TextFrames(self._electrodes, range(self._electrodes))
         self._connections, self._bytes, self._period, self._stamp = 0, 0, 0.0, -math.inf
-        delays = retry_delays()
-        while not self._stopped():
-            heard = self._bytes
-            try:
-                self._one_connection()
-            except LineFault as fault:
-                self._set_state(fault.state, str(fault))
-            if self._bytes > heard:
-                delays = retry_delays()
-            if not self._stopped():
-                self._world.wait(next(delays))
+        super()._run()
 
-    def _one_connection(self) -> None:
-        line = self._world.open(self._port, self._baud)
-        if line is None:
-            return
-        try:
-            self._set_state("identifying", f"reading lines from {line.name}")
-            self._connections += 1
-            self._text.restart()
-            heard = begin = self._now()
-            while not self._stopped():
-                data, arrival = self._world.read(line, 0.1)
-                self._bytes += len(data)
-                if data:
-                    heard = arrival
-                    if arrival - begin > STALE:
-                        self._take(data, arrival, line)
-                elif arrival - heard > max(SILENCE, SILENT_FRAMES * self._period):
-                    self._set_state("silent", f"port: {line.name} sends nothing")
-        finally:
-            line.close()
+    def _understood(self) -> int:
+        return self._bytes
+
+    def _talk(self, line: Line) -> None:
+        self._set_state("identifying", f"reading lines from {line.name}")
+        self._connections += 1
+        self._text.restart()
+        heard = begin = self._now()
+        while not self._stopped():
+            data, arrival = self._world.read(line, 0.1)
+            self._bytes += len(data)
+            if data:
+                heard = arrival
+                if arrival - begin > STALE:
+                    self._take(data, arrival, line)
+            elif arrival - heard > max(SILENCE, SILENT_FRAMES * self._period):
+                self._set_state("silent", f"port: {line.name} sends nothing")
 
     def _take(self, data: bytes, arrival: float, line: Line) -> None:
         order = list(self._scan or range(self._electrodes))
