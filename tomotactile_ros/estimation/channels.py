@@ -51,13 +51,11 @@ class ChannelPrior:
     ) -> np.ndarray:
         """(2 n, 2 n) m², of ways aside in x of all, then in y: all that electrodes may have but a common
         shift, turn and scale, since places are told relative to them."""
-        x, y = operator.layout.positions[operator.used if among is None else among].T
-        one, none = np.ones(len(x)), np.zeros(len(x))
-        common = np.array([[*one, *none], [*none, *one], [*x, *y], [*-y, *x]])
-        ways, size, _ = np.linalg.svd(common.T / operator.pitch, full_matrices=False)
-        ways = ways[:, size > 1e-6 * size[0]]
-        apart = np.eye(2 * len(x)) - (1 - _TOGETHER**2) * ways @ ways.T
-        return (self.aside * operator.pitch) ** 2 * apart
+        return (self.aside * operator.pitch) ** 2 * _scaled_in_common(operator, among, _TOGETHER)
+
+    def precision_of_places(self, operator: SheetOperator) -> np.ndarray:
+        """(2 n, 2 n) 1/m², inverse of the covariance of electrodes in use."""
+        return _scaled_in_common(operator, None, 1 / _TOGETHER) / (self.aside * operator.pitch) ** 2
 
     def deviations(
         self, operator: SheetOperator, drive: float, among: np.ndarray | None = None
@@ -68,3 +66,16 @@ class ChannelPrior:
         count = len(resistance)
         gain, offset = np.full(count, self.gain), np.full(count, self.offset / drive)
         return gain, offset, resistance, aside[:count], aside[count:]
+
+
+def _scaled_in_common(
+    operator: SheetOperator, among: np.ndarray | None, scale: float
+) -> np.ndarray:
+    """(2 n, 2 n) covariance of ways of variance 1 whose common shift, turn and scale have the deviation
+    `scale`."""
+    x, y = operator.layout.positions[operator.used if among is None else among].T
+    one, none = np.ones(len(x)), np.zeros(len(x))
+    common = np.array([[*one, *none], [*none, *one], [*x, *y], [*-y, *x]])
+    ways, size, _ = np.linalg.svd(common.T / operator.pitch, full_matrices=False)
+    ways = ways[:, size > 1e-6 * size[0]]
+    return np.eye(2 * len(x)) + (scale**2 - 1) * ways @ ways.T

@@ -9,9 +9,9 @@ A sheet whose conductance is sigma exp(m(x)) instead of sigma changes them by (f
 
     dY0_nk = int sigma m grad H_n . grad H_k,     dH_n(x) = - int sigma m grad D_x . grad H_n
 
-and D near x by the factor exp(-m(x)); a rim that is not where it was drawn, see `rim`. For pairs of electrodes that see each other the first is
-taken as a change of the logarithm, which is right to second order for a field that varies slowly
-between them. A uniform anisotropy exchanges m grad . grad for the difference of the parts along and
+and D near x by the factor exp(-m(x)). What a rim does that is not where it was drawn, `rim` says. For
+pairs of electrodes that see each other the first is taken as a change of the logarithm, which is right
+to second order for a field that varies slowly between them. A uniform anisotropy exchanges m grad . grad for the difference of the parts along and
 across (Polydorides and Lionheart 2002 derive such sensitivities for electrical impedance
 tomography).
 """

@@ -141,9 +141,8 @@ class Prior:
         precision[resistances, resistances] = np.linalg.inv(
             channels.covariance_of_resistances(operator)
         )
-        precision[modes + 3 * count :, modes + 3 * count :] = np.linalg.inv(
-            channels.covariance_of_places(operator)
-        )
+        aside = slice(modes + 3 * count, None)
+        precision[aside, aside] = channels.precision_of_places(operator)
         return cls(
             radius,
             0.6,

@@ -2,8 +2,9 @@
 
 The cut outline is the drawn one under a bilinear map: each side of its bounding box lies farther out
 by some way and is askew by another, all between follow. That is a sheet too large, shifted against
-the electrodes, turned, stretched or cut askew. Where the rim moves outwards by d it gains a strip of sheet, along which the
-potentials of the sheet drive a current (Hadamard's formula for a boundary without flow through it):
+the electrodes, turned, stretched or cut askew. Where the rim moves outwards by d it gains a strip of
+sheet, along which the potentials of the sheet drive a current (Hadamard's formula for a boundary
+without flow through it):
 
     dY0_nk = int sigma d (t . grad H_n) (t . grad H_k) ds
     dH_n(x) = - int sigma d (t . grad D_x) (t . grad H_n) ds
@@ -18,6 +19,7 @@ import numpy as np
 from tomotactile_ros.layouts.outline import Outline
 
 SIDES = "left", "right", "bottom", "top"
+WAYS = 2 * len(SIDES)  # how far out each side lies, and how far askew
 # m, standard deviation of how far out each side lies, and of its ends against its middle: cut by hand
 CUT, ASKEW = 1e-3, 0.5e-3
 
@@ -49,7 +51,7 @@ class Rim:
             [s * (1 + s * part[i]) / 2 * outwards.T[i] for i in range(2) for s in (-1, 1)]
         )
         self.ways = np.concatenate([moved, moved * np.repeat(part[::-1], 2, axis=0)])
-        self.deviation = np.repeat([CUT, ASKEW], 4)
+        self.deviation = np.repeat([CUT, ASKEW], len(SIDES))
 
     def changes(self, shares: np.ndarray, resistance: float):
         """(8, R, n) currents along the strips per way, A/m, and (8, n, n) dY0, S/m, of

@@ -68,9 +68,8 @@ SEPARATION = "d' is the difference between two contacts and one, in parts of the
 MEMORY = 8e6  # bytes for each electrode while it is found out: 1.5 GB for 256, 3.0 for 400
 _DISC = np.array([True, True, True, True, False, False])  # free: x, y, ln c, ln a
 
-_AS_DRAWN = (
-    1e-3  # of what is expected of the outline: layouts are compared on sheets that have theirs
-)
+# of what is expected of the outline: layouts are compared on sheets that have theirs
+_AS_DRAWN = 1e-3
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.rim import WAYS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.state import PARTS, SensorState
@@ -130,7 +131,7 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     values = _unpack(sheet, "modes", len(places) * modes).reshape(len(places), modes)
     rim, cut = np.zeros(0), np.zeros(0)
     if _RIM in reader:
-        rim, cut = (np.array(reader.numbers(f"{_RIM}{end}", 8)) for end in ("", "_deviation"))
+        rim, cut = (np.array(reader.numbers(f"{_RIM}{end}", WAYS)) for end in ("", "_deviation"))
     mean = np.concatenate([coefficients, anisotropy, rim, *(channels[part] for part in parts)])
     deviation = np.concatenate(
         [spread, anisotropic, cut, *(channels[f"{part}_deviation"] for part in parts)]
@@ -141,9 +142,10 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     correlation = _correlation(_unpack(reader, "correlation", size * (size - 1) // 2), size)
     covariance = correlation * deviation[:, None] * deviation
     expected = _expected(reader, operator)
-    lacking = np.zeros(modes + 10 + (len(PARTS) - 1) * count, bool)  # of earlier files
-    lacking[modes + 2 : modes + 10] = _RIM not in reader
-    lacking[modes + 10 + len(parts) * count :] = True
+    of_sheet = modes + 2 + WAYS
+    lacking = np.zeros(of_sheet + (len(PARTS) - 1) * count, bool)  # of earlier files
+    lacking[modes + 2 : of_sheet] = _RIM not in reader
+    lacking[of_sheet + len(parts) * count :] = True
     unknown = np.concatenate([np.zeros(modes), expected[operator.field.count :]])
     whole = np.diag(np.where(lacking, unknown, 0.0) ** 2)
     whole[np.ix_(~lacking, ~lacking)] = covariance
@@ -219,7 +221,8 @@ def _in_modes(operator, places, values, mean, covariance, expected, counts) -> S
     new = (ways * np.where(size > 1e-3, size, 0.0)) @ ways.T  # modes that the file does not have
     covariance[:own, :own] += new * expected[0] ** 2
     return replace(
-        SensorState(own + 10, whole @ mean, (covariance + covariance.T) / 2, expected), **counts
+        SensorState(own + 2 + WAYS, whole @ mean, (covariance + covariance.T) / 2, expected),
+        **counts,
     )
 
 

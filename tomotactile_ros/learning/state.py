@@ -18,7 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.rim import SIDES
+from tomotactile_ros.estimation.rim import WAYS
 
 PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
@@ -172,8 +172,8 @@ class SensorState:
         count, hours = self.electrodes, max(seconds, 0.0) / _HOUR
         rates = np.concatenate(
             [
-                np.full(self.modes - 2 * len(SIDES), SHEET_WALK),
-                np.zeros(2 * len(SIDES)),  # once cut
+                np.full(self.modes - WAYS, SHEET_WALK),
+                np.zeros(WAYS),  # once cut
                 np.full(count, GAIN_WALK),
                 np.full(count, OFFSET_WALK),
                 np.full(count, RESISTANCE_WALK),
