@@ -261,6 +261,29 @@ def check_diagnostics(probe: Probe, status: str, level: bytes, text: str) -> Non
     probe.wait_for(DiagnosticArray, "/diagnostics", suits)
 
 
+_OF_A_BUSY_MACHINE = (
+    "% of the rows",
+    "% of the frames were not used",
+    "the deadline came",
+    "s old: ",
+)
+
+
+def check_images(probe: Probe, status: str) -> None:
+    """Images are made, and nothing is wrong but what a machine with other work brings with it."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    def well(s) -> bool:
+        parts = s.message.split("; ")
+        busy = all(any(text in part for text in _OF_A_BUSY_MACHINE) for part in parts)
+        return busy or (s.level == DiagnosticStatus.OK and s.message == "images are made")
+
+    def suits(message) -> bool:
+        return any(s.name == status and well(s) for s in message.status)
+
+    probe.wait_for(DiagnosticArray, "/diagnostics", suits)
+
+
 def has_logged(probe: Probe, process: Process, level: str, text: str) -> None:
     """A program's log has a line of this level (INFO, WARN, ERROR) with a text, soon at least."""
 

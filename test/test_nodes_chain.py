@@ -34,9 +34,7 @@ def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):
     ros_checks.check_diagnostics(
         probe, "driver: device", DiagnosticStatus.OK, "simulated, 15.625 frames/s"
     )
-    ros_checks.check_diagnostics(
-        probe, "reconstruction: reconstruction", DiagnosticStatus.OK, "images are made"
-    )
+    ros_checks.check_images(probe, "reconstruction: reconstruction")
     ros_checks.check_tare(probe)
     ends_cleanly(reconstruction)
     ends_cleanly(driver, signal.SIGTERM)

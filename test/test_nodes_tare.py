@@ -83,7 +83,7 @@ def test_a_tare_that_cannot_be_used_again_is_told(probe, start, light, tmp_path)
         probe, STATUS, DiagnosticStatus.WARN, "restarted without its tare: "
     )
     assert probe.call(Trigger, "/reconstruction/tare").success
-    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.OK, "images are made")
+    ros_checks.check_images(probe, STATUS)
 
 
 def test_a_named_tare_is_kept_from_start_to_start(probe, start, scene, tmp_path):
