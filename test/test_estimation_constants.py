@@ -24,7 +24,6 @@ INTERNAL = {
         "tables._BLOCK",
     ),
     *(
-        "follow._NOT_READ",
         "estimator._SAME_TIME",
         "follow._COST",
         "scatter._OF_NORMAL",

@@ -696,17 +696,17 @@ def test_what_a_sheet_changes_is_the_integral_over_its_elements(layout):
     sigma = np.abs(twice) / 2 / layout.sheet_resistance
     of_share = slope @ (inverse @ fed)[:-1].T[fem.unknown[mesh.triangles]]
     of_green = slope @ green[fem.unknown[mesh.triangles]]
-    at_places = field.cell_values(places)
+    at_places, nodes = field.cell_values(places), np.arange(len(places))
     for mode in (0, 7, field.count - 1):
         values = field.modes[field.owner, mode]
         change = -np.einsum("t,tdq,tdn->qn", sigma * values, of_green, of_share, optimize=True)
         whole = -np.einsum("t,tdq,tdn->qn", sigma, of_green, of_share, optimize=True)
         change -= at_places[:, [mode]] * whole
-        found = operator.share_table[:, mode]
+        found = operator.added_at(np.eye(operator.modes)[mode], nodes).T
         assert found == pytest.approx(change, abs=2e-6 * float(np.abs(change).max()))
     along = np.einsum("t,tq,tn->qn", sigma, of_green[:, 0], of_share[:, 0], optimize=True)
     across = np.einsum("t,tq,tn->qn", sigma, of_green[:, 1], of_share[:, 1], optimize=True)
-    found = operator.share_table[:, field.count]
+    found = operator.added_at(np.eye(operator.modes)[field.count], nodes).T
     assert found == pytest.approx(across - along, abs=2e-6 * float(np.abs(found).max()))
 
 

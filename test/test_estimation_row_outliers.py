@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_outliers import WRONG, outliers
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.scenes.channels import Channels
@@ -105,14 +108,19 @@ def test_one_row_knows_electrodes_aside_as_frames_do():
     operator = SheetOperator(LAYOUT)
     forms = np.array([[*PLACE, -9.5, np.log(0.006), 0.0, 0.0]])
     free = np.array([[True] * 4 + [False] * 2])
-    unknowns = Unknowns.at_rest(operator).with_contacts(forms, (5,), free)
-    for ground in (0, 27):
-        whole = Prediction(operator, unknowns, np.array([ground]))
-        columns, ways = (each[:, 0] for each in whole.aside)
-        touches = whole.touches
-        seen = operator.displacement.fields(), ground, whole.ratio[0], whole.own[0]
-        across = np.diag(1 / (whole.conductances[0] * touches.weight)) + touches.impedance
-        fed = np.linalg.solve(across, touches.share.T).T
-        patches = touches.places, touches.share, fed
-        own, others = operator.displacement.row(*seen, whole.impedance, *patches)
-        assert np.allclose(own, columns) and np.allclose(others, ways)
+    flat = Unknowns.at_rest(operator).with_contacts(forms, (5,), free)
+    known = Known.before(Prior.unknown(operator, ChannelPrior(), 0.006, DRIVE), 1e-6)
+    shift, aside = np.zeros(len(known.shift_deviation)), np.zeros((2, operator.count))
+    rows = np.array([0, 27])
+    for which in (9, 27, 28):
+        moved = aside.copy()
+        moved[:, which] = 3e-4, -4e-4
+        ends = []
+        for at in (aside, moved):
+            whole = Prediction(operator, replace(flat, aside=at), rows).readings
+            model = RowModel(operator, replace(known, aside=at))
+            row = [model.row(forms[:, :4], each, shift).readings for each in rows]
+            ends.append((whole, np.array(row)))
+        (whole, row), (whole_moved, row_moved) = ends
+        change = whole_moved - whole
+        assert np.abs(row_moved - row - change).max() < 0.05 * np.abs(change).max()

@@ -8,8 +8,7 @@ from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.row_model import Known
-from tomotactile_ros.estimation.row_shares import Shares
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.touch import Touches
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -41,6 +40,12 @@ def disc(operator, distance, conductance=1e-4, radius=RADIUS):
     return contact
 
 
+def shares_of(operator):
+    """H and its slopes of discs on an even sheet, as rows have them."""
+    prior = Prior.unknown(operator, ChannelPrior(), RADIUS, DRIVE)
+    return RowModel(operator, Known.before(prior, (NOISE / DRIVE) ** 2)).shares
+
+
 def shares_of_patches(operator, contact):
     """(n,) what all patches together feed into each electrode while all are at one voltage, of their sum."""
     flat = Unknowns.at_rest(operator)
@@ -54,7 +59,7 @@ def shares_of_patches(operator, contact):
 @pytest.mark.parametrize("conductance", [2e-5, 2e-4])
 def test_shares_are_those_of_many_patches(operator, millimetres, conductance):
     contact = disc(operator, 1e-3 * millimetres, conductance)
-    found = Shares(operator, np.zeros(operator.modes)).at(contact[None, :4])[0][0]
+    found = shares_of(operator)(contact[None, :4])[0][0]
     assert found.sum() == pytest.approx(1.0, abs=1e-9)
     wanted = shares_of_patches(operator, contact)
     assert np.abs(found - wanted).max() < 0.015  # the mean over the disc is off by up to 0.04
@@ -65,18 +70,15 @@ def test_shares_are_those_of_many_patches(operator, millimetres, conductance):
 
 @pytest.mark.parametrize("millimetres", [1.5, 3, 4.5, 6])
 def test_slopes_are_those_of_the_shares(operator, millimetres):
-    shares, contact = (
-        Shares(operator, np.zeros(operator.modes)),
-        disc(operator, 1e-3 * millimetres),
-    )
+    shares, contact = shares_of(operator), disc(operator, 1e-3 * millimetres)
     step = 2 * operator.pitch / 256
-    found = shares.at(contact[None, :4])[1][0]
+    found = [each[0] for each in shares(contact[None, :4])[1]]
     for axis in range(2):
         ends = []
         for sign in (1, -1):
             moved = contact[:4].copy()
             moved[axis] += sign * step
-            ends.append(shares.at(moved[None])[0][0])
+            ends.append(shares(moved[None])[0][0])
         true = (ends[0] - ends[1]) / (2 * step)
         assert np.abs(found[axis] - true).max() < 0.1 / operator.pitch
 

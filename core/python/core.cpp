@@ -12,6 +12,7 @@
 #include "tomotactile/equations.hpp"
 #include "tomotactile/first_look.hpp"
 #include "tomotactile/linear_algebra.hpp"
+#include "tomotactile/rows.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -211,6 +212,29 @@ std::shared_ptr<Tables> tables(const py::dict& of) {
   t->nodes = matrix(array_of("nodes"), "nodes").transpose();
   t->complete();
   return t;
+}
+
+Read read(const Booleans& valid) {  // of a row
+  if (valid.ndim() != 1) refuse("valid", "of truth values of one dimension");
+  return Read(valid.data(), valid.data() + valid.size());
+}
+
+Matrix mutual_of(const py::object& mutual) { return mutual.is_none() ? Matrix() : matrix(mutual.cast<Array>(), "mutual"); }
+
+// A square array as it lies in memory.
+Eigen::Map<const Matrix> square(const Array& a, const char* name) {
+  if (a.ndim() != 2 || a.shape(0) != a.shape(1)) refuse(name, "(S, S)");
+  return {a.data(), a.shape(0), a.shape(0)};
+}
+
+std::shared_ptr<RowModel> row_model(const py::object& operator_, const py::object& known, const Array& alone, const Array& aside,
+                                    const Array& unsure, const Array& impedance, const Array& fields, bool background) {
+  const auto of = [&](const char* name) { return vector(known.attr(name).cast<Array>(), name); };
+  Sensor sensor{of("sheet"), of("gain"), of("offset"), of("resistance"),
+                vector(py::sequence(known.attr("deviations"))[2].cast<Array>(), "deviations"),
+                matrix<Eigen::MatrixX2d>(aside, "aside"), matrix<Eigen::MatrixX2d>(unsure, "unsure"), vector(alone, "variance")};
+  return std::make_shared<RowModel>(behind<Sheet>(operator_), std::move(sensor), matrix(impedance, "impedance"), two(fields, "fields"),
+                                    background);
 }
 
 py::object solution(const Solution& found) {
@@ -496,6 +520,63 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
     { Free free; found = solve(fit, steps, known, goal, most); }
     return solution(found);
   }, "fit"_a, "steps"_a, "known"_a, "goal"_a, "most"_a);
+
+  py::class_<Row>(m, "Row")
+      .def_property_readonly("readings", [](const Row& r) { return array(r.readings); })
+      .def_property_readonly("driven", [](const Row& r) { return array(r.driven); })
+      .def_property_readonly("variance", [](const Row& r) { return array(r.variance); })
+      .def_property_readonly("ratio", [](const Row& r) { return array(r.ratio); })
+      .def_property_readonly("changes", [](const Row& r) { return array(r.changes); })
+      .def_property_readonly("common", [](const Row& r) { return array(r.common); })
+      .def_readonly("own", &Row::own)
+      .def_property_readonly("spread", [](const Row& r) { return array(r.spread); })
+      .def_property_readonly("matrix", [](const Row& r) { return array(r.matrix); })
+      .def_property_readonly("lifted", [](const Row& r) { return array(r.lifted); });
+  py::class_<RowFit>(m, "RowFit")
+      .def_property_readonly("mean", [](const RowFit& f) { return array(f.mean); })
+      .def_readonly("chi_squared", &RowFit::chi_squared)
+      .def_readonly("row", &RowFit::row)
+      .def_property_readonly("misfit", [](const RowFit& f) { return array(f.misfit); })
+      .def_property_readonly("root", [](const RowFit& f) { return f.root; })
+      .def_property_readonly("cost", &RowFit::cost)
+      .def("corrected", [](const RowFit& f, const Array& covariance) {
+        square(covariance, "covariance");
+        Array out({covariance.shape(0), covariance.shape(1)});
+        Eigen::Map<Matrix> after(out.mutable_data(), out.shape(0), out.shape(0));
+        after = square(covariance, "covariance");
+        { Free free; f.correct(after); }
+        return out;
+      }, "covariance"_a);
+  py::class_<RowModel, std::shared_ptr<RowModel>>(m, "RowModel")
+      .def(py::init(&row_model), "operator"_a, "known"_a, "alone"_a, "aside"_a, "unsure"_a, "impedance"_a, "fields"_a, "background"_a)
+      .def("shares", [](const RowModel& model, const Array& contacts) {
+        Matrix share;
+        std::array<Matrix, 2> slopes;
+        model.shares(matrix<Discs>(contacts, "contacts", 4), share, slopes);
+        return py::make_tuple(array(share), py::make_tuple(array(slopes[0]), array(slopes[1])));
+      }, "contacts"_a)
+      .def("row", [](const RowModel& model, const Array& contacts, Index ground, const Array& shift, const py::object& mutual,
+                     const py::object& valid) {
+        const Read all(model.count(), true);
+        return model.row(matrix<Discs>(contacts, "contacts", 4), ground, vector(shift, "shift"), mutual_of(mutual),
+                         valid.is_none() ? all : read(valid.cast<Booleans>()));
+      }, "contacts"_a, "ground"_a, "shift"_a, "mutual"_a = py::none(), "valid"_a = py::none())
+      .def("idle_fit", [](const RowModel& model, const Array& mean, const Array& readings, const Booleans& valid) {
+        return model.idle_fit(vector(mean, "mean"), vector(readings, "readings"), read(valid));
+      }, "mean"_a, "readings"_a, "valid"_a)
+      .def("fit", [](const RowModel& model, const Array& mean, const Array& covariance, const Array& sizes, const py::object& mutual,
+                     const Array& readings, const Booleans& valid, Index ground, int steps, const py::object& start, bool learns) {
+        const Vector before = vector(mean, "mean"), size = vector(sizes, "sizes"), row = vector(readings, "readings");
+        const Vector first = start.is_none() ? Vector() : vector(start.cast<Array>(), "start");
+        const Matrix between = mutual_of(mutual);
+        const Read which = read(valid);
+        const Eigen::Map<const Matrix> known = square(covariance, "covariance");
+        Free free;
+        return model.fit(before, known, size, between, row, which, ground, steps, first.size() ? &first : nullptr, learns);
+      }, "mean"_a, "covariance"_a, "sizes"_a, "mutual"_a, "readings"_a, "valid"_a, "ground"_a, "steps"_a, "start"_a, "learns"_a)
+      .def("limited", [](const RowModel& model, const Array& now, const Array& wanted, Index contacts) {
+        return array(model.limited(vector(now, "now"), vector(wanted, "wanted"), contacts));
+      }, "now"_a, "wanted"_a, "contacts"_a);
   m.attr("REACH") = kReach;
   m.attr("REACH_STRENGTH") = kReachStrength;
   m.attr("SIMILAR") = kSimilar;

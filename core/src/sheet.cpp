@@ -155,7 +155,7 @@ std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
 // H of discs, and its slopes: G is harmonic, its mean over a disc that at the centre, but where the disc reaches an
 // electrode, a ring: there the logarithm is averaged over the disc and the ring, the mean over the narrower one being a
 // quarter of its radius squared times the Laplacian, as far as that is within.
-void Sheet::discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
+void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
   const Tables& t = *tables_;
   const Index n = count();
   Matrix potentials = potentials_at(places);
@@ -180,8 +180,12 @@ void Sheet::discs_at(const Points& places, double radius, Matrix& share, std::ar
   const auto inverse = t.inverse.topLeftCorner(n, n);
   share = (inverse * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
   for (Matrix& each : slopes) each = (inverse.transpose() * each).eval();
+}
+
+void Sheet::discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
+  even_discs_at(places, radius, share, slopes);
   if (about_even()) return;
-  const Around around(t.coarse, places);
+  const Around around(tables_->coarse, places);
   const Matrix added = share_added(mean_, around.nodes);
   share += around.values(added);
   slopes[0] += around.along_x(added, 0, places.cols()), slopes[1] += around.along_y(added, 0, places.cols());

@@ -19,8 +19,7 @@ from scipy.linalg.lapack import dtrtrs
 from scipy.special import ndtri
 
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.row_model import Row, RowModel
-from tomotactile_ros.estimation.row_shares import even_shares
+from tomotactile_ros.estimation.row_model import RowModel
 from tomotactile_ros.layouts.grid import Grid
 
 HOURS, RATE = 10.0, 1000.0  # h, rows/s: noise alone shows one contact in so long
@@ -39,8 +38,9 @@ class Births:
         self._operator = operator
         across = int(np.ceil(max(operator.layout.outline.size) / operator.pitch * _PER_PITCH))
         self.places = Grid.for_outline(operator.layout.outline, max(across, 2)).pixels
-        self._even = even_shares(operator, self.places, np.full(len(self.places), radius))
-        self._stencil = operator.lattice.stencil(self.places)
+        discs = np.zeros((len(self.places), 4))
+        discs[:, :2], discs[:, 3] = self.places, np.log(radius)
+        self._discs = discs
         false_alarms = 1 / (HOURS * 3600 * RATE)
         self.threshold = float(ndtri(false_alarms / (_SUMS * len(self.places))) ** 2)
         self._limit = float(operator.admittance.diagonal().max())
@@ -50,15 +50,15 @@ class Births:
         """(2, K) sums over rows before any row."""
         return np.zeros((2, len(self.places)))
 
-    def look(self, model: RowModel, row: Row, ground: int, misfit, root, sums, gain):
+    def look(self, model: RowModel, fit, ground: int, sums, gain):
         """Gains (K,) of this row or with those before, conductances (K,), S, and the sums to go on
         with.
 
-        misfit (n,) of the readings; root (n, n) lower Cholesky factor of its covariance; gain (n,)
-            of channels
+        fit : what the model says of the row without it; gain (n,) of channels
         """
+        row, misfit, root = fit.row, fit.misfit, fit.root
         if self._model is not model:
-            self._shares = self._even + model.shares.added(self._stencil)
+            self._shares = model.shares(self._discs)[0].T
             self._spread = model.impedance @ self._shares
             self._model = model
         share, spread = self._shares, self._spread
@@ -67,7 +67,7 @@ class Births:
             z = model.impedance[ground]
             shape = spread - z[:, None] - z @ share + z[ground]
         else:
-            ones, others = row.added()
+            ones, others = _added(row)
             shape = spread - others.T @ (ones @ share)
         own = np.einsum("nk,nk->k", share, shape)
         driven = row.ratio @ share
@@ -93,3 +93,11 @@ class Births:
             if all(np.hypot(*(place - f[:2])) > _APART * self._operator.pitch for f in found):
                 found.append(np.array([*place, np.log(conductances[each])]))
         return found
+
+
+def _added(row) -> tuple[np.ndarray, np.ndarray]:
+    """Of the rank that the contacts of a `row`, the grounded electrode and the floating sheet add to Zb:
+    two (k + 2, n) with M = Zb - ones^T others."""
+    ones = np.concatenate([row.spread, [row.own * row.ratio, row.lifted]])
+    solved = np.linalg.solve(row.matrix, row.spread) if len(row.matrix) else row.spread
+    return ones, np.concatenate([solved, [row.ratio, -row.lifted]])

@@ -44,11 +44,9 @@ class Displacement:
 
     def __init__(self, layout: Layout, used: np.ndarray, resistance: float, potentials, inverse):
         self._centres, self._radius = layout.positions[used], layout.radius
-        self._at = self._centres @ _COMPLEX
         pitch, rectangular = float(np.median(layout.pitches)), layout.outline.is_uniform_rectangle
         mirrors = _rectangle if rectangular else _nearest
         self._mirrors = mirrors(layout.outline, self._centres, pitch)
-        self._scale = resistance / (2 * np.pi)
         turn = 2 * np.pi / _RING * np.arange(_RING)
         ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         ring = (self._centres[:, None] + _AT * self._radius * ways).reshape(-1, 2)
@@ -56,7 +54,6 @@ class Displacement:
         shares = (inverse[:-1, :-1] @ seen + inverse[:-1, -1:]).reshape(len(used), len(used), _RING)
         size = _RING / 2 * self._radius * (_AT - 1 / _AT)
         self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
-        self._between = self._kernel(self._centres)
 
     def fields(self) -> np.ndarray:
         """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0."""
@@ -70,44 +67,6 @@ class Displacement:
             each = np.broadcast_arrays(near, straight, np.ravel(turned), np.ravel(shift))
             found += [(int(n), complex(s), complex(t), complex(h)) for n, s, t, h in zip(*each)]
         return found
-
-    def row(self, at_rest, ground, ratio, own, impedance, places, share, fed):
-        """(2, n) each, of one row without gains with electrode `ground` grounded: derivatives of
-        each reading by how far aside its own electrode lies, and of all by the grounded one, 1/m.
-
-        at_rest (2, n, n) : `fields` of what else touches; the rest as for `fields` and `displaced`
-        """
-        of_patches = self._kernel(places) - self._between @ share
-        columns = of_patches @ (fed.T @ ratio) - at_rest @ ratio
-        at_ground = -columns[:, ground]
-        columns[:, ground] = 0.0
-        taken = at_rest[:, ground] - of_patches[:, ground] @ fed.T
-        moved = taken @ impedance - np.outer(taken @ impedance[ground], ratio)
-        ways = np.outer(at_ground, ratio) - moved / own
-        ways[:, ground] -= at_ground
-        return columns, ways
-
-    def _kernel(self, places):
-        """(2, n, Q) real and imaginary part of `kernel`."""
-        found = self.kernel(places)
-        return np.array([found.real, found.imag])
-
-    def kernel(self, places: np.ndarray) -> np.ndarray:
-        """(n, Q) field x + i y at the electrodes of 1 A fed in at `places` (Q, 2), V/m, without what
-        changes slowly with the place."""
-        at = places @ _COMPLEX
-        out = self._from(at, slice(None))
-        for straight, turned, shift, near in self._mirrors:
-            out[near] += self._from(straight * at + turned * at.conj() + shift, near)
-        out *= self._scale
-        return out
-
-    def _from(self, at, which):
-        """(n, Q) x + i y of the way to places `at` (Q,), x + i y, over its square, m."""
-        way = at - self._at[which][:, None]
-        near = np.abs(way.real) + np.abs(way.imag) < self._radius  # the electrode itself
-        way[near] = np.inf
-        return 1 / way.conj()
 
 
 def _inside(outline: Outline, places: np.ndarray) -> np.ndarray:

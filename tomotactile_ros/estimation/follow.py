@@ -14,18 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import other_sides
 from tomotactile_ros.estimation.births import Births
-from tomotactile_ros.estimation.equations import REACH, REACH_STRENGTH
+from tomotactile_ros.estimation.equations import REACH
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
-from tomotactile_ros.estimation.row_model import Known, Row, RowModel
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.row_outliers import outliers
 from tomotactile_ros.estimation.row_state import (
     MOVING,
@@ -51,8 +49,6 @@ _NEW_STRENGTH = 5.0  # of ln c: nothing is known of a new one
 YOUNG = 12  # rows within which a new contact may turn out to be elsewhere
 _FADING = 0.05  # s of fading that are made up for at once: a thousandth of it
 _STEPS, _FIRST_STEPS = 8, 2  # of a fit at the most; of each of several starts
-_SETTLED = 0.05  # standard deviations that a last step moves a contact
-_NOT_READ = 1e6  # variance of a reading that was not read, parts of V0 squared
 _GONE = 3.0  # standard deviations of ln c: below, it is not known that a contact conducts
 _BESIDE = 1.0  # spacings from the rim of a wide contact within which nothing begins
 _RESTED = 128  # rows: those of what has not come since, nor moves, hardly tell of the sensor
@@ -68,45 +64,19 @@ _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tr
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 
 
-class _Fit(NamedTuple):
-    """How likely a row was, and what the belief is after it.
+class _Fit:
+    """How likely a row was, and what the belief is after it: `prior`, the belief before the row, and
+    what the compiled model says."""
 
-    prior, mean : the belief before the row, and the mean after it
-    chi_squared, row, misfit (n,) what is left of the readings, root (n, n) lower Cholesky factor of
-        its covariance S
-    spread (S, n) covariance of the state with the readings; shares (m, n) those of its first m
-        numbers times root^-T: of all, or of contacts alone where the row tells nothing of the
-        sensor; None where nothing was learned at all
-    """
-
-    prior: Belief
-    mean: np.ndarray
-    chi_squared: float
-    row: Row
-    misfit: np.ndarray
-    root: np.ndarray
-    spread: np.ndarray | None = None
-    shares: np.ndarray | None = None
-
-    @property
-    def cost(self) -> float:
-        """-2 ln(likelihood), but for a constant."""
-        return self.chi_squared + 2 * float(np.log(self.root.diagonal()).sum())
+    def __init__(self, prior: Belief, found):
+        self.prior, self.found, self.mean = prior, found, found.mean
+        self.chi_squared, self.cost = found.chi_squared, found.cost
 
     def believed(self) -> Belief:
-        """The belief after the row. It takes the memory of the one before, which is lost."""
-        prior, shares = self.prior, self.shares
-        if shares is None:
-            return prior
-        covariance, own = prior.covariance, len(shares)
-        if own == len(self.mean):
-            covariance -= shares @ shares.T
-        else:
-            covariance[:own, :own] -= shares @ shares.T
-            told = dtrtrs(self.root, shares.T, lower=1, trans=1)[0].T @ self.spread[own:].T
-            covariance[:own, own:] -= told
-            covariance[own:, :own] -= told.T
-        return prior.after(self.mean, covariance, tuple(each + 1 for each in prior.rows))
+        """The belief after the row."""
+        prior, found = self.prior, self.found
+        rows = tuple(each + 1 for each in prior.rows)
+        return prior.after(self.mean, found.corrected(prior.covariance), rows)
 
 
 class Follower:
@@ -122,8 +92,6 @@ class Follower:
         self._size = np.array([np.log(radius), spread**2])
         self.births = Births(operator, radius)
         self._half = tuple(side / 2 for side in operator.layout.outline.size)
-        self._least = float(np.log(1e-6 * operator.admittance.diagonal().max()))
-        self._most = float(np.log(10 * operator.admittance.diagonal().max()))
 
     def begin(self, known: Known) -> RowState:
         """Nothing touches, no row was read."""
@@ -172,7 +140,7 @@ class Follower:
             fit = self._ended(state, fit, read, ground)
         state.unexplained = state.unexplained + 1 if fit.chi_squared > unexplained else 0
         state.belief = self._tidied(fit.believed())
-        self._passed(state, bool(np.isinf(fit.row.own)), fit.chi_squared / max(count, 1))
+        self._passed(state, bool(np.isinf(fit.found.row.own)), fit.chi_squared / max(count, 1))
 
     def wait(self, state: RowState, readings, valid, time: float) -> None:
         """Takes a row into `state` that is not believed, as a frame has to tell first: all that it says
@@ -184,7 +152,7 @@ class Follower:
         count = max(int(np.count_nonzero(valid)), 1)
         gone, most = self._gone(state.model, state.belief, (readings, valid)), _limits(count)[0]
         if gone.chi_squared > most:  # maybe a few readings are wrong
-            left, _ = outliers(gone.misfit, gone.root, valid, _AT_ONCE)
+            left, _ = outliers(gone.found.misfit, gone.found.root, valid, _AT_ONCE)
             rest = valid.copy()
             rest[left] = False
             gone = self._gone(state.model, state.belief, (np.where(rest, readings, 0.0), rest))
@@ -290,7 +258,10 @@ class Follower:
         """The likeliest of fits with so many events, without readings that are rather wrong. Those are
         not read for a frame, which can tell."""
         readings, valid = read
-        wrong = [outliers(fit.misfit, fit.root, valid, _AT_ONCE - events) for events, fit in tried]
+        wrong = [
+            outliers(fit.found.misfit, fit.found.root, valid, _AT_ONCE - events)
+            for events, fit in tried
+        ]
         costs = [
             fit.cost + events * _COST - gained for (events, fit), (_, gained) in zip(tried, wrong)
         ]
@@ -302,7 +273,7 @@ class Follower:
         valid = valid.copy()
         valid[left] = False
         readings = np.where(valid, readings, 0.0)
-        if np.isinf(best.row.own):
+        if np.isinf(best.found.row.own):
             return self._idle(state.model, best.prior, readings, valid)
         return self._fit(state.model, best.prior, (readings, valid), ground, _STEPS, best.mean)
 
@@ -315,7 +286,7 @@ class Follower:
         that belief, does not explain it."""
         sums = self.births.nothing() if state is None else state.sums
         gains, conductances, sums = self.births.look(
-            model, before.row, ground, before.misfit, before.root, sums, model.known.gain
+            model, before.found, ground, sums, model.known.gain
         )
         if state is not None:
             state.sums = sums
@@ -337,13 +308,13 @@ class Follower:
             yield found
             across = [
                 self._fit(model, begun, read, ground, _FIRST_STEPS, each)
-                for each in self._across(found)
+                for each in self._across(model, found)
             ]
             if across:
                 nearest = min(across, key=lambda each: each.cost)
                 yield self._fit(model, begun, read, ground, _STEPS, nearest.mean)
 
-    def _across(self, fit: _Fit) -> Iterator[np.ndarray]:
+    def _across(self, model: RowModel, fit: _Fit) -> Iterator[np.ndarray]:
         """The state with its last contact on the three other sides of the electrode next to it: one row
         hardly tells which side it is. None of them where no electrode is near."""
         at = STATE * (fit.prior.count - 1)
@@ -354,7 +325,7 @@ class Follower:
         for side in other_sides(place, self.operator.layout.positions[nearest[0]]):
             mean = fit.mean.copy()
             mean[at : at + 2] = side
-            yield self._limited(mean, mean.copy(), fit.prior.count)
+            yield model.limited(mean, mean, fit.prior.count)
 
     def _beside(self, wide, x, y) -> bool:
         """Whether what is new there may be a change of a wide contact: frames tell them apart."""
@@ -376,70 +347,16 @@ class Follower:
     ) -> _Fit:
         """The belief after the row, linearised `steps` times at the most, about `start` first; of
         the contacts alone where the row is not to tell of the sensor."""
-        readings, valid = read
-        if not prior.count and model.known.wide is None:
-            return self._idle(model, prior, readings, valid)
-        mean, count, n = prior.mean if start is None else start, prior.count, len(readings)
-        contacts = prior.contacts(mean)
-        mutual = model.mutual(contacts) if count > 1 else None
-        sensor, gains = STATE * count, len(mean) - n  # each gain changes its own reading alone
-        unread = np.where(valid, 0.0, _NOT_READ)
-        covariance = prior.covariance
-        for step in range(steps):
-            row = model.row(contacts, ground, mean[sensor:], mutual, valid)
-            changes, driven, common = row.changes, row.driven * valid, row.common * valid
-            way = prior.mean - mean
-            misfit = (readings - row.readings) * valid
-            if step or start is not None:
-                misfit -= way[:gains] @ changes + driven * way[gains:]
-            spread = covariance[:, :gains] @ changes
-            spread += covariance[:, gains:] * driven
-            scatter = changes.T @ spread[:gains]
-            scatter += driven[:, None] * spread[gains:]
-            scatter += common.T @ common
-            scatter.reshape(-1)[:: n + 1] += row.variance + unread
-            root = _root(scatter)
-            along, shares = _whitened(root, misfit, spread if learns else spread[:sensor])
-            chi_squared = float(along @ along)
-            wanted = prior.mean.copy()
-            wanted[: len(shares)] += shares @ along
-            taken = self._limited(mean, wanted, count)
-            moved, mean = (taken - mean)[:sensor], taken
-            if step == steps - 1:
-                break
-            known = covariance.diagonal()[:sensor] - (shares[:sensor] ** 2).sum(axis=1)
-            if (moved**2 <= _SETTLED**2 * known).all():
-                break
-            contacts = prior.contacts(mean)
-        return _Fit(prior, mean, chi_squared, row, misfit, root, spread, shares)
+        mutual = None
+        if prior.count > 1:
+            mutual = model.mutual(prior.contacts(prior.mean if start is None else start))
+        believed = prior.mean, prior.covariance, prior.sizes[:, 0], mutual
+        return _Fit(prior, model.fit(*believed, *read, ground, steps, start, learns))
 
     def _idle(self, model, prior, readings, valid) -> _Fit:
         """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
         is learned."""
-        row = model.idle()
-        left = np.where(valid, readings - row.readings, 0.0)
-        deviation = np.sqrt(np.where(valid, row.variance, _NOT_READ))
-        chi_squared = float(((left / deviation) ** 2).sum())
-        return _Fit(prior, prior.mean, chi_squared, row, left, np.diag(deviation))
-
-    def _limited(self, now, wanted, count):
-        """The way from `now` to `wanted`, cut to what one linearisation holds for, on the sheet:
-        what reaches its rim goes no further."""
-        reach, longest = REACH * self.operator.pitch, 1.0
-        for x, y, _, _, strength in _each(wanted - now, count):
-            longest = max(longest, abs(x) / reach, abs(y) / reach, abs(strength) / REACH_STRENGTH)
-        out = wanted if longest == 1 else now + (wanted - now) / longest
-        width, height = self._half
-        for i, (x, y, vx, vy, strength) in enumerate(_each(out, count)):
-            if abs(x) > width or abs(y) > height or not self._least < strength < self._most:
-                out[STATE * i] = min(max(x, -width), width)
-                out[STATE * i + 1] = min(max(y, -height), height)
-                if abs(x) > width and x * vx > 0:
-                    out[STATE * i + 2] = 0.0
-                if abs(y) > height and y * vy > 0:
-                    out[STATE * i + 3] = 0.0
-                out[STATE * i + STRENGTH] = min(max(strength, self._least), self._most)
-        return out
+        return _Fit(prior, model.idle_fit(prior.mean, readings, valid))
 
     def _tidied(self, belief: Belief) -> Belief:
         """Without contacts of which it is no longer known that they conduct, and of which two are
@@ -467,20 +384,3 @@ def _each(mean: np.ndarray, count: int) -> list[list[float]]:
 def _limits(count: int) -> tuple[float, ...]:
     """Chi-squared of `count` readings from which on a row is surprising, confusing, unexplained."""
     return tuple(float(chdtri(count, p)) for p in (_SURPRISING, _CONFUSING, _UNEXPLAINED))
-
-
-def _root(scatter: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of (n, n) `scatter`, which is lost; above its diagonal is what was
-    there. A row has no time for checks of what comes from a model."""
-    root, failed = dpotrf(scatter.T, lower=1, clean=0, overwrite_a=1)
-    if failed:
-        raise np.linalg.LinAlgError("the covariance of a row is not positive definite")
-    return root
-
-
-def _whitened(root: np.ndarray, misfit: np.ndarray, spread: np.ndarray):
-    """root^-1 misfit (n,), and root^-1 of each of `spread` (m, n); `root` a lower triangle."""
-    rows = np.empty((len(spread) + 1, len(misfit)))
-    rows[0], rows[1:] = misfit, spread
-    solved = dtrtrs(root, rows.T, lower=1, overwrite_b=1)[0].T
-    return solved[0], solved[1:]

@@ -30,7 +30,6 @@ from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
-from tomotactile_ros.estimation.induced import RIM
 from tomotactile_ros.estimation.rim import Rim
 from tomotactile_ros.estimation.tables import (
     Around,
@@ -208,19 +207,6 @@ class SheetOperator:
         share, slopes = self.core.discs(places, radius)
         return share, np.array(slopes)
 
-    def placed(self, places: np.ndarray):
-        """(P, 2) `places` moved into the sheet's box and off electrodes; what `Layout.nearest`
-        says; (P,) which were on one."""
-        layout = self.layout
-        half = np.array(layout.outline.size) / 2
-        places = np.clip(places, -half, half)
-        distance, nearest = layout.nearest(places)
-        rim = RIM * layout.radius
-        on, centres = distance < rim, layout.positions[nearest]
-        way = (places - centres) / np.maximum(distance, 1e-12)[:, None]
-        moved = np.where(on[:, None], centres + rim * way, places)
-        return moved, distance, nearest, way, on
-
     def admittance_of(self, sheet: np.ndarray) -> np.ndarray:
         """(n, n) Y0, S, of the sheet with coefficients `sheet` (J,)."""
         if self._rest is None and not sheet.any():
@@ -268,12 +254,6 @@ class SheetOperator:
         out = np.zeros((len(places), self.modes))
         out[:, : self.field.count] = self.field.at(places)
         return out
-
-    @cached_property
-    def share_table(self) -> np.ndarray:
-        """(M, J, n) derivative of H by the sheet's coefficients at the points of `lattice`; single
-        precision, point by point in memory, for who looks few points up and often."""
-        return np.ascontiguousarray(self._share_change.transpose(1, 0, 2), np.float32)
 
     @property
     def bordered(self) -> np.ndarray:

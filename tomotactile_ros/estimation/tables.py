@@ -53,25 +53,6 @@ class Lattice:
         first = (low[:, 0] - 1) * self._counts[1] + low[:, 1] - 1
         return Stencil(first[:, None] + self._offsets, part, self.step)
 
-    def around(self, x: float, y: float):
-        """Points (16,) around one place, m, and weights (3, 16) of the value and of both slopes, 1/m:
-        `stencil` of a single place, for who has no time for arrays."""
-        along = []
-        first = 0
-        for at, start, step, count in zip((x, y), self._start, self.step, self._counts):
-            at = (at - start) / step
-            low = min(max(int(at), 1), count - 3)
-            part = min(max(at - low, 0.0), 1.0)
-            powers = np.array([[1, part, part**2, part**3], [0, 1, 2 * part, 3 * part**2]])
-            weights = powers @ _KEYS
-            weights[1] /= step
-            along.append(weights)
-            first = first * count + low - 1
-        (x_value, x_slope), (y_value, y_slope) = along
-        left = np.array([x_value, x_slope, x_value])
-        right = np.array([y_value, y_value, y_slope])
-        return first + self._offsets, (left[:, :, None] * right[:, None]).reshape(3, 16)
-
     @classmethod
     def fine(cls, layout: Layout, pitch: float) -> Lattice:
         """That of potentials, with electrodes `pitch`, m, apart."""
@@ -190,22 +171,14 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray, radii: np.ndarray | None = None):
-        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m.
-
-        With `radii` (Q,), m, the means over discs: G is harmonic, its mean that at the centre, but
-        where a disc reaches an electrode, a ring: there the logarithm is averaged over the disc and
-        the ring.
-        """
+    def __call__(self, places: np.ndarray):
+        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
         stencil = self.lattice.stencil(places)
         around = self.rest[stencil.points]
         smooth = np.matmul(np.stack([stencil.weights, *stencil.slopes], axis=1), around)
         singular, apart, squared = self._logarithm(places)
         values = smooth[:, 0] + singular
-        rate = -self._scale / squared
-        if radii is not None:
-            self._averaged(apart, radii, values, rate)
-        steep = rate[..., None] * apart
+        steep = (-self._scale / squared)[..., None] * apart
         return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
 
     def values(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
@@ -220,46 +193,6 @@ class PotentialTable:
         _, apart, squared = self._logarithm(places)
         steep = (-self._scale / squared)[..., None] * apart
         return smooth.transpose(1, 0, 2) + steep.transpose(2, 0, 1)
-
-    def at(self, x: float, y: float, radius: float) -> np.ndarray:
-        """(3, n) mean potential of one disc, ohm, and its slopes, ohm/m: `__call__` of a single
-        place, m, for who has no time for arrays."""
-        points, weights = self.lattice.around(x, y)
-        out = weights @ self.rest[points]
-        apart = [x, y] - self._centres
-        squared = np.einsum("ij,ij->i", apart, apart)
-        reaches = squared.min() < (radius + self._radius) ** 2
-        squared = np.maximum(squared, self._radius**2)
-        out[0] -= 0.5 * self._scale * np.log(squared)
-        rate = -self._scale / squared
-        if reaches:
-            self._averaged(apart[None], np.array([radius]), out[:1], rate[None])
-        out[1:] += (rate[:, None] * apart).T
-        return out
-
-    def _averaged(self, apart, radii, values, rate):
-        """Puts the mean over discs into `values` (Q, n) and `rate`, the slope over the way `apart`
-        (Q, n, 2)."""
-        squared = np.einsum("qnd,qnd->qn", apart, apart)
-        wide = np.maximum(radii, self._radius)
-        at, which = np.nonzero(squared < (radii + self._radius)[:, None] ** 2)
-        if not len(at):
-            return
-        wide, narrow = wide[at], np.minimum(radii[at], self._radius)
-        distance = np.sqrt(np.maximum(squared[at, which], 1e-18))
-        inside = np.minimum(distance / wide, 1.0)
-        mean = np.log(np.maximum(distance, wide)) - (1 - inside**2) / 2
-        slope = np.where(inside < 1, distance / wide**2, 1 / distance)
-        # the mean over the narrower one: a quarter of its radius squared times the Laplacian, as
-        # far as that is within
-        part = np.clip((wide + narrow - distance) / (2 * narrow), 0.0, 1.0)
-        share = part**2 * (3 - 2 * part)
-        mean += narrow**2 / (2 * wide**2) * share
-        slope -= narrow / (4 * wide**2) * 6 * part * (1 - part)
-        values[at, which] += self._scale * (
-            0.5 * np.log(np.maximum(squared[at, which], self._radius**2)) - mean
-        )
-        rate[at, which] = -self._scale * slope / distance
 
 
 class MutualTable:

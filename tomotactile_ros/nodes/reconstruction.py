@@ -242,9 +242,9 @@ class Reconstruction:
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
         left_out = followed and self._rows.leaves_out(self._pipeline, frame)
-        if followed and self._rows.draws(self._pipeline):
+        if followed and self._rows.draws(self._pipeline, left_out):
             with self._rows_lock:
-                result = self._rows.image(self._pipeline)
+                result = self._rows.image(self._pipeline, left_out)
         if result is None and left_out:
             return
         limit = values["deadline"] or period_of(frame)

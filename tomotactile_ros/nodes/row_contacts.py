@@ -112,17 +112,19 @@ class Rows:
         self._left_out = mixed and not self._left_out
         return self._left_out
 
-    def draws(self, pipeline: Pipeline) -> bool:
-        """Whether rows tell all that an image of a frame would show, or more as something slides."""
+    def draws(self, pipeline: Pipeline, left_out: bool) -> bool:
+        """Whether rows tell all that an image of a frame would show, or more as something slides or the
+        frame is left out."""
         state = self._state
         if state is None or state.rows is None or self._of[0] is not pipeline:
             return False
-        return state.known if pipeline.fits else state.clear
+        return state.known if pipeline.fits or left_out else state.clear
 
-    def image(self, pipeline: Pipeline) -> Result | None:
+    def image(self, pipeline: Pipeline, left_out: bool) -> Result | None:
         """An image of what rows tell; None where that has come to an end meanwhile."""
         state = self._state
-        return pipeline.image_after_row(state) if state and self.draws(pipeline) else None
+        draws = state and self.draws(pipeline, left_out)
+        return pipeline.image_after_row(state) if draws else None
 
     def process(self, pipeline: Pipeline, frame: Frame, deadline: float) -> Result:
         """The result of a frame within a `deadline`, s; where rows are followed, from the process beside
