@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.touch import Touches
 from tomotactile_ros.layouts.layout import equal_grid
 
@@ -65,7 +66,10 @@ def sensor():
 
 def one(random, operator, unknowns, rows, prior) -> None:
     """A call with one argument spoilt."""
-    where = random.integers(4)
+    where = random.integers(6)
+    if where > 3:
+        of_rows(random, operator, unknowns, prior, where == 4)
+        return
     if where == 0:
         name = str(random.choice([f.name for f in fields(Unknowns)]))
         value = getattr(unknowns, name)
@@ -89,6 +93,39 @@ def one(random, operator, unknowns, rows, prior) -> None:
     linear.equations.unevenness(fit)
     compiled.approach(fit, 2000.0)
     compiled.solve(fit, int(random.integers(-1, 3)), linear.equations, np.inf, 2000.0)
+
+
+def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
+    """Calls of the model of rows with one argument spoilt: of the sensor, or of a row and what is believed."""
+    count, modes = operator.count, operator.modes
+    known = Known.before(prior, 1e-7)
+    if of_sensor:
+        name = str(random.choice([f.name for f in fields(Known)][:7]))
+        known = replace(known, **{name: spoilt(getattr(known, name), random)})
+    model = RowModel(operator, known)
+    numbers = 10 + modes + count
+    given = {
+        "mean": np.concatenate([np.ravel(unknowns.contacts[:, :5]), np.zeros(modes + count)]),
+        "covariance": 1e-3 * np.eye(numbers),
+        "sizes": unknowns.contacts[:, 3],
+        "mutual": np.zeros((2, 2)),
+        "readings": np.full(count, 0.5),
+        "valid": np.ones(count, bool),
+        "ground": 3,
+        "steps": 2,
+        "start": None,
+    }
+    row = {"contacts": unknowns.contacts[:, :4], "ground": 3, "shift": np.zeros(modes + count)}
+    if not of_sensor:
+        for call in (given, row):
+            name = str(random.choice(list(call)))
+            call[name] = spoilt(np.zeros(numbers) if call[name] is None else call[name], random)
+    fit = model.fit(**given, learns=bool(random.integers(2)))
+    fit.corrected(spoilt(given["covariance"], random))
+    model.limited(given["mean"], fit.mean, int(random.integers(-2, 4)))
+    model.idle_fit(given["mean"], given["readings"], given["valid"])
+    model.shares(row["contacts"])
+    model.row(**row)
 
 
 def main() -> None:

@@ -357,7 +357,9 @@ void RowFit::correct(Eigen::Ref<Matrix> covariance) const {
   const Index own = shares.cols(), all = mean.size();
   if (!spread.size()) return;  // nothing was learned at all
   if (covariance.rows() != all || covariance.cols() != all) throw BadInput("a covariance does not fit what was fitted");
-  covariance.topLeftCorner(own, own).noalias() -= shares.transpose() * shares;
+  Eigen::Ref<Matrix> known = covariance.topLeftCorner(own, own);
+  known.selfadjointView<Eigen::Lower>().rankUpdate(shares.transpose(), -1.0);
+  known.triangularView<Eigen::StrictlyUpper>() = known.transpose();
   if (own == all) return;
   const Matrix told = root.triangularView<Eigen::Lower>().transpose().solve(shares).transpose() * spread.rightCols(all - own);
   covariance.topRightCorner(own, all - own) -= told;

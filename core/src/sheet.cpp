@@ -127,7 +127,7 @@ Matrix Sheet::potentials_at(const Points& places) const {
   Matrix out(count(), places.cols());
   for (Index p = 0; p < places.cols(); ++p) {
     const Stencil stencil = t.fine.at(places(0, p), places(1, p));
-    const auto squared = (t.used.colwise() - places.col(p)).colwise().squaredNorm().transpose().array().max(least);
+    const Eigen::ArrayXd squared = (t.used.colwise() - places.col(p)).colwise().squaredNorm().transpose().array().max(least);
     out.col(p) = (-0.5 * scale * squared.log()).matrix();
     for (int k = 0; k < 16; ++k) out.col(p) += stencil.weights[k] * t.potentials.col(stencil.nodes[k]);
   }
