@@ -1,1 +1,0 @@
-"""The profiles in depth: benchmark/reconstruction_accuracy.py."""
