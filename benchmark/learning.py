@@ -1,98 +1,189 @@
-"""Learns sensors from touches of unknown place, size and force, and judges them by others.
+"""How well a sensor is learned from touches of unknown place, size and force, and what that is worth.
 
-    scripts/setup python3 benchmark/learning.py [--source reference|simulator] [--cases 0 1 ...]
-    [--before]
-                                                [--plot out/learning.png] [--out out/learning.json]
-                                                [--markdown]
-    scripts/setup python3 benchmark/learning.py --read out/learning.json ... [--plot ...] [--markdown]
-    scripts/setup python3 benchmark/learning.py --damage [NUMBER ...] | --healthy FRAMES
+    scripts/setup python3 benchmark/learning.py [--cases 0 1 ...] [--plot docs/images/learning.png]
 
-Cases are those of tomotactile_ros/bench/learned.py. Frames of 1 mV noise and 12 bits; each touch
-after an untouched frame. `--damage`: what is named of sensors that break after they were learned,
-and when; `--healthy`: what is named of one that does not (tomotactile_ros/bench/damage.py).
+Each case is one sensor. Some of its touches are learned from, each after an untouched frame, others judge:
+places, forces and ghosts with what was learned, and gains, resistances and sheet against the truth and
+against the learned covariance. Frames come from the reference model (`bench/reference_data.py`), with 1 mV
+of noise and 12 bits; the estimator is another. Forces are those after three presses of known force: touches
+of unknown force leave one common factor open.
 """
 
 import argparse
-import json
 import os
-import sys
-from pathlib import Path
+import time
+from dataclasses import dataclass, field, replace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from tomotactile_ros.bench import damage, learned
-from tomotactile_ros.support.errors import InputError
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.reference_cases import worn_sheets
+from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings
+from tomotactile_ros.bench.sensor.states import States, states
+from tomotactile_ros.bench.sensor.trial import judge, presses
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.evaluation import scoring
+from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.recorded import learn
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction.calibration import fit_contact_law
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
+from tomotactile_ros.scenes.sheet_field import resistance_of
+from tomotactile_ros.support.files import save_figure
+
+JUDGED, PRESSES = 16, 3  # touches that judge; of known force
+GAINS = Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1))
+OHMS = Channels(ground_resistance=Uniform(250, 200, 1))
+BOTH = replace(GAINS, ground_resistance=OHMS.ground_resistance)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sensor: touches learned from, number of `worn_sheets` (None: even), what is wrong with its
+    channels, layout."""
+
+    name: str
+    touches: int
+    sheet: int | None = None
+    channels: Channels = field(default_factory=Channels)
+    layout: str = "8x8"
+
+    def states(self) -> States:
+        """Touches, those that judge last."""
+        if self.sheet is None:
+            every = states(f"textbook-{self.layout}")
+        else:
+            every = states(f"learning-{self.layout}", worn_sheets()[self.sheet].words)
+        first, last = slice(self.touches), slice(-JUDGED, None)
+        both = (each[first] + each[last] for each in (every.seen, every.truths))
+        return States(every.layout, *both)
+
+
+CASES = (
+    Case("gains 5 %, offsets 5 mV", 4, channels=GAINS),
+    Case("gains 5 %, offsets 5 mV", 12, channels=GAINS),
+    Case("uneven 20 %", 30, 0),
+    Case("anisotropic 1.5 : 1", 30, 1),
+    Case("50 to 450 ohm to ground", 20, channels=OHMS),
+    Case("all together", 30, 2, BOTH),
+    Case("all together, ring of 16", 60, 2, BOTH, "rim-16"),
+    Case("all together, 4 x 4", 60, 2, BOTH, "4x4"),
+)
+KINDS = (  # of what is learned: unit of the figures, digits, title of the plot
+    ("gain", 100, 4, "error of gains / %"),
+    ("resistance", 1, 1, "error of resistances to ground / Ω"),
+    ("sheet", 100, 2, "error of the sheet's conductance / %"),
+)
+
+
+def measured(case):
+    """Cells of the table, and the errors after each touch (see `compared`)."""
+    touched, wiring = case.states(), Wiring(case.channels)
+    trial = presses(case.name, touched, wiring)
+    layout, grounded, split = trial.layout, trial.layout.grounded, 2 * case.touches
+    start = time.process_time()
+    learned = learn(layout, trial.frames[:split], grounded, DRIVE, noise=NOISE, course=True)
+    print(f"{case.name}, {case.touches}: {time.process_time() - start:.1f} s to learn", flush=True)
+    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
+    law = calibrated(Pipeline(layout, settings, sensor=learned.state), touched, wiring, case)
+    pipeline = Pipeline(layout, replace(settings, contact_law=law), sensor=learned.state)
+    rest = replace(trial, frames=trial.frames[split:], truths=trial.truths[split:])
+    start = time.process_time()
+    found = judge(pipeline, rest)
+    seconds = (time.process_time() - start) / len(rest.frames)
+    errors = compared(learned.state, learned.operator, case, layout)
+    cells = [case.name, str(case.touches), *scoring.cells(found)]
+    cells.append(f"{law.coefficient / LAW.coefficient:.3f}")
+    for key, unit, digits, _ in KINDS:
+        cells += [f"{unit * value:.{digits}f}" for value in errors[key]]
+    cells += [f"{findings.anisotropy(learned.state, learned.operator)[0]:.3f}", f"{seconds:.2f}"]
+    course = [compared(state, learned.operator, case, layout) for state in learned.courses]
+    return cells, course
+
+
+def calibrated(pipeline, touched, wiring, case):
+    """The contact law from `PRESSES` of the touches learned from, as if their forces were known: those
+    farthest from electrodes."""
+    places = np.array([[truth[0]["x"], truth[0]["y"]] for truth in touched.truths])
+    distance = touched.layout.nearest(places[: case.touches])[0]
+    pressed = []
+    for i in np.argsort(-distance)[:PRESSES]:
+        frame = readings(potentials(touched.seen[i], wiring), wiring, (int(i), 1))
+        found = pipeline.strengths(frame, touched.layout.grounded, DRIVE)
+        if found:
+            pressed.append((touched.truths[i][0]["force"], found[0].conductance, found[0].area))
+    return fit_contact_law(*zip(*pressed), exponent=LAW.exponent).law if pressed else LAW
+
+
+def compared(state, operator, case, layout):
+    """Errors of each of `KINDS`, rms, beside what the covariance says of them."""
+    numbers = case.channels.of(layout.electrodes)
+    ratio = state["gain"] / (1.0 if numbers.gain is None else numbers.gain)
+    ohms = 0.0 if numbers.ground_resistance is None else numbers.ground_resistance
+    values, deviation = findings.field(state, operator)
+    true = sheet(case, layout, operator.field.centres)
+    return {
+        "gain": ((ratio / ratio.mean()).std(), findings.relative_gain_deviation(state)),
+        "resistance": (
+            rms(findings.resistance(state) - ohms),
+            rms(findings.resistance_deviation(state, operator)),
+        ),
+        "sheet": (rms(values - values.mean() - true), rms(deviation)),
+    }
+
+
+def sheet(case, layout, places):
+    """(C,) logarithm of the true conductance at `places`, 0 in the mean."""
+    worn = None if case.sheet is None else worn_sheets()[case.sheet]
+    resistance = worn and resistance_of(layout, worn.field, worn.variation)
+    true = -np.log(resistance(places)) if resistance else np.zeros(len(places))
+    return true - true.mean()
+
+
+def rms(values):
+    return float(np.sqrt((values**2).mean()))
+
+
+def save_plot(path, courses):
+    """Errors against the number of touches, and what the covariance says of them."""
+    figure = Figure(figsize=(13, 5.6), layout="constrained")
+    for axes, (key, unit, _, title) in zip(figure.subplots(1, 3), KINDS, strict=True):
+        for number, (name, course) in enumerate(courses.items()):
+            colour = colormaps["tab20"](number % 20)
+            values = unit * np.array([each[key] for each in course])
+            label = name if axes is figure.axes[0] else None
+            counts = np.arange(1, len(values) + 1)
+            axes.plot(counts, values[:, 0], "-", color=colour, linewidth=1.2, label=label)
+            axes.plot(counts, values[:, 1], ":", color=colour, linewidth=1.2)
+        axes.set(xscale="log", yscale="log", xlabel="touches", title=title)
+        axes.grid(alpha=0.3, which="both")
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    figure.suptitle("Root mean square error after each touch (solid) and its deviation (dotted)")
+    save_figure(figure, path)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--source", choices=learned.SOURCES, default=learned.SOURCES[0])
-    parser.add_argument("--cases", type=int, nargs="+", help="numbers of the cases (default: all)")
-    parser.add_argument("--before", action="store_true", help="judge without learning, too")
-    parser.add_argument("--plot", type=Path, help="picture (.png) of errors against touches")
-    parser.add_argument("--out", type=Path, help="all figures as JSON")
-    parser.add_argument("--read", type=Path, nargs="+", help="show these figures, measure nothing")
-    parser.add_argument("--markdown", action="store_true")
-    parser.add_argument(
-        "--damage", type=int, nargs="*", help="numbers of the kinds of damage (default: all)"
-    )
-    parser.add_argument("--healthy", type=int, metavar="FRAMES", help="of a sensor under load")
+    numbers = range(len(CASES))
+    parser.add_argument("--cases", type=int, nargs="+", choices=numbers, default=numbers)
+    parser.add_argument("--plot", help="picture (.png) of errors against touches")
     args = parser.parse_args()
-    if args.damage is not None or args.healthy is not None:
-        print_health(parser, args)
-        return
-    rows = stored(args.read) if args.read else measured(parser, args)
-    print("\n".join(learned.text(rows, args.markdown)))
+    rows, courses = [], {}
+    for case in (CASES[number] for number in args.cases):
+        cells, courses[f"{case.name}, {case.touches}"] = measured(case)
+        rows.append(cells)
+    learned = [
+        name for words in ("gains %", "to ground ohm", "sheet %") for name in (words, "bound")
+    ]
+    header = ("sensor", "touches", *scoring.HEADER, "factor", *learned, "ratio", "s a frame")
+    print("\n".join(tables.markdown(header, rows)))
     if args.plot:
-        args.plot.parent.mkdir(parents=True, exist_ok=True)
-        learned.save_plot(args.plot, rows)
-
-
-def print_health(parser, args):
-    if args.damage is not None:
-        kinds = damage.damages()
-        if not set(args.damage) <= set(range(len(kinds))):
-            parser.error(f"--damage: numbers from 0 to {len(kinds) - 1} are needed")
-        for row in damage.measure([kinds[n] for n in args.damage or range(len(kinds))]):
-            when = "not named" if row["first"] is None else f"named at touch {row['first']}"
-            print(f"{row['damage']}: {when}", flush=True)
-            for text, sure in row["found"]:
-                print(f"    {text} ({sure:.0f} standard deviations)", flush=True)
-    if args.healthy is not None:
-        if args.healthy < 1:
-            parser.error("--healthy: a number of frames from 1 on is needed")
-        for name, value in damage.healthy(args.healthy).items():
-            print(f"{name}: {value}")
-
-
-def stored(paths):
-    return [row for path in paths for row in json.loads(path.read_text(encoding="utf-8"))]
-
-
-def measured(parser, args):
-    cases = learned.CASES
-    if args.cases is not None:
-        if not set(args.cases) <= set(range(len(cases))):
-            parser.error(f"--cases: numbers from 0 to {len(cases) - 1} are needed")
-        cases = [cases[number] for number in args.cases]
-    rows = []
-    for row, _ in learned.measure(cases, args.source, args.before):
-        rows.append(row)
-        print(
-            f"{row['case']}, {row['touches']} touches: {row['learning, s']:.1f} s", file=sys.stderr
-        )
-        if args.out:
-            save(args.out, rows)
-    return rows
-
-
-def save(path, rows):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+        save_plot(args.plot, courses)
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        sys.exit(f"learning: {error}")
+    main()

@@ -20,7 +20,14 @@ from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.files import save_figure
 
-LETTER = [(-0.06, -0.06), (0.05, -0.06), (0.05, -0.03), (-0.03, -0.03), (-0.03, 0.05), (-0.06, 0.05)]
+LETTER = [
+    (-0.06, -0.06),
+    (0.05, -0.06),
+    (0.05, -0.03),
+    (-0.03, -0.03),
+    (-0.03, 0.05),
+    (-0.06, 0.05),
+]
 _TURN = np.radians(np.linspace(1, 359, 90))
 _CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 SHAPES = (
