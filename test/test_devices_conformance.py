@@ -81,7 +81,7 @@ def changed(kind: int, change):
     def mangle(data: bytes) -> bytes:
         zeros = b"\0" if data.startswith(b"\0") else b""
         packets = [
-            change(packet) if packet.type == kind else packet
+            change(packet) if protocol.type_of(packet) == kind else packet
             for packet in protocol.Parser().feed(data)
         ]
         return zeros + b"".join(protocol.encode(p) for p in packets if p is not None)
@@ -167,7 +167,7 @@ def test_a_device_that_says_something_wrong_is_found(rule, monkeypatch):
 
 class Unstoppable(EmulatedDevice):
     def _answer(self, packet, now):
-        if packet.type == protocol.STOP and self.streaming:
+        if protocol.type_of(packet) == protocol.STOP and self.streaming:
             answer = super()._answer(packet, now)
             self._last = 3 * E
             self.streaming = True

@@ -227,7 +227,7 @@ def test_frames_of_a_device_that_does_not_stop_are_kept_back():
 def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
     class Broken(emulator.EmulatedDevice):
         def _answer(self, packet, now):
-            if packet.type != command:
+            if protocol.type_of(packet) != command:
                 return super()._answer(packet, now)
             fault = protocol.Error(packet.tag, command, protocol.HARDWARE_FAULT, "no ADC")
             return protocol.encode(fault)

@@ -216,7 +216,7 @@ def test_an_order_in_every_frame_costs_no_frame_and_tells_nothing_else():
                 watch.wait_for_frames(1)
             watch.wait_for_frames(2)
             counters = watch.device.status().counters
-            heard = [packet.type for packet in device.heard[told:]]
+            heard = [protocol.type_of(packet) for packet in device.heard[told:]]
     assert counters["frames_lost"] == counters["rows_ignored"] == 0
     assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == set(orders)
     assert len([kind for kind in heard if kind == protocol.SET_SCAN]) >= 30

@@ -7,6 +7,7 @@ from argparse import ArgumentParser, Namespace
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.recording import frames_writer
 from tomotactile_ros.devices.relive import relive
+from tomotactile_ros.devices.serial import NOBODY
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.files import check_out
 
@@ -36,9 +37,9 @@ def run(args: Namespace) -> None:
             device = relive(args.raw, count_and_take)
     status = device.status()
     identity = device.identity
-    who = (
-        f"{identity.name} {identity.serial}, protocol {identity.version}" if identity else "nobody"
-    )
+    who = identity.name
+    if identity is not NOBODY:
+        who += f" {identity.serial}, protocol {identity.version}"
     print(f"{args.raw}: {who}, {counted.frames} frames" + (f" in {args.out}" if args.out else ""))
     for name in ("packets", "packets_lost", "frames_incomplete", "frames_lost", "crc_errors"):
         print(f"  {name:<20}{status.counters[name]:>12.0f}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from tomotactile_ros.devices.base import Device, Frame, Status
+from tomotactile_ros.devices.base import Device, Frame, Status, ThreadedDevice
 from tomotactile_ros.devices.text import FORMATS
 from tomotactile_ros.devices.time_source import TimeSource
 from tomotactile_ros.layouts.layout import Layout
@@ -101,7 +102,11 @@ def make_device(settings: DeviceSettings) -> Device:
         raise InputError(f"rate: {settings.rate:g} is no rate; expected 0 (default) or frames/s")
     if settings.device not in KINDS:
         raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
-    make = {"fake": _make_fake, "serial": _make_serial, "replay": _make_replay}
+    make: dict[str, Callable[[DeviceSettings], ThreadedDevice]] = {
+        "fake": _make_fake,
+        "serial": _make_serial,
+        "replay": _make_replay,
+    }
     device = make[settings.device](settings)
     device.run_length = settings.rows_per_message
     if settings.time is not None and settings.device != "serial":
@@ -113,7 +118,7 @@ def make_device(settings: DeviceSettings) -> Device:
     return device
 
 
-def _make_fake(settings: DeviceSettings) -> Device:
+def _make_fake(settings: DeviceSettings) -> ThreadedDevice:
     from tomotactile_ros.devices.fake import FakeDevice
     from tomotactile_ros.devices.scene_beside import SceneBeside
     from tomotactile_ros.simulation import Simulator
@@ -125,7 +130,7 @@ def _make_fake(settings: DeviceSettings) -> Device:
     return FakeDevice(Simulator(*given), rate=settings.rate, beside=beside)
 
 
-def _make_serial(settings: DeviceSettings) -> Device:
+def _make_serial(settings: DeviceSettings) -> ThreadedDevice:
     from tomotactile_ros.devices.line import complaint_about
     from tomotactile_ros.devices.serial import SerialDevice
     from tomotactile_ros.devices.text_serial import TextSerialDevice
@@ -164,7 +169,7 @@ def _make_serial(settings: DeviceSettings) -> Device:
     return device
 
 
-def _make_replay(settings: DeviceSettings) -> Device:
+def _make_replay(settings: DeviceSettings) -> ThreadedDevice:
     from tomotactile_ros.devices.replay import ReplayDevice
 
     if not settings.recording:

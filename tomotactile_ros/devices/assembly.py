@@ -119,7 +119,7 @@ class FrameAssembler:
         self._block.append(row)
         self._missing -= 1
         if self._missing == 0:
-            done.append(self._frame())
+            done.append(self._frame(key))
             self._finish()
         elif len(self._block) == _BLOCK:
             self._convert()
@@ -163,7 +163,7 @@ class FrameAssembler:
             self.counters.frames_incomplete += 1
             self.counters.packets_lost += self._missing
             if self._partial and (self._grounded >= 0).all():
-                done.append(self._frame())
+                done.append(self._frame(self._key))
             self._finish()
         self._begin(key)
         expected = self._first
@@ -203,10 +203,10 @@ class FrameAssembler:
     def _finish(self) -> None:
         self._finished, self._key = self._key, None
 
-    def _frame(self) -> RowsOfFrame:
+    def _frame(self, key: tuple[int, int, int]) -> RowsOfFrame:
         if self._block:
             self._convert()
-        sequence, frame_time, _ = self._key
+        sequence, frame_time, _ = key
         return RowsOfFrame(
             self._voltages,
             self._grounded.astype(np.uint16),
@@ -237,11 +237,11 @@ class RunAssembler:
     def feed(self, row: Row) -> list[RowsOfFrame]:
         """Take in a row that the frame's assembler accepted; return runs that are finished."""
         done = []
-        follows = self._follows(row)
-        if self._run and not follows:
+        last = self._last if self._last and self._follows(self._last, row) else None
+        if self._run and last is None:
             done.append(self._finish())
         if not self._run:
-            begin = self._last.row_end if follows else row.row_end - self._period
+            begin = last.row_end if last else row.row_end - self._period
             self._begin = max(0, begin) if row.row else 0
         before = self._run[-1].row_end if self._run else self._begin
         self._period = max(0, row.row_end - before)
@@ -251,14 +251,10 @@ class RunAssembler:
             done.append(self._finish())
         return done
 
-    def _follows(self, row: Row) -> bool:
-        last = self._last
-        return last is not None and (last.sequence, last.frame_time, last.scan, last.row + 1) == (
-            row.sequence,
-            row.frame_time,
-            row.scan,
-            row.row,
-        )
+    @staticmethod
+    def _follows(last: Row, row: Row) -> bool:
+        before = last.sequence, last.frame_time, last.scan, last.row + 1
+        return before == (row.sequence, row.frame_time, row.scan, row.row)
 
     def _finish(self) -> RowsOfFrame:
         rows, self._run = self._run, []

@@ -19,6 +19,10 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
 
+def _nobody(frame: Frame) -> None:
+    """Receives frames before a device is opened."""
+
+
 def rows_time(rows: Frame) -> float:
     """How long these rows took, s."""
     return len(rows.grounded) * rows.row_period
@@ -135,7 +139,7 @@ class ThreadedDevice:
         self._rate = float(rate)
         self._streaming = True
         self._scan: tuple[int, ...] = ()
-        self._on_frame: Callable[[Frame], None] | None = None
+        self._on_frame: Callable[[Frame], None] = _nobody
         self._on_rows: Callable[[Frame], None] | None = None
         self._stale_at = -math.inf
         self._latest = -math.inf  # s, by `time`, the last time that was noticed
@@ -254,7 +258,7 @@ class ThreadedDevice:
 
     def _deliver_rows(self, rows: Frame, last_sample: float | None = None) -> None:
         """Hand rows of a frame over, likewise."""
-        if self._is_wanted(last_sample, whole=False):
+        if self._on_rows is not None and self._is_wanted(last_sample, whole=False):
             self._call(self._on_rows, rows)
 
     def _is_wanted(self, last_sample: float | None, whole: bool = True) -> bool:

@@ -27,7 +27,7 @@ _LONGEST_RECORD = 1 << 20
 _FLUSH_PERIOD = 1.0  # s
 
 
-class Capture:
+class Capture(World):
     """A world that writes down what it says; never the reason that a device stops.
 
     Parameters
@@ -159,7 +159,7 @@ class EndOfCapture(Exception):
     """Nothing is left of a capture."""
 
 
-class Relived:
+class Relived(World):
     """The world of a capture; asked for anything else than it was then, it raises InputError."""
 
     def __init__(self, path: str | os.PathLike) -> None:
@@ -235,8 +235,8 @@ class Relived:
         )
 
 
-@dataclass(frozen=True)
-class RelivedLine:
+@dataclass
+class RelivedLine(Line):
     """What a device knows of the line of a capture."""
 
     name: str

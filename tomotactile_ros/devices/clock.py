@@ -41,12 +41,21 @@ class DeviceClock:
     def __init__(self, window: int = 30, tolerance: float = 0.05) -> None:
         self.jumps = 0
         self._tolerance = tolerance
-        self._minima: deque[tuple[float, float]] = deque(maxlen=window)
-        self._device0: float | None = None
-        self._slope = self._intercept = 0.0
+        self._window = window
         self._last_mapped = -np.inf
+        self._begun = False
+        self._begin(0.0, 0.0)
+
+    def _begin(self, device: float, host: float) -> None:
+        self._device0 = self._last_device = device
+        self._host0 = host
         self.late_since: float | None = None
         self.late = 0.0
+        self._slope = self._intercept = 0.0
+        self._minima: deque[tuple[float, float]] = deque(maxlen=self._window)
+        self._least = (0.0, 0.0)
+        self._bucket_end = 1.0
+        self._outdated = False
 
     @property
     def drift(self) -> float:
@@ -55,7 +64,8 @@ class DeviceClock:
 
     def update(self, device: float, host: float) -> None:
         """Take in that what happened at `device` arrived at `host`."""
-        if self._device0 is None:
+        if not self._begun:
+            self._begun = True
             self._begin(device, host)
             return
         late = self.late = host - self.to_host(device)
@@ -106,21 +116,10 @@ class DeviceClock:
 
     def successor(self) -> DeviceClock:
         """A fresh mapping, for a device that may have restarted, whose stamps go on from here."""
-        clock = DeviceClock(self._minima.maxlen, self._tolerance)
+        clock = DeviceClock(self._window, self._tolerance)
         clock._last_mapped, clock.jumps = self._last_mapped, self.jumps
         return clock
 
     def _has_jumped(self, device: float, late: float) -> bool:
         settled = device - self._device0 >= 1.0 or late < -1.0
         return device < self._last_device or (settled and late < -self._tolerance)
-
-    def _begin(self, device: float, host: float) -> None:
-        self._device0 = self._last_device = device
-        self._host0 = host
-        self.late_since = None
-        self.late = 0.0
-        self._slope = self._intercept = 0.0
-        self._minima.clear()
-        self._least = (0.0, 0.0)
-        self._bucket_end = 1.0
-        self._outdated = False

@@ -42,9 +42,8 @@ class Verdict:
 class Trial:
     """A device under trial: the probe and what the device said of itself."""
 
-    def __init__(self, probe: Probe) -> None:
-        self.probe = probe
-        self.identity: protocol.Identity | None = None
+    def __init__(self, probe: Probe, identity: protocol.Identity) -> None:
+        self.probe, self.identity = probe, identity
 
     @property
     def rows(self) -> int:
@@ -65,9 +64,9 @@ class Trial:
         """A stopped device in its own order, at a rate at which the trial takes seconds."""
         self.probe.be_quiet()
         if self.probe.version > 1 and self.identity.max_scan:
-            self.probe.ask(protocol.SetScan(0, ()), protocol.ACK)
+            self.probe.ask(protocol.SetScan(0, ()), protocol.Ack)
         wish = min(self.fastest, max(ROWS_PER_SECOND / self.rows, 10.0))
-        self.rate = self.probe.ask(protocol.SetRate(0, wish), protocol.ACK).rate
+        self.rate = self.probe.ask(protocol.SetRate(0, wish), protocol.Ack).rate
         self.probe.forget()
 
     def frames(self, count: int) -> list[list[protocol.Row]]:
@@ -103,15 +102,15 @@ def identity_is_told(trial: Trial) -> str:
     return f"{i.name} {i.serial}, firmware {i.firmware}, {i.electrodes} electrodes"
 
 
-def stop_is_obeyed(trial: Trial) -> str | None:
+def stop_is_obeyed(trial: Trial) -> None:
     """STOP is answered with ACK, and the stream ends behind the row under way (section 2)"""
     trial.frames(1)
-    ack = trial.probe.ask(protocol.Command(protocol.STOP, 0), protocol.ACK)
+    ack = trial.probe.ask(protocol.Command(protocol.STOP, 0), protocol.Ack)
     if ack.streaming:
         raise Broken("the ACK to STOP says that the device still streams")
     at = [h.packet for h in trial.probe.heard].index(ack)
     trial.probe.listen(max(PAUSE, 2.5 / (trial.rate * trial.rows)))
-    after = [h for h in trial.probe.heard[at + 1 :] if h.packet.type == protocol.ROW]
+    after = [h for h in trial.probe.heard[at + 1 :] if isinstance(h.packet, protocol.Row)]
     if len(after) > (trial.probe.version == 1):
         raise Broken(f"{len(after)} rows after the ACK to STOP")
 
@@ -185,10 +184,12 @@ def times_make_sense(trial: Trial) -> str:
             raise Broken(
                 f"a frame begins {step} µs after the begin of one that takes {before[-1].row_end} µs"
             )
-    heard = [h for h in probe.heard if h.packet.type == protocol.ROW]
-    device = np.array([1e-6 * (h.packet.frame_time + h.packet.row_end) for h in heard])
-    host = np.array([h.time for h in heard])
-    ppm, doubt = _drift(device, host)
+    times = [
+        (1e-6 * (h.packet.frame_time + h.packet.row_end), h.time)
+        for h in probe.heard
+        if isinstance(h.packet, protocol.Row)
+    ]
+    ppm, doubt = _drift(*np.array(times).T)
     if abs(ppm) > CLOCK_PPM + doubt:
         raise Broken(f"device time is off by {ppm:.0f} ± {doubt:.0f} ppm")
     if doubt > CLOCK_PPM:
@@ -261,7 +262,7 @@ def answers_come_in_time(trial: Trial) -> str:
     trial.frames(1)
     for _ in range(10):
         probe.slowest = 0.0
-        probe.ask(protocol.Command(protocol.IDENTIFY, 0), protocol.IDENTITY)
+        probe.ask(protocol.Command(protocol.IDENTIFY, 0), protocol.Identity)
         times.append(probe.slowest)
     if sorted(times)[-2] > ANSWER_TIME:  # one may be the host's fault
         raise Broken(f"up to {1e3 * max(times):.0f} ms")
@@ -271,7 +272,7 @@ def answers_come_in_time(trial: Trial) -> str:
 def a_rate_is_set(trial: Trial) -> str:
     """SET_RATE holds from the next frame on, the one under way ends at the old rate (section 3)"""
     trial.frames(1)
-    ack = trial.probe.ask(protocol.SetRate(0, 0.5 * trial.rate), protocol.ACK)
+    ack = trial.probe.ask(protocol.SetRate(0, 0.5 * trial.rate), protocol.Ack)
     if not ack.rate < 0.9 * trial.rate:
         raise Broken(f"asked for half the rate, the ACK says {ack.rate:g} frames/s")
     count = len(trial.probe.rows()) + 4 * trial.rows
@@ -288,7 +289,7 @@ def a_rate_is_set(trial: Trial) -> str:
 def impossible_rates_are_refused(trial: Trial) -> None:
     """SET_RATE above the fastest rate, of 0, below 0 or of NaN is refused: bad value (section 3)"""
     for rate in (1.5 * trial.fastest, 0.0, -1.0, math.nan):
-        error = trial.probe.ask(protocol.SetRate(0, rate), protocol.ERROR)
+        error = trial.probe.ask(protocol.SetRate(0, rate), protocol.Error)
         if error.code != protocol.BAD_VALUE:
             raise Broken(f"{rate:g} frames/s give ERROR {error.code}")
 
@@ -299,7 +300,7 @@ def unknown_commands_are_refused(trial: Trial) -> None:
     content = bytes([0x0E, trial.probe.version]) + tag.to_bytes(2, "little")
     if trial.probe.version > 1:
         content += bytes([0, 0, trial.probe.address, 0])
-    error = trial.probe.ask(content, protocol.ERROR)
+    error = trial.probe.ask(content, protocol.Error)
     if (error.command, error.code) != (0x0E, protocol.UNKNOWN_COMMAND):
         raise Broken(f"ERROR {error.code} to command 0x{error.command:02x}")
 
@@ -308,7 +309,7 @@ def unknown_versions_are_refused(trial: Trial) -> None:
     """A command of an unknown version is answered with ERROR, unsupported version (section 3)"""
     tag = trial.probe.next_tag()
     content = bytes([protocol.STOP, 0x7F]) + tag.to_bytes(2, "little")
-    error = trial.probe.ask(content + bytes([0, 0, trial.probe.address, 0]), protocol.ERROR)
+    error = trial.probe.ask(content + bytes([0, 0, trial.probe.address, 0]), protocol.Error)
     if (error.command, error.code) != (protocol.STOP, protocol.UNSUPPORTED_VERSION):
         raise Broken(f"ERROR {error.code} to command 0x{error.command:02x}")
 
@@ -325,7 +326,7 @@ def wrong_lengths_are_refused(trial: Trial) -> str:
         answer = trial.probe.answer(tag)
         if answer is None and trial.probe.version == 1:
             remark = "thrown away"
-        elif answer is None or answer.type != protocol.ERROR:
+        elif not isinstance(answer, protocol.Error):
             raise Broken(f"SET_RATE of {len(wrong)} bytes: {answer or 'no answer'}")
     return remark
 
@@ -335,7 +336,7 @@ def damage_does_no_harm(trial: Trial) -> None:
     1)"""
     probe = trial.probe
     tag = probe.next_tag()
-    command = protocol.Command(protocol.START, tag)
+    command: protocol.FromHost = protocol.Command(protocol.START, tag)
     if probe.version > 1:
         command = protocol.Start(tag, address=probe.address)
     wire = bytearray(protocol.encode(command))
@@ -345,14 +346,14 @@ def damage_does_no_harm(trial: Trial) -> None:
     probe.listen(PAUSE)
     if probe.rows():
         raise Broken("a START with a wrong checksum is obeyed")
-    probe.ask(protocol.Command(protocol.STOP, 0), protocol.ACK)
+    probe.ask(protocol.Command(protocol.STOP, 0), protocol.Ack)
 
 
 def acks_tell_the_next_frame(trial: Trial) -> None:
     """The ACK to START comes before the first ROW and tells its sequence number (section 4)"""
     ack = trial.probe.start()
-    heard = [h.packet.type for h in trial.probe.heard]
-    if protocol.ROW in heard[: heard.index(protocol.ACK)]:
+    heard = [type(h.packet) for h in trial.probe.heard]
+    if protocol.Row in heard[: heard.index(protocol.Ack)]:
         raise Broken("a ROW comes before the ACK to START")
     first = trial.probe.wait_for_rows(1, trial.patience(1))[0]
     if (ack.sequence, ack.rows) != (first.sequence, first.rows):
@@ -371,7 +372,7 @@ def an_order_is_followed(trial: Trial) -> str:
     order = [i.electrodes - 1, 0, i.electrodes - 1, *range(1, i.electrodes)][: i.max_scan]
     probe = trial.probe
     trial.frames(1)
-    ack = probe.ask(protocol.SetScan(0, tuple(order)), protocol.ACK)
+    ack = probe.ask(protocol.SetScan(0, tuple(order)), protocol.Ack)
     probe.wait_for_rows(len(probe.rows()) + trial.rows + 2 * len(order), trial.patience(5))
     for row in probe.rows():
         new = (row.sequence - ack.sequence) & 0xFFFFFFFF < 1 << 31
@@ -391,8 +392,8 @@ def the_own_order_comes_back(trial: Trial) -> None:
     """SET_SCAN without rows gives the device's own order back, told as scan 0 (section 4)"""
     if not trial.identity.max_scan:
         raise Untried("the device has a fixed order (max_scan 0)")
-    trial.probe.ask(protocol.SetScan(0, (1, 0)), protocol.ACK)
-    ack = trial.probe.ask(protocol.SetScan(0, ()), protocol.ACK)
+    trial.probe.ask(protocol.SetScan(0, (1, 0)), protocol.Ack)
+    ack = trial.probe.ask(protocol.SetScan(0, ()), protocol.Ack)
     frames = trial.frames(2)
     if {row.scan for frame in frames for row in frame} != {protocol.OWN_ORDER}:
         raise Broken("rows of the own order carry another scan than 0")
@@ -403,7 +404,7 @@ def the_own_order_comes_back(trial: Trial) -> None:
 def impossible_orders_are_refused(trial: Trial) -> None:
     """SET_SCAN of a missing electrode, too long, of tag 0 or cut short is refused (section 4)"""
     i, probe = trial.identity, trial.probe
-    wrong = {
+    wrong: dict[str, protocol.SetScan | bytes] = {
         "an electrode that does not exist": protocol.SetScan(0, (i.electrodes,)),
         "an order that is too long": protocol.SetScan(0, (0,) * (i.max_scan + 1)),
     }
@@ -414,7 +415,7 @@ def impossible_orders_are_refused(trial: Trial) -> None:
     for what, packet in wrong.items():
         probe.forget()
         try:
-            error = probe.ask(packet, protocol.ERROR)
+            error = probe.ask(packet, protocol.Error)
         except Broken as broken:
             raise Broken(f"{what}: {broken}") from None
         if error.code != protocol.BAD_VALUE:
@@ -425,10 +426,10 @@ def signs_of_life_are_answered(trial: Trial) -> str:
     """KEEP_ALIVE is answered with STATUS, which agrees with IDENTITY and time (section 4)"""
     probe = trial.probe
     probe.start()
-    first = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.STATUS)
+    first = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.Status)
     begin = probe.now()
     probe.listen(0.5)
-    second = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.STATUS)
+    second = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.Status)
     passed = 1e-6 * (second.time - first.time)
     if first.boot != trial.identity.boot:
         raise Broken(f"boot id {first.boot:08x}, IDENTITY says {trial.identity.boot:08x}")
@@ -455,7 +456,7 @@ def it_stops_without_a_host(trial: Trial) -> None:
     probe.listen(0.5)
     if probe.rows():
         raise Broken("it still streams 1.4 s after the last command, with a timeout of 0.4 s")
-    status = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.STATUS)
+    status = probe.ask(protocol.Command(protocol.KEEP_ALIVE, 0), protocol.Status)
     if status.streaming:
         raise Broken("STATUS says that it streams")
 
@@ -491,7 +492,7 @@ def reserved_fields_are_ignored(trial: Trial) -> None:
     """Fields that are sent as 0 are ignored when received (section 4)"""
     tag = trial.probe.next_tag()
     content = bytes([protocol.STOP, 2]) + tag.to_bytes(2, "little")
-    trial.probe.ask(content + bytes([0x12, 0x34, trial.probe.address, 0x56]), protocol.ACK)
+    trial.probe.ask(content + bytes([0x12, 0x34, trial.probe.address, 0x56]), protocol.Ack)
 
 
 BOTH: tuple[Callable[[Trial], str | None], ...] = (
@@ -536,7 +537,7 @@ def versions_of(probe: Probe) -> dict[int, protocol.Identity]:
         for _ in range(5):
             tag = probe.send(protocol.Command(protocol.IDENTIFY, 0))
             answer = probe.answer(tag)
-            if answer is not None and answer.type == protocol.IDENTITY:
+            if isinstance(answer, protocol.Identity):
                 found[version] = answer
             if answer is not None:
                 break
@@ -567,8 +568,8 @@ def check(
         rule = "A device of both versions says so in its IDENTITY of version 1 (section 4)"
         yield Verdict(1, rule, KEPT if said else BROKEN, "" if said else "the string v2 is missing")
     for version, identity in identities.items():
-        trial = Trial(probe)
-        probe.version, trial.identity = version, identity
+        trial = Trial(probe, identity)
+        probe.version = version
         for tried in BOTH + (NEWER if version > 1 else ()):
             yield _verdict(trial, tried)
         counters = probe.parser.counters
@@ -585,9 +586,8 @@ def _verdict(trial: Trial, tried: Callable[[Trial], str | None]) -> Verdict:
     try:
         trial.prepare()
         if trial.probe.version > 1:
-            trial.identity = trial.probe.ask(
-                protocol.Command(protocol.IDENTIFY, 0), protocol.IDENTITY
-            )
+            command = protocol.Command(protocol.IDENTIFY, 0)
+            trial.identity = trial.probe.ask(command, protocol.Identity)
             trial.probe.forget()
         remark = tried(trial) or ""
     except Broken as broken:

@@ -151,10 +151,7 @@ class Conversation:
         self._tag = self._tag % 0xFFFF + 1
         return self._tag
 
-    def _send(
-        self,
-        packet: protocol.Command | protocol.Start | protocol.SetRate | protocol.SetScan,
-    ) -> int:
+    def _send(self, packet: protocol.FromHost) -> int:
         packet = packet._replace(version=self.version, address=self.address)
         self._world.write(self.line, protocol.encode(packet))
         return packet.tag

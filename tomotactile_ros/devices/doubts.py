@@ -51,8 +51,8 @@ class Doubts:
         """Take in a frame; `jumped`: the device's clock has."""
         last, self._last = self._last, rows
         timeless = rows.row_period == 0 and len(rows.grounded) > 1
-        stands = last is not None and rows.frame_time > last.frame_time and not jumped
-        if stands:
+        stands = False
+        if last is not None and rows.frame_time > last.frame_time and not jumped:
             stands = not 0 < (rows.sequence - last.sequence) & 0xFFFFFFFF < 1 << 31
         varies = rows.drive_span > VARIES * rows.drive_voltage
         self._recent.add(

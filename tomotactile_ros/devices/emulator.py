@@ -75,7 +75,8 @@ class Emulator:
     def unplug(self) -> None:
         """Pull the plug and stop; a device on battery: sequence and time go on at the next plug."""
         self._stop.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def run(self, announce: Callable[[str], None]) -> None:
         """Plug in, `announce` the path and serve until an exception such as Ctrl-C."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -60,7 +61,7 @@ class FakeDevice(ThreadedDevice):
         self._simulator, self._beside = simulator, beside
         self._own_order = tuple(simulator.grounded.tolist())
         self._skipped = 0
-        self._begin: float | None = None  # of time in the scene, s, by `time`
+        self._begin = math.nan  # of time in the scene, s, by `time`; not before it is open
         self._touches = Touches(simulator.layout) if simulator.scene.live else None
         simulator.live = self._touches
         self._ahead: tuple[_Scan, Future[np.ndarray]] | None = None
@@ -84,7 +85,7 @@ class FakeDevice(ThreadedDevice):
         """
         if self._touches is None:
             return ["touches: the scene is not live, it takes none from outside"]
-        if self._begin is None:
+        if math.isnan(self._begin):
             return []
         return self._touches.press(touches, self._now() - self._begin)
 

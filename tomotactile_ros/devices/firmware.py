@@ -211,31 +211,31 @@ class EmulatedDevice:
         return address in (self._address, protocol.ALL_ADDRESSES)
 
     def _answer(self, packet: protocol.Packet, now: float) -> bytes:
-        kind = packet.type
-        if kind >= protocol.ROW:
+        if not isinstance(packet, protocol.FromHost):
             return b""
+        kind = protocol.type_of(packet)
         if packet.version not in self._versions:
             return self._error(packet.tag, kind, protocol.UNSUPPORTED_VERSION)
+        if isinstance(packet, protocol.SetRate):
+            return self._set_rate(packet)
+        if isinstance(packet, protocol.SetScan):
+            return self._set_scan(packet)
         if kind == protocol.IDENTIFY:
             return protocol.encode(self._identity(packet))
         if kind == protocol.KEEP_ALIVE:
             return protocol.encode(self._status(packet.tag, now))
-        if kind == protocol.SET_RATE:
-            return self._set_rate(packet)
-        if kind == protocol.SET_SCAN:
-            return self._set_scan(packet)
         if kind == protocol.START:
             return self._start_stream(packet, now)
         self.streaming = False
         return self._ack(packet, kind)
 
     def _start_stream(self, packet: protocol.Command | protocol.Start, now: float) -> bytes:
-        old = packet.version == 1
-        self._timeout = 0.0 if old else 1e-3 * packet.timeout
-        self._frames_left = 0 if old else packet.frames
+        self._timeout, self._frames_left = 0.0, 0
+        if isinstance(packet, protocol.Start):
+            self._timeout, self._frames_left = 1e-3 * packet.timeout, packet.frames
         if self.streaming and packet.version == self._version:
             return self._ack(packet, protocol.START)
-        if old and self._next_scan != protocol.OWN_ORDER:
+        if packet.version == 1 and self._next_scan != protocol.OWN_ORDER:
             self._take_order(self._own_order, protocol.OWN_ORDER)
         self._version = packet.version
         self.streaming = False  # until there are rows of the new version
@@ -293,7 +293,7 @@ class EmulatedDevice:
         known = version if version in self._versions else None
         self._answers.append(self._error(tag, kind, code, version=known))
 
-    def _identity(self, packet: protocol.Command) -> protocol.Identity:
+    def _identity(self, packet: protocol.FromHost) -> protocol.Identity:
         identity = protocol.Identity(
             packet.tag, self.electrodes, len(self._next_order), self._bits, self._range, self.rate,
             0, self.max_rate, self._name, "1.0.0", self._serial,
@@ -329,7 +329,7 @@ class EmulatedDevice:
         begun = self.streaming or self._row > 0
         return (self.sequence + begun) & 0xFFFFFFFF
 
-    def _ack(self, packet: protocol.Packet, command: int, streaming: bool | None = None) -> bytes:
+    def _ack(self, packet: protocol.FromHost, command: int, streaming: bool | None = None) -> bytes:
         streaming = self.streaming if streaming is None else streaming
         ack = protocol.Ack(packet.tag, command, streaming, self.rate)
         if packet.version > 1:

@@ -27,8 +27,7 @@ class DeadChannels:
         self._window = window
         self._constant: set[int] = set()
         self._frames = 0
-        self._low: np.ndarray | None = None
-        self._high: np.ndarray | None = None
+        self._low = self._high = np.empty(0)  # V, of the window under way; empty before it
 
     def update(self, voltages: np.ndarray, drive_voltage: float) -> None:
         """Take in the readings (L, E) of one frame, V, NaN where invalid."""
@@ -36,7 +35,7 @@ class DeadChannels:
         highest, lowest = np.fmax.reduce(high), np.fmin.reduce(low)
         self.highest = float(max(highest, -lowest))
         self.span = float(highest - lowest)
-        if self._low is None or self._low.shape != low.shape:
+        if self._low.shape != low.shape:
             self._low, self._high, self._frames = low, high, 0
         else:
             np.fmin(self._low, low, out=self._low)
@@ -44,7 +43,7 @@ class DeadChannels:
         self._frames += 1
         if self._frames >= self._window:
             self._judge(drive_voltage)
-            self._low = None
+            self._low = np.empty(0)
 
     def _judge(self, drive_voltage: float) -> None:
         span = self._high - self._low

@@ -140,7 +140,9 @@ class Line:
     def read(self, timeout: float) -> bytes:
         """Bytes that have arrived, waiting up to `timeout` s for the first; b"" if none came."""
         try:
-            return self._read_fd(timeout) if self._fd is not None else self._read_port(timeout)
+            if self._fd is not None:
+                return self._read_fd(self._fd, timeout)
+            return self._read_port(timeout)
         except (OSError, ValueError, TypeError) as error:
             raise LineFault("disconnected", f"port: connection lost ({_reason(error)})") from None
 
@@ -158,12 +160,12 @@ class Line:
         except (OSError, ValueError, TypeError):
             pass
 
-    def _read_fd(self, timeout: float) -> bytes:
+    def _read_fd(self, fd: int, timeout: float) -> bytes:
         if not self._behind:
             time.sleep(self.GATHER)
-        if not select.select([self._fd], [], [], timeout)[0]:
+        if not select.select([fd], [], [], timeout)[0]:
             return b""
-        length = os.readv(self._fd, [self._buffer])
+        length = os.readv(fd, [self._buffer])
         if not length:
             raise OSError(errno.EIO, "the other end has closed it")
         self._behind = length >= self.MUCH

@@ -71,6 +71,8 @@ class TcpPort:
 
     def receive(self) -> bytes:
         """What the host has sent."""
+        if self._peer is None:
+            return b""
         try:
             data = self._peer.recv(65536)
         except BlockingIOError:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.line import Line
 
 PAUSE = 0.3  # s in which an answer, or its absence, is waited for
 QUIET = 0.15  # s without a row: it has stopped
+Answer = TypeVar("Answer", protocol.Identity, protocol.Ack, protocol.Error, protocol.Status)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class Probe:
         """Stop the device, and wait until nothing comes any more."""
         for _ in range(5):
             tag = self.send(protocol.Command(protocol.STOP, 0))
-            self.listen(PAUSE, lambda tag=tag: self.answers(tag))
+            self.answer(tag)
             self.forget()
             self.listen(QUIET)
             if not self.rows():
@@ -98,7 +100,7 @@ class Probe:
                 return
         raise Broken("STOP does not stop it")
 
-    def send(self, packet: protocol.Packet | bytes, address: int | None = None) -> int:
+    def send(self, packet: protocol.FromHost | bytes, address: int | None = None) -> int:
         """Send a command in the probe's version, with a new tag; or the content of a packet.
 
         Returns the tag.
@@ -128,31 +130,32 @@ class Probe:
 
     def answers(self, tag: int) -> list[Heard]:
         """Packets that are no rows and carry the tag."""
-        return [h for h in self.heard if h.packet.type != protocol.ROW and h.packet.tag == tag]
+        return [
+            h for h in self.heard if not isinstance(h.packet, protocol.Row) and h.packet.tag == tag
+        ]
 
-    def ask(self, packet: protocol.Packet | bytes, kind: int) -> protocol.Packet:
-        """Send a command; return its answer, which must be of that type."""
+    def ask(self, packet: protocol.FromHost | bytes, kind: type[Answer]) -> Answer:
+        """Send a command; return its answer, which must be of that kind."""
         tag = self.send(packet)
         found = self.answer(tag)
-        name = name_of(packet[0] if isinstance(packet, bytes) else packet.type)
+        name = name_of(packet[0] if isinstance(packet, bytes) else protocol.type_of(packet))
         if found is None:
             raise Broken(f"no answer to {name} within {PAUSE:g} s")
-        if found.type != kind:
-            said = f" ({found})" if found.type == protocol.ERROR else ""
-            raise Broken(
-                f"{name} is answered with {name_of(found.type)}{said}, not {name_of(kind)}"
-            )
+        if not isinstance(found, kind):
+            said = f" ({found})" if isinstance(found, protocol.Error) else ""
+            given = name_of(protocol.type_of(found))
+            raise Broken(f"{name} is answered with {given}{said}, not {kind.__name__.upper()}")
         return found
 
     def start(self, timeout: int = 0, frames: int = 0) -> protocol.Ack:
         """Send START of the probe's version; return the ACK."""
         if self.version == 1:
-            return self.ask(protocol.Command(protocol.START, 0), protocol.ACK)
-        return self.ask(protocol.Start(0, timeout, frames), protocol.ACK)
+            return self.ask(protocol.Command(protocol.START, 0), protocol.Ack)
+        return self.ask(protocol.Start(0, timeout, frames), protocol.Ack)
 
     def rows(self) -> list[protocol.Row]:
         """The rows that were heard."""
-        return [h.packet for h in self.heard if h.packet.type == protocol.ROW]
+        return [h.packet for h in self.heard if isinstance(h.packet, protocol.Row)]
 
     def wait_for_rows(self, count: int, seconds: float) -> list[protocol.Row]:
         """The rows heard, once there are so many."""

@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,8 +98,6 @@ class Start(NamedTuple):
     ms; 0 of either: it does not.
     """
 
-    type = START
-
     tag: int
     timeout: int = 0
     frames: int = 0
@@ -109,8 +107,6 @@ class Start(NamedTuple):
 
 class SetRate(NamedTuple):
     """SET_RATE, host to device: `rate` in frames/s."""
-
-    type = SET_RATE
 
     tag: int
     rate: float
@@ -122,15 +118,13 @@ class SetScan(NamedTuple):
     """SET_SCAN, host to device: electrodes to ground, row after row; none: the device's own
     order."""
 
-    type = SET_SCAN
-
     tag: int
     order: tuple[int, ...]
     version: int = 2
     address: int = NO_ADDRESS
 
     @property
-    def count(self) -> int:
+    def count(self) -> int:  # type: ignore[override] # hides the one of tuples
         """Rows of a frame, 0 for as many as the device likes."""
         return len(self.order)
 
@@ -143,9 +137,7 @@ class Row(NamedTuple):
     row's last sample after that.  `scan` is the tag of the SET_SCAN whose order it follows.
     """
 
-    type = ROW
-
-    count: int
+    count: int  # type: ignore[assignment] # hides the one of tuples
     row: int
     rows: int
     sequence: int
@@ -168,8 +160,6 @@ class Identity(NamedTuple):
     in frames/s (`max_rate` of version 1) and rows/s (`max_row_rate` of version 2), `line_rate` in
     bit/s (0 if the line has none, as with native USB).
     """
-
-    type = IDENTITY
 
     tag: int
     electrodes: int
@@ -197,8 +187,6 @@ class Ack(NamedTuple):
     In version 2 also the number of the next frame that begins, and its rows.
     """
 
-    type = ACK
-
     tag: int
     command: int
     streaming: bool
@@ -211,8 +199,6 @@ class Ack(NamedTuple):
 
 class Error(NamedTuple):
     """ERROR, device to host: `command` was refused, or a fault without a command (tag 0)."""
-
-    type = ERROR
 
     tag: int
     command: int
@@ -232,8 +218,6 @@ class Status(NamedTuple):
     `sequence` is that of the next frame that begins.
     """
 
-    type = STATUS
-
     tag: int
     streaming: bool
     boot: int
@@ -245,7 +229,17 @@ class Status(NamedTuple):
     address: int = NO_ADDRESS
 
 
-Packet = Command | Start | SetRate | SetScan | Row | Identity | Ack | Error | Status
+FromHost = Command | Start | SetRate | SetScan
+Packet = FromHost | Row | Identity | Ack | Error | Status
+_TYPES: dict[type, int] = {
+    Start: START, SetRate: SET_RATE, SetScan: SET_SCAN, Row: ROW, Identity: IDENTITY, Ack: ACK,
+    Error: ERROR, Status: STATUS,
+}  # fmt: skip
+
+
+def type_of(packet: Packet) -> int:
+    """The type that a packet has on the wire."""
+    return packet.type if isinstance(packet, Command) else _TYPES[type(packet)]
 
 
 def pack_counts(counts: np.ndarray) -> bytes:
@@ -260,9 +254,9 @@ def unpack_counts(readings: bytes) -> np.ndarray:
 
 def encode(packet: Packet) -> bytes:
     """Bytes of `packet` on the wire, with checksum, framing and the closing zero."""
-    key = packet.type, packet.version
+    key = type_of(packet), packet.version
     fields = [getattr(packet, name) if name else 0 for name in FIELDS[key]]
-    return frame(HEADS[key].pack(*key, *fields) + _TAILS.get(packet.type, _nothing)(packet))
+    return frame(HEADS[key].pack(*key, *fields) + _TAILS.get(key[0], _nothing)(packet))
 
 
 def frame(body: bytes) -> bytes:
@@ -300,7 +294,7 @@ def _strings(p: Identity) -> bytes:
     return b"".join(map(_string, [p.name, p.firmware, p.serial, *also]))
 
 
-_TAILS = {
+_TAILS: dict[int, Callable[[Any], bytes]] = {
     SET_SCAN: lambda p: np.asarray(p.order, "<u2").tobytes(),
     ROW: lambda p: p.readings,
     IDENTITY: _strings,
@@ -337,7 +331,7 @@ def _decode_set_scan(data: bytes) -> SetScan:
 
 
 def _decode_row_1(data: bytes) -> Row:
-    row = Row(*_ROW_1.unpack_from(data)[2:], data[_ROW_1.size :])
+    row = Row(*_ROW_1.unpack_from(data)[2:] + (data[_ROW_1.size :],))
     _check_row(row)
     return row
 
@@ -417,7 +411,7 @@ def _check_rate(rate: float) -> None:
         raise Malformed(f"{rate:g} is no rate")
 
 
-_DECODE = {
+_DECODE: dict[tuple[int, int], Callable[[bytes], Packet]] = {
     (IDENTIFY, 1): _decode_command,
     (IDENTIFY, 2): _decode_command,
     (START, 1): _decode_command,
@@ -487,14 +481,13 @@ class Parser:
         """Take in `data`, return the packets that are complete now, in order."""
         self.counters.bytes += len(data)
         *chunks, rest = (self._rest + data).split(b"\0") if self._rest else data.split(b"\0")
-        packets = []
+        packets: list[Packet] = []
         for chunk in chunks:
             if self._overlong:
                 self._overlong = False
                 continue
-            packet = self._packet(chunk) if chunk else None
-            if packet is not None:
-                packets.append(packet)
+            if chunk:
+                packets += self._packet(chunk)
         if len(rest) > MAX_WIRE:
             if not self._overlong:
                 self._out_of_step("framing_errors", "no delimiter within the longest packet")
@@ -502,7 +495,8 @@ class Parser:
         self._rest = rest
         return packets
 
-    def _packet(self, chunk: bytes) -> Packet | None:
+    def _packet(self, chunk: bytes) -> list[Packet]:
+        """The packet of a chunk, or none."""
         if len(chunk) > MAX_WIRE:
             return self._out_of_step("framing_errors", "packet too long")
         data = cobs.decode(chunk)
@@ -520,9 +514,10 @@ class Parser:
         if not self._in_step:
             self._in_step = True
             self.counters.resynchronisations += 1
-        return packet
+        return [packet]
 
-    def _out_of_step(self, counter: str, complaint: str) -> None:
+    def _out_of_step(self, counter: str, complaint: str) -> list[Packet]:
         setattr(self.counters, counter, getattr(self.counters, counter) + 1)
         self.last_complaint = complaint
         self._in_step = False
+        return []

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -115,9 +116,10 @@ def open_recording(
     read = partial(
         read_frames, path, electrodes=layout.electrodes, layout_id=layout.id, topic=topic
     )
-    first, stamps, row_periods = None, [], []
-    for frame in read():
-        first = first or frame
+    frames = read()
+    first = next(frames)
+    stamps, row_periods = [first.stamp], [first.row_period]
+    for frame in frames:
         _check_alike(path, frame, first, drive_voltage is None)
         stamps.append(frame.stamp)
         row_periods.append(frame.row_period)
@@ -177,10 +179,10 @@ def check_unit(place: str, frames: Iterable[np.ndarray], drive_voltage: float) -
     count, above, below, highest, whole = 0, 0, 0, 0.0, True
     for frame in frames:
         valid = frame[np.isfinite(frame)]
-        below += np.count_nonzero(valid < -_BELOW * drive_voltage)
+        below += int(np.count_nonzero(valid < -_BELOW * drive_voltage))
         valid = np.abs(valid)
         count += valid.size
-        above += np.count_nonzero(valid > _ABOVE * drive_voltage)
+        above += int(np.count_nonzero(valid > _ABOVE * drive_voltage))
         highest = max(highest, float(valid.max(initial=0.0)))
         whole = whole and bool((valid == np.round(valid)).all())
     if not count:
@@ -233,7 +235,7 @@ def _bag_frames(path: Path, layout_id: str | None, topic: str | None) -> Iterato
         yield _frame_of_message(path, message)
 
 
-def _check_layout(path: Path, message: object, layout_id: str | None, first: bool) -> None:
+def _check_layout(path: Path, message: Any, layout_id: str | None, first: bool) -> None:
     if layout_id is None:
         return
     if not matches(message.layout_id, layout_id):
@@ -245,7 +247,7 @@ def _check_layout(path: Path, message: object, layout_id: str | None, first: boo
         note_bare(message.layout_id, layout_id, path)
 
 
-def _frame_of_message(path: Path, message: object) -> Frame:
+def _frame_of_message(path: Path, message: Any) -> Frame:
     electrodes = int(message.electrodes)
     grounded = np.asarray(message.grounded, dtype=np.uint16)
     voltages = np.asarray(message.voltages, dtype=np.float32)

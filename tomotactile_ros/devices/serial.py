@@ -32,6 +32,7 @@ LATE_PERIOD, LATE_BUT_USED = 2.0, 60.0
 EMPTYING_TIME = 60.0
 KEEP_ALIVE_PERIOD, KEEP_ALIVE_TIMEOUT = 1.0, 5.0
 LEAST_STEP = 1e-6  # s from one stamp of rows to the next
+NOBODY = protocol.Identity(0, 0, 0, 0, 0.0, 0.0, 0, 0.0, "nobody", "", "")
 
 
 class SerialDevice(LineDevice):
@@ -59,6 +60,8 @@ class SerialDevice(LineDevice):
 
     Attributes
     ----------
+    identity : protocol.Identity
+        What the device has told of itself; `NOBODY` before that.
     temperature : (float, float) or None
         Temperature of the sheet (°C) that the device told last, and when (Unix time, s).
     """
@@ -76,7 +79,6 @@ class SerialDevice(LineDevice):
         opener: Callable[[str, int], Line] = open_line,
     ) -> None:
         super().__init__(port, electrodes, baud, rate, opener)
-        self.identity: protocol.Identity | None = None
         self._partial, self._address = partial_frames, address
         self._capture_path = capture
         self._reset()
@@ -93,8 +95,8 @@ class SerialDevice(LineDevice):
         self._device_rate = 0.0
         self._note, self._faulty, self._scan_note = "", False, ""
         self._answers_ignored = 0
-        self._stale_at = self._row_stamp = -math.inf
-        self.identity = None
+        self._stale_at = self._row_stamp = self._told = -math.inf
+        self.identity = NOBODY
 
     def open(
         self,
@@ -196,7 +198,7 @@ class SerialDevice(LineDevice):
 
     def _accept(self, identity: protocol.Identity) -> None:
         check_identity(identity, self._electrodes, self._found)
-        if self.identity is not None and identity.boot != self.identity.boot:
+        if self._connections and identity.boot != self.identity.boot:
             self._restarts += 1
         self.identity = identity
         self._agree_on_rate(identity.rate)

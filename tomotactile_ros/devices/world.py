@@ -104,7 +104,7 @@ class World:
             self._changed.wait()
             self._changed.clear()
         if self._stop.is_set():
-            opening.add_done_callback(lambda it: it.exception() or it.result().close())
+            opening.add_done_callback(_close)
             return None
         return opening.result()
 
@@ -119,3 +119,8 @@ class World:
 
     def close(self) -> None:
         """The device has ended."""
+
+
+def _close(opening: Future[Line]) -> None:
+    if opening.exception() is None:
+        opening.result().close()
