@@ -124,6 +124,7 @@ def open_frames(path: str | os.PathLike, layout_id: str | None = None) -> Frames
 def _stream(path) -> Iterator[np.ndarray]:
     """(L, E) frame after frame of a file."""
     with _complaining(path), _opened(path, "voltages", MAX_STREAMED) as (member, header):
+        assert header is not None  # of `open_frames`
         (count, *shape), _, dtype = header
         size = math.prod(shape) * dtype.itemsize
         for number in range(count):
@@ -384,7 +385,7 @@ def _contact_law(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> Cont
         return ContactLaw(*numbers)
 
 
-def _numbers(path: str | os.PathLike, key: str, value: object, count: int) -> list:
+def _numbers(path: str | os.PathLike, key: str, value: np.ndarray, count: int) -> list:
     """The values of an array that holds so many numbers."""
     array = np.ravel(value)
     if array.dtype.kind not in "fiu" or len(array) != count:

@@ -102,7 +102,7 @@ def collect(device: Device, most: int | None = None, duration: float | None = No
                 end = time.monotonic() + duration
             frames.append(frame)
             if total:
-                done = len(frames) if most else duration - (end - time.monotonic())
+                done = len(frames) if most else total - (end - time.monotonic())
                 progress.update(int(done))
     if not frames:
         raise InputError("no frame has come")

@@ -169,7 +169,7 @@ def _more(entries: Sized) -> Iterator[str]:
 def _describe_contact(contact: Contact):
     x, y = contact.centroid * 1e3
     text = f"{contact.shape} at ({x:.4g}, {y:.4g}) mm, {contact.area * 1e6:.4g} mm2"
-    if contact.mean_pressure is None:
+    if contact.mean_pressure is None or contact.total_force is None:
         text += ", bare conductor"
     else:
         text += f", {contact.mean_pressure / 1e3:.4g} kPa, {contact.total_force:.3g} N"

@@ -126,4 +126,4 @@ def off_lattice(
 
 def _truth(disc: Contact) -> dict:
     x, y = disc.centroid
-    return {"x": float(x), "y": float(y), "force": disc.pressure * np.pi * disc.radius**2}
+    return {"x": float(x), "y": float(y), "force": disc.total_force}

@@ -79,12 +79,12 @@ def free(
     best = Trial(layout.positions, layout.radius, objective.score(layout.positions))
     allowed = constraints.kept_by(best.positions)
     _say_what_is_dropped(search)
-    how = {"regularization": regularization, "resolution": resolution}
+    quality = partial(evaluate_layout, regularization=regularization, resolution=resolution)
 
     def moved():
-        return evaluate_layout(replace(layout, positions=best.positions, provenance={}), **how)
+        return quality(replace(layout, positions=best.positions, provenance={}))
 
-    yield clock.step(0, evaluate_layout(layout, **how), best.score, allowed)
+    yield clock.step(0, quality(layout), best.score, allowed)
     if not allowed:
         best = replace(best, score=np.inf)
     if state is not None:

@@ -111,7 +111,8 @@ class Objective:
         found = [Figures(lattice, positions) for lattice in self._lattices]
         score, share = _soft_maximum(self._mean(found) / self._aims)
         share = share / self._aims / len(found)
-        return score, sum(each.gradient(share / unit) for each, unit in zip(found, self._units))
+        slopes = [each.gradient(share / unit) for each, unit in zip(found, self._units)]
+        return score, np.sum(slopes, axis=0)
 
     def _mean(self, found):
         return np.mean([each.values / unit for each, unit in zip(found, self._units)], axis=0)

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tomotactile_ros.layouts.region import MAX_CELLS, Region, regular_polygon, ring
 from tomotactile_ros.scenes.cells import (
@@ -32,6 +32,7 @@ SHAPES = {
     "rectangle": ("center", "size", "angle"),
     "polygon": ("points",),
 }
+_ABSENT: Any = None  # what a contact of another shape has
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,21 +61,30 @@ class Contact:
     """
 
     shape: str
-    center: Sequence[float] | None = None
-    radius: float | None = None
-    size: Sequence[float] | None = None
+    center: Any = None  # given as any sequence, kept as an array, and so is the velocity
+    radius: float = _ABSENT
+    size: Sequence[float] = _ABSENT
     angle: float = 0.0
-    points: np.ndarray | None = None
+    points: np.ndarray = _ABSENT
     pressure: float | None = None
     start: float = 0.0
     end: float = math.inf
-    velocity: Sequence[float] = (0.0, 0.0)
+    velocity: Any = (0.0, 0.0)
     force: float | None = None
     profile: str = "even"
     course: Course | None = None
     path: np.ndarray | None = None
-    speed: float | None = None
+    speed: float = _ABSENT
     loop: bool = False
+    width: float = field(init=False)
+    _form: Region = field(init=False, repr=False)  # about its centre; a disc has none
+    _load: Load = field(init=False, repr=False)
+    _motion: Motion | None = field(init=False, repr=False)
+    _begin: np.ndarray = field(init=False, repr=False)  # (2,) m, where its centre is at first
+    _law: ContactLaw | None = field(init=False, repr=False)
+    _level: float = field(init=False, repr=False)
+    _felt: float = field(init=False, repr=False)
+    _cells: dict = field(init=False, repr=False)
 
     def __post_init__(self):
         if self.shape not in SHAPES:
@@ -116,9 +126,7 @@ class Contact:
         center = checks.pair(self.center, "center", "position in m")
         self._set("center", checks.points([center], "center")[0])
         if self.shape == "disc":
-            radius = checks.length(self.radius, "radius")
-            self._set("_form", None)
-            self._set("radius", radius)
+            self._set("radius", checks.length(self.radius, "radius"))
             return
         size = checks.pair(self.size, "size", "length in m")
         for i, side in enumerate(size):
@@ -261,7 +269,7 @@ class Contact:
         return self._felt
 
     def conductance(
-        self, law: ContactLaw | None, across: int, felt: ArrayLike | None = None
+        self, law: ContactLaw | None, across: int, felt: np.ndarray | None = None
     ) -> np.ndarray:
         """Conductance per area of the `patches`, S/m², by a contact law.
 
@@ -358,7 +366,7 @@ class Contact:
 
     def to_dict(self) -> dict:
         """The contact as in a scene file."""
-        content = {"shape": self.shape}
+        content: dict[str, Any] = {"shape": self.shape}
         content.update({key: getattr(self, key) for key in SHAPES[self.shape]})
         for key in ("pressure", "force"):
             if getattr(self, key) is not None:
@@ -384,7 +392,7 @@ def read_contact(reader: Reader) -> Contact:
         "shape", *SHAPES[shape], "pressure", "force", "profile", "course", "from", "to",
         "velocity", "path", "speed", "loop",
     )  # fmt: skip
-    form = {}
+    form: dict[str, Any] = {}
     if shape == "polygon":
         form["points"] = reader.points("points")
     else:

@@ -86,7 +86,7 @@ class Signal:
         """State at ``t`` (s) of a lag with the time constant ``tau`` (s), at rest at time 0."""
         periods, t = self._folded(t)
         z = 0.0
-        if periods:
+        if self.period is not None and periods:
             kept = math.exp(-self.period / tau)  # of a state, after one period
             z = self._lag(self.period, tau, 0.0) * _geometric(kept, periods)
         return self._lag(t, tau, z)

@@ -167,6 +167,7 @@ class Patch:
         if self.points is not None:
             return np.array(self.points)
         angle = 2 * np.pi / 64 * np.arange(64)
+        assert self.center is not None and self.radius is not None
         radius = self.radius * math.sqrt(2 * np.pi / 64 / math.sin(2 * np.pi / 64))
         return self.center + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
@@ -211,6 +212,7 @@ class Temperature:
         """Sheet resistance at the time ``t`` (s), in parts of that of the layout."""
         if self.rate is not None:
             return np.exp(np.clip(self.rate * np.asarray(t), -20, 20))
+        assert self.relative is not None and self.period is not None
         return 1 + self.relative * np.sin(2 * np.pi * np.asarray(t) / self.period)
 
 
@@ -229,7 +231,8 @@ class SheetField:
 
     def rims(self, least_width: float = 0.0) -> list[np.ndarray]:
         """(V, 2) closed lines, m, along which the conductance jumps; see `resistance_of`."""
-        parts = [*self.patches, *(tear.widened(least_width) for tear in self.tears)]
+        tears = [tear.widened(least_width) for tear in self.tears]
+        parts: list[Patch | Tear] = [*self.patches, *tears]
         return [np.vstack([part.corners, part.corners[:1]]) for part in parts]
 
     def check(self, layout: Layout, place: str = "") -> None:

@@ -39,7 +39,9 @@ class _SlowParser(yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser):
         yaml.parser.Parser.__init__(self)
 
 
-_Parser: Any = yaml.cyaml.CParser if yaml.__with_libyaml__ else _SlowParser
+_Parser: Any = _SlowParser
+if yaml.__with_libyaml__:
+    _Parser = yaml.cyaml.CParser  # type: ignore[attr-defined] # the stubs leave it out
 
 
 class _Loader(
@@ -185,7 +187,7 @@ class Reader:
             self.refuse(key, value, "is neither true nor false")
         return value
 
-    def text(self, key: str, default: str | None = _REQUIRED) -> str:
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
         """A text that is not blank."""
         value = self._value(key, default)
         if value is not default and not (isinstance(value, str) and value.strip()):
