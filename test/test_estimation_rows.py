@@ -18,7 +18,6 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
-from tomotactile_ros.estimation.row_state import Belief, RowState
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -177,9 +176,8 @@ def test_what_was_taken_to_be_on_the_rim_comes_back(operator, known):
 
 
 def test_contacts_near_each_other_wait_for_a_frame(estimator):
-    state = RowsState(rows=RowState(Belief.untouched(np.ones(2)), time=1.0), used=tuple(range(16)))
-    estimator = RowEstimator(estimator)
-    state.drive = DRIVE
+    state, estimator = RowsState(), RowEstimator(estimator)
+    estimator._begin(state, DRIVE)
     for number, x in ((1, 0.0), (2, 0.04)):
         mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])
         rows = state.rows

@@ -62,16 +62,20 @@ class FramesFile:
     row_period: float = 0.0
     lawless: bool = False
 
+    @property
+    def drive(self) -> float:
+        """The drive voltage, V, or the usual one."""
+        return DEFAULT_DRIVE if self.drive_voltage is None else self.drive_voltage
+
     def __len__(self) -> int:
         """Number of frames N."""
         return len(self.voltages)
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames, one after the other, with their times as far as the file has them."""
-        drive = DEFAULT_DRIVE if self.drive_voltage is None else self.drive_voltage
         stamps = repeat(math.nan) if self.stamps is None else self.stamps
         for number, (voltages, stamp) in enumerate(zip(self.voltages, stamps)):
-            yield Frame(voltages, self.grounded, number, float(stamp), drive, self.row_period)
+            yield Frame(voltages, self.grounded, number, float(stamp), self.drive, self.row_period)
 
 
 class StoredFrames:

@@ -57,9 +57,7 @@ def run(args: Namespace) -> None:
     state = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     learned = learn(
         layout,
-        recorded.voltages,
-        recorded.grounded,
-        recorded.drive_voltage,
+        recorded,
         noise=args.noise,
         radius=args.contact_radius,
         model=args.model,

@@ -92,9 +92,7 @@ def run(args: Namespace) -> None:
         model=args.model,
     )
     with complaints_at(f"{args.frames}: "):
-        refuse_mistakes(
-            layout, recorded.voltages, recorded.grounded, recorded.drive_voltage, args.noise
-        )
+        refuse_mistakes(layout, recorded.voltages, recorded.grounded, recorded.drive, args.noise)
     sensor = load_sensor(args.sensor, layout, args.model) if args.sensor else None
     pipeline = Pipeline(layout, settings, sensor=sensor)
     apply_tare(args.tare, pipeline)

@@ -44,7 +44,8 @@ class Births:
         false_alarms = 1 / (HOURS * 3600 * RATE)
         self.threshold = float(ndtri(false_alarms / (_SUMS * len(self.places))) ** 2)
         self._limit = float(operator.admittance.diagonal().max())
-        self._model, self._shares, self._spread = None, None, None
+        self._model: RowModel | None = None
+        self._shares = self._spread = np.empty(0)  # of the model
 
     def nothing(self) -> np.ndarray:
         """(2, K) sums over rows before any row."""

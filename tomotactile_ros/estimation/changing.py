@@ -55,14 +55,13 @@ class Changing:
         if not len(grounded):
             return None
         rows, state = self._rows(), self._state
-        if state is None or state.rows is None or begun <= state.rows.time:
+        if state is None or not state.begun or begun <= state.rows.time:
             state = RowsState(waits=False, left_out=dict(left_out), settling=self._settling)
             if self._seen is not None:
                 rows.go_on(state, self._seen, drive_voltage)
         misfits = []
         for i, (row, ground) in enumerate(zip(voltages, grounded)):
             rows.follow(row, int(ground), drive_voltage, begun + i * period, state)
-            assert state.rows is not None  # it was given a row
             misfits.append(state.rows.misfit)
             if state.rows.touched_at_once:
                 return None

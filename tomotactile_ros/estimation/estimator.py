@@ -323,19 +323,19 @@ class Estimator:
         except _Contradiction as what:
             state.forget()
             known = left_out, what.found.misfit, begun
-            seen = what.scatter, what.found.rows.count
-            return Estimate([], [], "withheld", what.reason, *known), seen if what.scatter else None
+            scattered = (what.scatter, what.found.rows.count) if what.scatter else None
+            return Estimate([], [], "withheld", what.reason, *known), scattered
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
             reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
             return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
-        ahead = 0.0 if times is None else fit.rows.times.max() + (times[-1] + row_period) / 2
+        ahead = 0.0 if times is None else fit.rows.last + (times[-1] + row_period) / 2
         unknowns = _ahead(fit.unknowns, ahead)
         if len(fit.rows.grounded) < len(rows.grounded):
-            seen = prior if state.sensor is None else state.sensor.unknowns
-            unknowns = as_known(unknowns, seen)  # few rows do not tell
+            # few rows do not tell
+            unknowns = as_known(unknowns, prior if state.sensor is None else state.sensor.unknowns)
         elif len(unknowns.contacts):
             state.sensor = fit
         state.unknowns, state.equations, state.used = unknowns, fit.equations, used
@@ -346,24 +346,23 @@ class Estimator:
         if at_end and misfit > _LEFT_AT_END:
             reason = AT_END
         variance = scatter(fit)
-        seen = None if variance is None else (variance, fit.rows.count)
+        scattered = None if variance is None else (variance, fit.rows.count)
         if reason:
             state.forget()
             unlike = reason not in (AT_END, CHANGED)
-            return Estimate(
-                [], [], "withheld", reason, left_out, misfit, first, unlike=unlike
-            ), seen
+            known = left_out, misfit, first
+            return Estimate([], [], "withheld", reason, *known, unlike=unlike), scattered
         state.fit = fit
         contacts, parts = self._reported(search, fit, state)
         if parts and rows_are_alike(driven, places[grounded], places[list(used)], noise):
             state.forget()
-            return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), seen
+            return Estimate([], [], "withheld", ALIKE, left_out, misfit, first), scattered
         if not parts and len(fit.unknowns.contacts) and search.untouched(fit.rows, prior) is None:
             reason = "something touches, too weakly or too widely to say where"
             if _may_be_anywhere(fit):
                 reason = ANYWHERE
-            return Estimate([], [], "withheld", reason, left_out, misfit, first), seen
-        return Estimate(contacts, parts, "valid", "", left_out, misfit, first), seen
+            return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
+        return Estimate(contacts, parts, "valid", "", left_out, misfit, first), scattered
 
     def _ended(self, voltages, used, prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -494,6 +493,7 @@ class Estimator:
             if late is not None or by_rows is None:
                 return late
             raise _Followed(by_rows)
+        assert rows.times is not None
         since = rows.times[-1] - by_rows.lasts - _SAME_TIME
         part = rows.part(np.flatnonzero(rows.times >= since))
         if len(part.grounded) < _WINDOW or by_rows.slides or not len(by_rows.contacts):
@@ -675,8 +675,8 @@ class Estimator:
         contacts = fit.unknowns.contacts
         known = state.joined
         if known is None or not similar(contacts, known[0], fit.operator.pitch, SAME):
-            state.joined = contacts, groups(fit, search.allows)
-        return state.joined[1]
+            known = state.joined = contacts, groups(fit, search.allows)
+        return known[1]
 
 
 class _Followed(Exception):
@@ -786,6 +786,7 @@ def _below_zero(fit: Fit, expected: np.ndarray) -> float:
 
 def _middle(rows: Rows, size: int) -> float:
     """Time, s, for which contacts of the last `size` rows are estimated."""
+    assert rows.times is not None
     return float(rows.times[-size] + rows.times[-1]) / 2
 
 

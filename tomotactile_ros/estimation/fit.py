@@ -26,7 +26,7 @@ class Fit:
     ----------
     unknowns, prediction; misfit (L, n) reading minus prediction; chi_squared of the readings; cost
         with the priors
-    covariance (F, F) of the contacts' free parameters, all else marginal; None before `solve`
+    covariance (F, F) of the contacts' free parameters, all else marginal; empty before `solve`
     steps, work : of the `solve` or `approach` that ended here, the number of steps and that of patches
         in all evaluations of the forward model; 0 before
     equations : the last ones of `solve`, None before
@@ -53,7 +53,7 @@ class Fit:
         self.unknowns = unknowns or Unknowns(**core.unknowns)
         self.chi_squared: float = core.chi_squared
         self.cost: float = core.cost
-        self.covariance: np.ndarray | None = None
+        self.covariance = np.empty((0, 0))
         self.equations: Any = None
         self.steps, self.work, self.promised = 0, 0.0, 0.0
         self.needed: np.ndarray | None = None

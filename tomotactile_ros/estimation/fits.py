@@ -299,7 +299,6 @@ class Fits:
     def _certainties(self, fit: Fit) -> np.ndarray:
         """(k,) conductance of each contact over its deviation, squared."""
         free = fit.unknowns.free
-        assert fit.covariance is not None  # it was solved
         at = np.cumsum(free.sum(axis=1)) - free.sum(axis=1) + free[:, :CONDUCTANCE].sum(axis=1)
         return 1 / fit.covariance.diagonal()[at]
 

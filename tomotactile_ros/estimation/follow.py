@@ -95,10 +95,12 @@ class Follower:
 
     def begin(self, known: Known) -> RowState:
         """Nothing touches, no row was read."""
-        state = RowState(Belief.untouched(known.shift_deviation))
-        state.model, state.sums = RowModel(self.operator, known), self.births.nothing()
-        state.distrusted = np.zeros(self.operator.count, int)
-        return state
+        return RowState(
+            Belief.untouched(known.shift_deviation),
+            RowModel(self.operator, known),
+            self.births.nothing(),
+            np.zeros(self.operator.count, int),
+        )
 
     def follow(self, state: RowState, readings, valid, ground: int, time: float) -> None:
         """Takes a row into `state`.

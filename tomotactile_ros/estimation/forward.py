@@ -27,6 +27,7 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE, X, Y
 Prediction: Any = compiled.Prediction
 
 RATED = (X, Y, CONDUCTANCE)  # parameters of contacts that may change while rows are read
+_AT_REST: Any = None  # zeros, as many as there are contacts
 
 
 @dataclass(frozen=True)
@@ -51,20 +52,27 @@ class Unknowns:
     offset: np.ndarray
     resistance: np.ndarray
     aside: np.ndarray
-    rates: np.ndarray | None = None
-    moving: np.ndarray | None = None
+    rates: np.ndarray = _AT_REST
+    moving: np.ndarray = _AT_REST
     bond: np.ndarray | None = None
 
     def __post_init__(self):
-        if self.rates is None:
+        if self.rates is _AT_REST:
             count = len(self.contacts)
             object.__setattr__(self, "rates", np.zeros((count, len(RATED))))
             object.__setattr__(self, "moving", np.zeros(count, bool))
 
     def with_contacts(self, contacts, across, free) -> Unknowns:
         """The same with other contacts, all at rest."""
-        contacts = {"contacts": contacts, "across": tuple(across), "free": free}
-        return replace(self, **contacts, rates=None, moving=None, bond=None)
+        return replace(
+            self,
+            contacts=contacts,
+            across=tuple(across),
+            free=free,
+            rates=_AT_REST,
+            moving=_AT_REST,
+            bond=None,
+        )
 
     def joined_by(self, contact: np.ndarray, across: int, free, moving: bool = False) -> Unknowns:
         """The same with one `contact` (6,) more, at the end, at rest; `moving` if its rates are
@@ -82,8 +90,9 @@ class Unknowns:
 
     def in_motion(self, moving: bool = True) -> Unknowns:
         """The same with all contacts free to move while rows are read, or none."""
-        rates = self.rates if moving else None
-        return replace(self, rates=rates, moving=None if rates is None else self.moving | True)
+        if not moving:
+            return replace(self, rates=_AT_REST, moving=_AT_REST)
+        return replace(self, moving=self.moving | True)
 
     def same_point(self, other: Unknowns) -> bool:
         """Whether all that the readings depend on is the same, and nothing moves."""

@@ -67,14 +67,13 @@ class Fitted:
     @classmethod
     def of(cls, fit: Fit) -> Fitted:
         """Of a fit that was solved."""
-        times = fit.rows.times
         return cls(
             tuple(int(each) for each in fit.operator.used),
             fit.unknowns,
             fit.covariance,
             fit.chi_squared,
             max(fit.rows.count, 1),
-            0.0 if times is None else float(times.max()),
+            fit.rows.last,
             fit.equations.unevenness(fit),
         )
 
@@ -97,8 +96,9 @@ class FrameSeen:
     @classmethod
     def of(cls, estimate: Estimate, state: State) -> FrameSeen:
         """What was just estimated with `state`, at times that are not known yet."""
-        known = estimate.state == "valid" and state.fit is not None
-        fit = Fitted.of(state.fit) if known else None
+        fit = None
+        if estimate.state == "valid" and state.fit is not None:
+            fit = Fitted.of(state.fit)
         return cls(estimate, fit, settling=state.settling)
 
     def at(self, begun: float, period: float, rows: int) -> FrameSeen:
@@ -110,15 +110,16 @@ def corrected(
     follower: Follower,
     state: RowState,
     seen: FrameSeen,
+    fit: Fitted,
     then: Mapping[int, np.ndarray],
     ended: bool = False,
 ) -> None:
-    """Takes a valid frame into `state`.
+    """Takes a valid frame and its fit into `state`.
 
     then : {number: place (2,), m} of contacts as rows had it when the frame ended
     ended : whether rows saw something end within the frame or the one before: it may show it still
     """
-    operator, fit, belief = follower.operator, seen.fit, state.belief
+    operator, belief = follower.operator, state.belief
     found, state.uneven = fit.unknowns.after(fit.lasts), fit.uneven
     since = max(state.time - seen.ended, 0.0)
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
@@ -143,7 +144,7 @@ def corrected(
         belief = unlearned(belief, state.model.known)
         state.distrusted = np.zeros_like(state.distrusted)  # the frame has left out which are wrong
     for i in np.flatnonzero(~is_wide & ~blurred):
-        contact, (size, own) = found.contacts[i], _covariance(fit, i, misfit)
+        contact, (size, own) = found.contacts[i], _covariance(fit, int(i), misfit)
         mean = np.array([contact[X], contact[Y], *found.rates[i, :2], contact[CONDUCTANCE]])
         sizes = np.array([contact[RADIUS], size])
         own[[2, 3], [2, 3]] = np.square(RATES[0])

@@ -101,7 +101,7 @@ def rows_are_alike(
     if differ < noise or few:
         return False
     near, far = (valid & each for each in _near_and_far(grounded.tobytes(), places.tobytes()))
-    counts = max(np.count_nonzero(near), 1), max(np.count_nonzero(far), 1)
+    counts = max(int(np.count_nonzero(near)), 1), max(int(np.count_nonzero(far)), 1)
     lowered = left[far].sum() / counts[1] - left[near].sum() / counts[0]
     scatter = np.sqrt((left**2).sum() / number * (1 / counts[0] + 1 / counts[1]))
     return bool(scatter < _KNOWN_TO * differ and lowered < _LOWERED * differ)

@@ -36,6 +36,11 @@ class Rows:
         """Number of readings."""
         return int(np.count_nonzero(self.weights))
 
+    @property
+    def last(self) -> float:
+        """Time of the last row, s; 0 where all were read at once."""
+        return 0.0 if self.times is None else float(self.times.max())
+
     def corrected(self, channels) -> Rows:
         """What channels without gains and offsets would have read; `channels` has both: `Prior`,
         `Unknowns`."""

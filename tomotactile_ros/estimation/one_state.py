@@ -113,12 +113,12 @@ def channels_alone(found: Reciprocity, prior: Prior) -> tuple[Channels, np.ndarr
     """Gains and offsets as rows tell them by themselves, and their standard deviations (n,); those
     expected where rows do not tell."""
     gains = found.gains
-    expected = prior.gain, prior.offset, *prior.deviations[:2]
     told = gains.gain, gains.offset, *np.sqrt(gains.covariance.diagonal()).reshape(2, -1)
-    gain, offset, *deviations = (each.copy() for each in expected)
-    for each, known in zip((gain, offset, *deviations), told):
+    expected = [each.copy() for each in (prior.gain, prior.offset, *prior.deviations[:2])]
+    for each, known in zip(expected, told):
         each[found.among] = known
-    return Channels(gain, offset), *deviations
+    gain, offset, gain_deviation, offset_deviation = expected
+    return Channels(gain, offset), gain_deviation, offset_deviation
 
 
 def without_contradicting(
@@ -126,7 +126,8 @@ def without_contradicting(
 ) -> tuple[Reciprocity, list[int]]:
     """Of the same rows without the electrodes that contradict all others, `most` of them, and these: the
     worst ones in turn, where that explains most of what is left over."""
-    fewer, left_out = found, []
+    fewer = found
+    left_out: list[int] = []
     while len(left_out) < most and fewer.misfit > TORN and fewer.electrodes > _PAIRS:
         rows, worst = fewer.rows, fewer.worst
         weights = rows.weights.copy()

@@ -99,7 +99,7 @@ def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Cont
     certainties = _certainties(fit, covariance, group)
     which = np.flatnonzero(certainties >= _LIKELY**2)
     floor = place_floor(fit, fit.equations.unevenness(fit))
-    found = [_contact(fit, i, covariance, bent, certainties[i], law, floor) for i in which]
+    found = [_contact(fit, int(i), covariance, bent, certainties[i], law, floor) for i in which]
     sure = certainties[which] > _CERTAIN**2
     likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
     order = sorted(likely, key=lambda i: -found[i].force)
@@ -148,7 +148,7 @@ def _contact(
     unknown = ways @ ways + crowded(known, sheet) ** 2
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
     relative = np.inf if bare else min(relative, MOST_RELATIVE)
-    ahead = 0.0 if fit.rows.times is None else float(fit.rows.times.max())
+    ahead = fit.rows.last
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
     wide = WIDE_FLOOR * radius**2 / operator.pitch
@@ -162,12 +162,18 @@ def _contact(
         area,
         radius,
         g,
-        tuple(place.ravel().tolist()),
+        four(place),
         abs(pressure * area) * relative,
         radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
         float(1 - np.exp(-certainty / 2)),
         tuple(u.rates[i, :2].tolist()),
     )
+
+
+def four(matrix: np.ndarray) -> tuple[float, float, float, float]:
+    """The numbers of a covariance (2, 2), row by row."""
+    xx, xy, yx, yy = matrix.ravel().tolist()
+    return xx, xy, yx, yy
 
 
 def may_be_anywhere(covariance, layout: Layout) -> bool:
@@ -245,7 +251,7 @@ def _joined(parts: list[Contact]) -> Contact:
         area,
         radius,
         sum(each.conductance for each in parts),
-        tuple(float(each) for each in covariance),
+        four(np.asarray(covariance)),
         float(np.sqrt(sum(each.force_std**2 for each in parts))),
         float(np.sqrt(sum(each.radius_std**2 for each in parts))),
         max(each.probability for each in parts),

@@ -16,6 +16,7 @@ from tomotactile_ros.estimation.reported import (
     MOST_RELATIVE,
     Contact,
     crowded,
+    four,
     place_floor,
     told,
 )
@@ -56,7 +57,7 @@ class _Cells:
         ]
         self._conductances = np.array([g for g, _ in most]) * prediction.covered
         self._bare = np.array([bare for _, bare in most])
-        self._pressures = law.pressure(self._conductances / self._area)
+        self._pressures = np.asarray(law.pressure(self._conductances / self._area))
         self.forces = self._pressures * self._area
         self._places = np.array([prediction.touches.centre(i) for i in range(count)])
         self._slopes = self.forces * prediction.force_by_strength(law.exponent)
@@ -111,7 +112,7 @@ class _Cells:
             area,
             float(np.sqrt(area / np.pi)),
             conductance,
-            tuple(at.ravel().tolist()),
+            four(at),
             np.inf if bare else force * min(relative, MOST_RELATIVE),
             side / 2,
             float(1 - np.exp(-(certain**2) / 2)) if certain > _CERTAIN or bare else 0.0,
@@ -131,7 +132,7 @@ class _Cells:
         """One cell."""
         radius = float(np.sqrt(self._area[i] / np.pi))
         force, pressure = float(self.forces[i]), float(self._pressures[i])
-        place = tuple(self._places[i].tolist())
+        x, y = self._places[i].tolist()
         nothing = 0.0, 0.0, 0.0, 0.0
         conductance = float(self._conductances[i])
-        return Contact(*place, force, pressure, float(self._area[i]), radius, conductance, nothing, 0.0, 0.0, 1.0)  # fmt: skip
+        return Contact(x, y, force, pressure, float(self._area[i]), radius, conductance, nothing, 0.0, 0.0, 1.0)  # fmt: skip

@@ -23,6 +23,7 @@ from tomotactile_ros.estimation.fits import FILLED
 from tomotactile_ros.estimation.follow import YOUNG, Follower
 from tomotactile_ros.estimation.frames_in_rows import (
     POOR,
+    Fitted,
     FrameSeen,
     carried_on,
     corrected,
@@ -65,7 +66,7 @@ class RowsState:
     """All that lasts from row to row of one sensor.
 
     waits : whether the row that completes a frame waits for the frame's estimate
-    rows : of the follower, None before the first row; frames : of the estimator
+    begun : whether a row has come; rows : of the follower, from then on; frames : of the estimator
     read, grounded, times : rows since the last frame; used : electrodes in use
     confirmed : s, time of the last frame that was valid; looked : of the last one that was told
     doubted : frames since that nothing explained; passed : whether the last one was left out, as
@@ -81,7 +82,7 @@ class RowsState:
     """
 
     waits: bool = True
-    rows: RowState | None = None
+    _rows: RowState | None = None
     frames: State = field(default_factory=State)
     read: list = field(default_factory=list)
     grounded: list = field(default_factory=list)
@@ -106,6 +107,15 @@ class RowsState:
     kept: deque = field(default_factory=lambda: deque(maxlen=_KEPT))
     _told: deque = field(default_factory=lambda: deque(maxlen=1))
 
+    @property
+    def begun(self) -> bool:
+        return self._rows is not None
+
+    @property
+    def rows(self) -> RowState:
+        assert self._rows is not None
+        return self._rows
+
     def lasts(self, rows: int) -> float:
         """Time that so many of the last rows took, s."""
         past = self.past
@@ -114,17 +124,16 @@ class RowsState:
     @property
     def confused(self) -> bool:
         """Whether rows have contradicted what was said of the sheet again and again."""
-        return self.rows is not None and np.isinf(self.rows.confused)
+        return self.begun and bool(np.isinf(self.rows.confused))
 
     @property
     def asks(self) -> bool:
         """Whether a frame can tell what rows cannot: of what has just begun, of wide contacts,
         where rows are not believed, of channels that they contradict; and now and then in any
         case."""
-        rows = self.rows
-        if rows is None or self.touching is None or rows.wide or rows.distrusted.any():
+        if self.touching is None or self.rows.wide or self.rows.distrusted.any():
             return True
-        return any(self.new) or rows.time - self.looked > _LOOKED_AT
+        return any(self.new) or self.rows.time - self.looked > _LOOKED_AT
 
     @property
     def new(self) -> list[bool]:
@@ -152,15 +161,14 @@ class RowsState:
     @property
     def touching(self) -> tuple[int, ...] | None:
         """Numbers of what touches; None where that is not known."""
-        rows = self.rows
-        if rows is None or rows.unexplained or self.doubted >= _DOUBTFUL or self.confused:
+        if not self.begun or self.confused or self.rows.unexplained or self.doubted >= _DOUBTFUL:
             return None
-        return (*(number for number, *_ in rows.wide), *rows.belief.numbers)
+        return (*(number for number, *_ in self.rows.wide), *self.rows.belief.numbers)
 
     def rows_since_change(self, begun: float, ended: float) -> int | None:
         """How many rows of a frame from `begun` to `ended`, s, came after the last beginning or end
         that rows saw in it; None: it is of one state, or rows may not be believed. From any thread."""
-        if self.rows is None or self.confused:
+        if not self.begun or self.confused:
             return None
         within = [places.keys() for at, places in list(self.past) if begun <= at <= ended]
         change = [i for i in range(1, len(within)) if within[i] != within[i - 1]]
@@ -216,7 +224,7 @@ class RowEstimator:
         """Takes a row into `state`; arguments as for `estimate`."""
         read = np.array(voltages, float)
         read[grounded] = np.nan
-        if state.rows is None or drive_voltage != state.drive or self._is_broken(state, time):
+        if not state.begun or drive_voltage != state.drive or self._is_broken(state, time):
             self._begin(state, drive_voltage)
         elif state.sensor is not self.estimator.sensor:
             self._learned(state)
@@ -313,9 +321,9 @@ class RowEstimator:
         electrodes = range(self.estimator.layout.electrodes)
         used = tuple(e for e in electrodes if e not in excluded and e not in state.left_out)
         known = self._known(state, used, drive_voltage)
-        last = 0 if state.rows is None else state.rows.last
+        last = state.rows.last if state.begun else 0
         state.used, state.drive = used, drive_voltage
-        state.rows = self._follower(used, drive_voltage).begin(known)
+        state._rows = self._follower(used, drive_voltage).begin(known)
         state.rows.last = last
         state.sensor = self.estimator.sensor
         state.past.clear()
@@ -351,12 +359,11 @@ class RowEstimator:
         rows = np.array(state.read), np.array(state.grounded)
         why = "" if self._doubt is None else self._doubt(*rows, state.drive)
         if why:
-            seen = FrameSeen(Estimate([], [], "withheld", why), None)
+            seen: FrameSeen | None = FrameSeen(Estimate([], [], "withheld", why), None)
         else:
             seen = self.look(*rows, state.drive, period, state.frames, state.clear)
-            if seen is None:
-                return
-        self._take(replace(seen, begun=begun, ended=ended), state)
+        if seen is not None:
+            self._take(replace(seen, begun=begun, ended=ended), state)
 
     def _take(self, seen: FrameSeen, state: RowsState) -> None:
         """What a frame said corrects what rows have told."""
@@ -389,21 +396,21 @@ class RowEstimator:
             return
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
         if state.confused:
-            self._catch_up(seen, state, then or {})
+            self._catch_up(seen, fit, state, then or {})
             return
         if then is None:  # it took too long
             return
         since = 2 * seen.begun - seen.ended  # the frame before, with which its estimate began
         within = [places for at, places in state.past if since <= at <= seen.ended]
         ended = any(places.keys() - then.keys() for places in within)
-        corrected(self._follower(state.used, state.drive), state.rows, seen, then, ended)
+        corrected(self._follower(state.used, state.drive), state.rows, seen, fit, then, ended)
         state.confirmed = seen.ended
 
-    def _catch_up(self, seen: FrameSeen, state: RowsState, then) -> None:
+    def _catch_up(self, seen: FrameSeen, fit: Fitted, state: RowsState, then) -> None:
         """Goes on from what a frame said where rows were not believed: those kept since tell again."""
         kept = [row for row in state.kept if row[-1] > seen.ended]
         after = [*(row[-1] for row in kept), state.rows.time]
-        if after[0] - seen.ended > self._pause and seen.fit.unknowns.rates[:, :2].any():
+        if after[0] - seen.ended > self._pause and fit.unknowns.rates[:, :2].any():
             return  # what slides has gone nobody knows where
         follower = self._follower(state.used, state.drive)
         times = [at for at, _ in state.past if at >= seen.begun]
@@ -411,7 +418,7 @@ class RowEstimator:
         state.past.clear()
         if kept:
             state.rows.time = seen.ended
-        corrected(follower, state.rows, seen, then)
+        corrected(follower, state.rows, seen, fit, then)
         state.confirmed = seen.ended
         for row, until in zip([None, *kept], [*after[: len(kept)], np.inf]):
             if row is not None:

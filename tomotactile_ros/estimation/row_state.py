@@ -6,9 +6,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from tomotactile_ros.estimation.row_model import RowModel
 
 STATE = 5  # numbers of a contact: x, y (m), vx, vy (m/s), ln c
 PLACE, SPEED, STRENGTH = slice(0, 2), slice(2, 4), 4
@@ -193,7 +196,10 @@ class RowState:
         their discs; wide_carried : s for which these have gone on since
     """
 
-    belief: Belief | None = None
+    belief: Belief
+    model: RowModel
+    sums: np.ndarray
+    distrusted: np.ndarray
     time: float = -np.inf
     last: int = 0
     unexplained: int = 0
@@ -204,17 +210,14 @@ class RowState:
     uneven: float = 1.0
     read: int = 0
     touched_at_once: bool = False
-    sums: np.ndarray | None = None
-    model: Any = None
     fading: dict[int, float] = field(default_factory=dict)
-    distrusted: Any = None
     wide: list = field(default_factory=list)
     wide_time: float = -np.inf
     wide_step: float = np.inf
-    wide_ways: Any = None
+    wide_ways: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     wide_carried: float = 0.0
 
     @property
     def touched(self) -> bool:
         """Whether something touches."""
-        return bool(self.wide) or (self.belief is not None and self.belief.count > 0)
+        return bool(self.wide) or self.belief.count > 0

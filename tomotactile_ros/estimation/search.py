@@ -176,7 +176,7 @@ class Search(Fits):
     def _reshaped(self, start: Fit, usual: float) -> Fit:
         """The fit of a shape from `start` on, or from the beginning if that is far off."""
         excess = start.chi_squared - usual * start.rows.count
-        if start.covariance is not None and excess < self._threshold * start.doubt:
+        if start.equations is not None and excess < self._threshold * start.doubt:
             return start
         if start.chi_squared > MISFIT * usual * start.rows.count:
             return self._first(self._at_rest(start.rows, start.prior))
@@ -276,8 +276,9 @@ class Search(Fits):
         """The fit of contacts that move while the rows are read, as many as they ask for, from those
         of `start` on."""
         self._changing = True
-        gone = start is None or start.bond is not None
-        there = None if gone else Fit(self.operator, start.in_motion(), rows, prior)
+        there = None
+        if start is not None and start.bond is None:
+            there = Fit(self.operator, start.in_motion(), rows, prior)
         try:
             return self.contacts(rows, prior, there, FIRST_LOOK)
         finally:
@@ -445,7 +446,7 @@ class Search(Fits):
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
         first `look` at the rows of `rest`, of no contacts, shows which."""
         found = first
-        if found.covariance is None:
+        if found.equations is None:
             found = self._simplified(self._solve(first.unknowns, first))
         for which in range(len(found.unknowns.contacts)):
             found = self._beyond(found, which)
@@ -513,11 +514,11 @@ class Search(Fits):
         short."""
         if not self._falls_short(found):
             return found
-        cells, shape = shape, self._whole(shape)
-        if shape is None:
+        whole = self._whole(shape)
+        if whole is None:
             return None
-        if self._is_likelier(shape, found, cells):
-            return shape
+        if self._is_likelier(whole, found, shape):
+            return whole
         return found if shape.chi_squared < _LEFT_OVER * shape.rows.count else None
 
     def _whole(self, cells: Fit) -> Fit | None:

@@ -186,9 +186,9 @@ def _of_those_that_conduct(fit: Fit) -> Fit:
 
 def _only(fit: Fit, kept: np.ndarray) -> Fit:
     """The same with the cells `kept` (k,) only."""
-    if kept.all():
-        return fit
     u, count = fit.unknowns, int(np.count_nonzero(kept))
+    if kept.all() or u.bond is None:
+        return fit
     bond = np.linalg.inv(np.linalg.inv(u.bond)[np.ix_(kept, kept)])
     less = u.with_contacts(u.contacts[kept], u.across[:count], u.free[kept])
     return Fit(fit.operator, replace(less, bond=bond), fit.rows, fit.prior)

@@ -39,10 +39,17 @@ class Placed(Protocol):
     """What is told apart: a place, m, with its covariance (4,), m², NaN where that is not known, and
     its velocity, m/s, 0 where it seems to rest."""
 
-    x: float
-    y: float
-    position_covariance: tuple[float, float, float, float]
-    velocity: tuple[float, float]
+    @property
+    def x(self) -> float: ...
+
+    @property
+    def y(self) -> float: ...
+
+    @property
+    def position_covariance(self) -> tuple[float, float, float, float]: ...
+
+    @property
+    def velocity(self) -> tuple[float, float]: ...
 
 
 class Followed(NamedTuple):

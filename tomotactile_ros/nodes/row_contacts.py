@@ -105,7 +105,7 @@ class Rows:
         state, ended = self._state, frame.stamp + frame.row_period * len(frame.grounded)
         known = state is not None and self._of[0] is pipeline
         for _ in range(_TURNS if known else 0):  # its last rows may wait still
-            if state.rows is None or state.rows.time > ended - 1.5 * frame.row_period:
+            if not state.begun or state.rows.time > ended - 1.5 * frame.row_period:
                 break
             time.sleep(_TURN)
         mixed = known and state.rows_since_change(frame.stamp, ended) is not None
@@ -116,7 +116,7 @@ class Rows:
         """Whether rows tell all that an image of a frame would show, or more as something slides or the
         frame is left out."""
         state = self._state
-        if state is None or state.rows is None or self._of[0] is not pipeline:
+        if state is None or not state.begun or self._of[0] is not pipeline:
             return False
         return state.known if pipeline.fits or left_out else state.clear
 

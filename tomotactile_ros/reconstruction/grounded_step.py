@@ -115,7 +115,7 @@ class LocalImage:
         count = len(currents)
         data = np.empty(inverse.shape[1], np.float32)
         data[:count] = currents
-        if len(data) > count:
+        if measured.couplings is not None and len(data) > count:
             positive = np.maximum(data[:count], _TINY)
             first, second = positive[self.meter.first], positive[self.meter.second]
             most = first * second

@@ -167,12 +167,12 @@ class Pipeline:
         self._linear: dict[bytes, LinearImage] = {}
         self._baseline: np.ndarray | None = None
         if settings.level is not None:
-            self._linear_for(np.empty(0, int))
+            self._linear_for(np.empty(0, int), settings.level)
         self._model.local(np.flatnonzero(~self._excluded))
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
         self._estimator, self._state = None, State()
-        self._imaged_before: tuple | None = None  # last frame, where an image explained it
+        self._imaged_before: _Given | None = None  # last frame, where an image explained it
         self._doubts: Doubts | None = None
         self._looked_for_times = 0  # frames
         self._explained_one = False  # the last touched frame was what the layout says
@@ -306,13 +306,13 @@ class Pipeline:
         if isinstance(frame, Frame):
             if grounded is not None:
                 raise InputError("grounded: the frame has its own, and its times and drive voltage")
-            given = frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period
+            rows = frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period
             stamp = None if math.isnan(frame.stamp) else frame.stamp
         elif grounded is None:
             raise InputError("grounded: is missing; a Frame has it, voltages alone do not")
         else:
-            given = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
-        given = self._given(*given, stamp)
+            rows = np.asarray(frame), np.asarray(grounded), drive_voltage, row_period
+        given = self._given(*rows, stamp)
         mistake = self._no_ground(given)
         if mistake:
             found = self._mistaken(given, mistake)
@@ -564,7 +564,7 @@ class Pipeline:
             reason=followed.reason,
             faults=dict(state.left_out),
         )
-        if not contacts or screening.STUCK not in state.left_out.values():
+        if state.before is None or not contacts or screening.STUCK not in state.left_out.values():
             return result
         return self._without_covered(result, state.before, state.drive)
 
@@ -601,7 +601,8 @@ class Pipeline:
             found = self._within.taken_late()
         if (found is None or found.seen is None) and not busy:
             clear = state.clear if clear is None else clear
-            given = _Given(voltages, grounded, drive_voltage, row_period, stamp, None)
+            rows = np.asarray(voltages), np.asarray(grounded)
+            given = _Given(*rows, drive_voltage, row_period, stamp, None)
             search = partial(self._looked, given, state.frames, clear)
             limit = self._limit(deadline)
             found = search() if limit is None else self._within.sought(search, limit)
@@ -664,7 +665,7 @@ class Pipeline:
                 typical = self._model.local(np.flatnonzero(~bad)).typical_impedance
                 potential = _potential(conductance, typical, given)
             else:
-                potential = self._one_step(self._without_baseline(given.once()), bad)
+                potential = self._one_step(self._without_baseline(given.once()), bad, level)
             images = self.grid.fill(potential), self.grid.fill(pressure)
         result = Result(
             *images,
@@ -693,9 +694,9 @@ class Pipeline:
         if level is None:
             potential = _potential(values, local.typical_impedance, given)
         else:
-            potential = self._one_step(frame, bad)
+            potential = self._one_step(frame, bad, level)
         pressure = self.settings.law.pressure(np.maximum(values, 0.0) / self.grid.cell_area)
-        images = self.grid.fill(potential), self.grid.fill(pressure)
+        images = self.grid.fill(potential), self.grid.fill(np.asarray(pressure))
         kept = local.regularization(local.level(measured)) if level is None else level
         result = Result(*images, [], _numbers(bad), False, kept, faults=faults, holds=middle)
         return _Found(result, given)
@@ -843,7 +844,7 @@ class Pipeline:
             level = local.regularization(local.level(measured))
             potential = _potential(image.values, local.typical_impedance, given)
         else:
-            potential = self._one_step(frame, bad)
+            potential = self._one_step(frame, bad, level)
         contacts, pressure = contacts_and_pressure(
             image.blobs, image.values, image.strengths, self.settings.law, self.grid
         )
@@ -911,7 +912,8 @@ class Pipeline:
         """How strongly each contact of a frame conducts, strongest first, by the estimator; arguments
         as for `process`."""
         drive_voltage = check_drive_voltage(drive_voltage, self.settings.noise)
-        given = _Given(voltages, grounded, drive_voltage, 0.0, self._ended, None)
+        rows = np.asarray(voltages), np.asarray(grounded)
+        given = _Given(*rows, drive_voltage, 0.0, self._ended, None)
         estimate = self._estimate(given)
         found = [
             Strength(np.array([each.x, each.y]), each.conductance, each.area)
@@ -988,20 +990,19 @@ class Pipeline:
         level = self.settings.level or 0.0
         return Result(zero, zero.copy(), [], _numbers(bad), True, level, faults=faults, holds=holds)
 
-    def _one_step(self, frame, bad):
+    def _one_step(self, frame, bad, level: float) -> np.ndarray:
         """(K,) image of eq. 1, V, of an ordered frame (E, E) without the channels `bad` (E,)."""
         valid = np.isfinite(frame) & ~bad & ~bad[:, None]
         missing = ~valid
         np.fill_diagonal(missing, False)
-        linear = self._linear_for(np.flatnonzero(missing))
+        linear = self._linear_for(np.flatnonzero(missing), level)
         return linear.image(np.where(valid, frame, 0.0).ravel()).astype(float)
 
-    def _linear_for(self, missing) -> LinearImage:
+    def _linear_for(self, missing, level: float) -> LinearImage:
         key = missing.tobytes()
         if key not in self._linear:
             if len(self._linear) >= _KEPT:
                 self._linear.pop(next(iter(self._linear)))
-            level = self.settings.level
             self._linear[key] = LinearImage(self._model.basis(level), level, missing)
         return self._linear[key]
 
