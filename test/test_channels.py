@@ -65,18 +65,6 @@ def test_a_resistance_to_ground_stands_in_equation_a():
     assert np.abs(got - IDEAL)[OFF].max() > 0.1
 
 
-def test_moving_contacts_see_the_same_resistances():
-    own = tuple(np.linspace(10.0, 4000.0, E))
-    law, slow = ContactLaw(1e-4, 1.0), (1e-9, 0.0)
-    contacts = [
-        Contact("disc", c.center, c.radius, pressure=c.pressure, velocity=slow) for c in CONTACTS
-    ]
-    assert law == simulator().scene.contact_law
-    settings = {"ground_resistance": own, "own_reading": True}
-    moving, resting = simulator(tuple(contacts), **settings), simulator(**settings)
-    np.testing.assert_allclose(moving.frame(0.0), resting.frame(0.0), atol=1e-6)
-
-
 def test_drawn_resistances_lie_in_their_range():
     drawn = Channels(ground_resistance=Uniform(150.0, 75.0, seed=1)).of(10_000).ground_resistance
     assert 75.0 <= drawn.min() < 76.0 and 224.0 < drawn.max() <= 225.0
@@ -111,15 +99,6 @@ def test_a_row_read_too_early_keeps_a_part_of_the_row_before(part):
     got = simulator(settling=part, order=order, own_reading=True).frame(1.0)
     before = IDEAL[[0, 3, 12, 3]]
     np.testing.assert_allclose(got, (1 - share) * IDEAL[order] + share * before, atol=1e-12)
-
-
-def test_a_row_before_the_first_touch_leaves_nothing():
-    begins = Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4, start=0.0045)
-    kept = simulator((begins,), settling=0.1, own_reading=True).frame(0.0)
-    sharp = simulator((begins,), own_reading=True).frame(0.0)
-    assert (kept[:5] == 0).all()
-    np.testing.assert_allclose(kept[5], 0.9 * sharp[5])
-    np.testing.assert_allclose(kept[6], 0.9 * sharp[6] + 0.1 * sharp[5])
 
 
 def test_an_open_wire_reads_the_drive_voltage_wherever_something_touches():
@@ -209,9 +188,3 @@ def test_impossible_channels_are_refused_in_one_line(tmp_path, defect, complaint
     with pytest.raises(InputError, match=complaint) as caught:
         load_scene(path)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("defect", [{"open": (16,)}, {"stuck": {16: 1.0}}, {"gain": (1.0,) * 15}])
-def test_channels_that_the_layout_does_not_have_are_refused(defect):
-    with pytest.raises(InputError, match=f"scene test: defects.{next(iter(defect))}: "):
-        simulator(**defect)

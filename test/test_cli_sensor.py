@@ -75,12 +75,6 @@ def test_a_sensor_on_a_port_is_watched_recorded_and_shown(tmp_path, capsys, monk
     assert cli.main(["run", "--layout", "equal-4x4", "--recording", str(out)]) == 0
 
 
-def test_a_simulated_sensor_is_shown_beside_its_truth(capsys):
-    words = ["--layout", "equal-4x4", "--scene", "idle", "--duration", "0.05"]
-    assert cli.main(["run", *words]) == 0
-    assert "no contact" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(("profile", "after"), [("fast", 0.075), ("accurate", 0.15)])
 def test_truth_is_that_of_the_time_for_which_contacts_hold(profile, after):
     """Of 16 rows, 10 ms apart: the middle where they are taken for one state, else the last."""
@@ -97,14 +91,6 @@ def test_truth_is_that_of_the_time_for_which_contacts_hold(profile, after):
     pipeline = Pipeline(LAYOUT, Settings(profile))
     times = [shot.scene_time for shot in live.shots(Stream(), pipeline, None)]
     assert times == pytest.approx([after, 0.2 + after])
-
-
-def test_a_withheld_result_is_said_and_no_contact_is_not(capsys):
-    display = live.Display(LAYOUT, load_scene("idle"))
-    nothing = np.full((40, 40), np.nan)
-    display.show(live.Shot(nothing, [], 0.0, 10.0, 0.0, reason="no sheet explains this"))
-    shown = capsys.readouterr().out
-    assert "contacts are withheld: no sheet explains this" in shown and "no contact" not in shown
 
 
 def test_a_tare_is_taken_off_and_never_under_load(tmp_path, capsys):
@@ -159,12 +145,6 @@ def test_mistakes_end_with_one_line(words, complaint, capsys, tmp_path, monkeypa
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert status == 2 and complaint in line
     assert not list(tmp_path.iterdir())
-
-
-def test_the_version_is_told(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["--version"])
-    assert re.fullmatch(r"tomotactile \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
 
 def test_a_shell_completes_options_and_their_values():

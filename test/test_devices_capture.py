@@ -1,6 +1,5 @@
 """Raw captures: what the device saw is written down, and lived again to the bit."""
 
-import errno
 import itertools
 import json
 import re
@@ -12,7 +11,7 @@ from devices_support import E, Watch, connected, plugged, sensor
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.devices import capture as capture_module
-from tomotactile_ros.devices.capture import FORMAT, Capture, Relived
+from tomotactile_ros.devices.capture import FORMAT
 from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
 from tomotactile_ros.devices.relive import relive
 from tomotactile_ros.devices.serial import SerialDevice
@@ -92,24 +91,6 @@ def test_a_capture_never_touches_a_file_that_is_there(tmp_path):
         SerialDevice("/dev/null", E, capture=str(tmp_path / "no" / "a.raw")).open(print)
 
 
-def test_a_full_disk_ends_the_capture_and_not_the_frames(tmp_path, monkeypatch):
-    class Full:
-        def write(self, data):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        def flush(self):
-            pass
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr(capture_module, "_create", lambda path: (Full(), path))
-    with connected(capture="a.raw") as (_, watch):
-        watch.wait_for_frames(3)
-        (trouble,) = watch.device.status().troubles
-    assert trouble.name == "capture" and "No space left" in trouble.text
-
-
 def test_a_capture_goes_no_further_than_its_largest_size(tmp_path, monkeypatch):
     monkeypatch.setattr(capture_module, "MAX_BYTES", 4000)
     with connected(capture=str(tmp_path / "a.raw")) as (_, watch):
@@ -123,12 +104,6 @@ def with_first_tag(data, content):
     """The capture with something else than the first tag in the record that tells it."""
     record = b"G" + struct.pack("<dI", 0.0, len(content)) + content
     return re.sub(rb"G\0{8}.\0{3}\d+", lambda _: record, data, count=1, flags=re.DOTALL)
-
-
-def test_the_header_of_the_largest_sensor_is_read_again(tmp_path):
-    header = {"usual_order": list(range(65535))}
-    Capture(tmp_path / "a.raw", header, None).close()
-    assert Relived(tmp_path / "a.raw").header == header
 
 
 @pytest.mark.parametrize(
@@ -155,29 +130,6 @@ def test_a_file_that_is_no_capture_or_another_one_is_refused_in_one_line(
     assert main(["replay", "--raw", str(tmp_path / "b.raw")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line and "b.raw" in line
-
-
-def test_the_command_writes_the_frames_of_a_capture(tmp_path, capsys):
-    frames, _ = a_capture(tmp_path / "a.raw", sensor(rate=50.0))
-    raw, out = str(tmp_path / "a.raw"), str(tmp_path / "frames.npz")
-    assert main(["replay", "--raw", raw, "--out", out]) == 0
-    assert "skin 0, protocol 2" in capsys.readouterr().out
-    loaded = load_frames(out)
-    assert loaded.stamps.tolist() == [frame.stamp for frame in frames]
-    assert loaded.voltages.tobytes() == b"".join(frame.voltages.tobytes() for frame in frames)
-    assert loaded.row_period == pytest.approx(1 / (50.0 * E), rel=1e-2)
-
-
-def test_frames_of_two_orders_are_no_file_of_frames(tmp_path, capsys):
-    def another_order(port, watch) -> None:
-        watch.device.set_scan((1,))
-        watch.wait_for(lambda s: len(watch.frames[-1].grounded) == 1)
-
-    a_capture(tmp_path / "mixed.raw", act=another_order)
-    out = tmp_path / "frames.npz"
-    assert main(["replay", "--raw", str(tmp_path / "mixed.raw"), "--out", str(out)]) == 2
-    assert "grounds other electrodes" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["mixed.raw"]
 
 
 def test_record_writes_the_frames_and_the_capture_that_gives_them_again(

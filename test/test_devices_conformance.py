@@ -165,32 +165,6 @@ def test_a_device_that_says_something_wrong_is_found(rule, monkeypatch):
     assert any(rule in told for told in broken(sensor(), LINES[rule]))
 
 
-class Unstoppable(EmulatedDevice):
-    def _answer(self, packet, now):
-        if protocol.type_of(packet) == protocol.STOP and self.streaming:
-            answer = super()._answer(packet, now)
-            self._last = 3 * E
-            self.streaming = True
-            return answer
-        return super()._answer(packet, now)
-
-    _last = 0
-
-    def rows_due(self, now):
-        rows = super().rows_due(now)
-        if self._last:
-            self._last -= rows.count(0)
-            if self._last <= 0:
-                self._last, self.streaming = 0, False
-        return rows
-
-
-class Restarting(EmulatedDevice):
-    def _start_stream(self, packet, now):
-        self.streaming = False
-        return super()._start_stream(packet, now)
-
-
 class Slow(EmulatedDevice):
     """Answers with its next rows, a fifth of a second late."""
 
@@ -208,15 +182,6 @@ class Slow(EmulatedDevice):
         return late + super().rows_due(now)
 
 
-class Hasty(EmulatedDevice):
-    """A new rate holds at once."""
-
-    def _set_rate(self, packet):
-        answer = super()._set_rate(packet)
-        self._period = 1.3 / self.rate
-        return answer
-
-
 class Generous(EmulatedDevice):
     def _set_rate(self, packet):
         return self._ack(packet, protocol.SET_RATE)
@@ -227,19 +192,6 @@ class Deaf(EmulatedDevice):
 
     def _error(self, *args, **settings):
         return b""
-
-
-class Credulous(EmulatedDevice):
-    """Does not look at checksums."""
-
-    def receive(self, data, now):
-        from tomotactile_ros.devices import cobs
-
-        for chunk in data.split(b"\0"):
-            body = cobs.decode(chunk) if chunk else None
-            if body and len(body) >= 8 and body[0] == protocol.START:
-                data = protocol.frame(body[:-4])
-        return super().receive(data, now)
 
 
 class Anywhere(EmulatedDevice):
@@ -273,13 +225,9 @@ class Elsewhere(EmulatedDevice):
 
 
 MANNERS = {
-    Unstoppable: ["STOP is answered with ACK"],
-    Restarting: ["begins no new frame"],
     Slow: ["within 0.1 s"],
-    Hasty: ["SET_RATE holds from the next frame on"],
     Generous: ["SET_RATE above the fastest"],
     Deaf: ["unknown command", "unsupported version", "of the wrong length is refused"],
-    Credulous: ["What is damaged"],
     Anywhere: ["Commands to another address"],
     Sticky: [
         "without rows gives",

@@ -84,14 +84,6 @@ def test_every_meaning_has_its_example_in_the_document():
     assert {id(meaning(name)) for name in VECTORS} == {id(packet) for packet in MEANINGS.values()}
 
 
-@pytest.mark.parametrize("name", VECTORS)
-def test_example_is_consistent_in_itself(name):
-    example = VECTORS[name]
-    assert zlib.crc32(example["packet"]).to_bytes(4, "little") == example["crc"]
-    assert example["wire"].index(0) == len(example["wire"]) - 1
-    assert _plain_cobs_decode(example["wire"][:-1]) == example["packet"] + example["crc"]
-
-
 def _plain_cobs_decode(data: bytes) -> bytes:
     """The definition, written down without regard to speed."""
     decoded = b""
@@ -228,11 +220,6 @@ def test_packets_survive_the_line_in_pieces_of_any_size(packets, piece):
     assert parser.pending == 0
 
 
-def test_no_reading_and_the_largest_count_are_told_apart():
-    counts = np.array([0, 4095, 0xFFFE, protocol.NO_READING], dtype=np.uint16)
-    assert np.array_equal(protocol.unpack_counts(protocol.pack_counts(counts)), counts)
-
-
 def an_example(**changes) -> protocol.Row:
     """A valid row, changed."""
     return MEANINGS["ROW, 4"]._replace(**changes)
@@ -349,36 +336,6 @@ def test_what_is_made_of_the_tables_is_up_to_date():
     check = [sys.executable, str(ROOT / "scripts" / "protocol"), "--check"]
     done = subprocess.run(check, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
-def test_the_c_constants_say_where_the_fields_of_the_examples_are(tmp_path):
-    row, ack = (
-        VECTORS[next(n for n in VECTORS if n.startswith("ROW of version 2"))],
-        VECTORS[next(n for n in VECTORS if n.startswith("ACK of version 2"))],
-    )
-    arrays = [", ".join(map(str, example["packet"])) for example in (row, ack)]
-    program = r"""
-    #include <stdio.h>
-    #include "tt_messages.h"
-    static const unsigned char row[] = {ROW}, ack[] = {ACK};
-    #define U16(p, at) (p[at] | p[(at) + 1] << 8)
-    int main(void)
-    {
-        printf("%d %d %d %d %d %d %u %u\n", U16(row, TT_V2_ROW_SCAN), row[TT_V2_ROW_ADDRESS],
-               U16(row, TT_V2_ROW_COUNT), U16(row, TT_V2_ROW_ZERO), U16(ack, TT_V2_ACK_SEQUENCE),
-               ack[TT_V2_ACK_COMMAND] == TT_SET_SCAN, TT_V2_ROW_SIZE, TT_V2_ACK_SIZE);
-        return 0;
-    }"""
-    program = program.replace("{ROW}", f"{{{arrays[0]}}}").replace("{ACK}", f"{{{arrays[1]}}}")
-    (tmp_path / "places.c").write_text(program)
-    command = ["cc", "-Wall", "-Werror", "-I", str(ROOT / "firmware"), "-o", "places", "places.c"]
-    subprocess.run(command, cwd=tmp_path, check=True)
-    printed = subprocess.run([tmp_path / "places"], capture_output=True, text=True, check=True)
-    assert printed.stdout.split() == ["11", "7", "5", "2048", "259", "1"] + [
-        str(len(row["packet"]) - 10),
-        str(len(ack["packet"])),
-    ]
 
 
 def load_fuzz():

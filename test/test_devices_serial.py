@@ -3,20 +3,13 @@
 Every wait is for an event; PATIENCE is only how long a broken program may take to fail.
 """
 
-import contextlib
 import errno
-import itertools
 import math
 import os
 import select
-import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
-import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,12 +25,9 @@ from tomotactile_ros.devices import (
     make_device,
     protocol,
 )
-from tomotactile_ros.devices.line_device import FIRST_RETRY, LAST_RETRY, retry_delays
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.errors import InputError
-
-DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 @pytest.mark.parametrize("make_port", [emulator.PtyPort, emulator.TcpPort], ids=["pty", "tcp"])
@@ -74,18 +64,6 @@ def test_closing_does_not_wait_for_a_port_that_is_still_being_opened():
     assert not closed.is_set()
     answered.set()
     assert closed.wait(PATIENCE)
-
-
-def test_frames_arrive_through_a_port_without_file_descriptor():
-    class Plain(serial.Serial):
-        def fileno(self):
-            raise OSError("none")
-
-    def opener(path, baud):
-        return line.Line(Plain(path, timeout=0.02))
-
-    with connected(opener=opener) as (_, watch):
-        watch.wait_for_frames(10)
 
 
 class Unmodem(serial.Serial):
@@ -211,18 +189,6 @@ def test_commands_lost_on_the_line_are_sent_again():
             watch.wait_for(lambda s: s.state == "streaming")
 
 
-def test_frames_of_a_device_that_does_not_stop_are_kept_back():
-    device = HardOfHearing(counted, E, rate=100.0)
-    with connected(device) as (_, watch):
-        watch.wait_for_frames(1)
-        device.deaf_for = 10**6
-        watch.device.set_streaming(False)
-        watch.wait_for(lambda s: s.state == "stopped")
-        seen, frames = watch.device.status().counters["packets"], len(watch.frames)
-        watch.wait_for(lambda s: s.counters["packets"] > seen + 10 * E)
-        assert len(watch.frames) == frames
-
-
 @pytest.mark.parametrize("command", [protocol.IDENTIFY, protocol.START])
 def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
     class Broken(emulator.EmulatedDevice):
@@ -235,27 +201,6 @@ def test_a_device_that_says_what_is_wrong_with_it_is_quoted(command):
     state = "refused" if command == protocol.IDENTIFY else "silent"
     with connected(Broken(counted, E)) as (_, watch):
         watch.wait_for(lambda s: s.state == state and "no ADC" in s.message)
-
-
-def test_a_long_pause_is_no_silence(monkeypatch):
-    monkeypatch.setattr("tomotactile_ros.devices.serial.SILENCE", PATIENCE)
-    with connected(sensor(versions=[1])) as (_, watch):
-        watch.wait_for_frames(1)
-        watch.device.set_streaming(False)
-        watch.wait_for(lambda s: s.state == "stopped")
-        heard = time.monotonic() - 2 * PATIENCE
-        watch.device._heard = watch.device._framed = heard
-        watch.device.set_streaming(True)
-        watch.wait_for_frames(10)
-        assert watch.device.status().counters["reconnects"] == 0
-
-
-def test_a_frame_that_takes_minutes_does_not_keep_a_higher_rate_waiting():
-    device = sensor(rate=0.01)
-    with connected(device) as (_, watch):
-        watch.wait_for(lambda s: device.streaming)
-        watch.device.set_rate(100.0)
-        watch.wait_for_frames(3)
 
 
 def test_a_rate_that_the_device_refuses_is_told_and_frames_go_on():
@@ -272,11 +217,6 @@ def test_close_stops_the_device_and_it_can_be_opened_again():
             probe = Watch(device)
             probe.wait_for(lambda s: not port.device.streaming)
             assert len(watch.frames) == device.status().counters["frames"]
-
-
-def test_opening_twice_is_a_mistake():
-    with connected() as (_, watch), pytest.raises(RuntimeError, match="open already"):
-        watch.device.open(watch)
 
 
 def test_a_receiver_that_raises_does_not_end_the_stream():
@@ -304,89 +244,6 @@ def test_unplug_and_replug_a_hundred_times(tmp_path):
         assert watch.device.status().counters["reconnects"] >= 100
 
 
-def test_replug_over_tcp():
-    with plugged(sensor(), emulator.TcpPort) as port:
-        number = int(port.path.rpartition(":")[2])
-        port._make_port = lambda: emulator.TcpPort(port=number)
-        with watched(SerialDevice(port.path, E)) as watch:
-            for _ in range(3):
-                watch.wait_for_frames(1)
-                port.unplug()
-                watch.wait_for(lambda s: s.state == "disconnected")
-                port.plug()
-            watch.wait_for_frames(1)
-
-
-def test_waits_between_attempts_bound_the_time_until_a_returned_port_is_tried():
-    delays = list(itertools.islice(retry_delays(), 10))
-    assert delays[0] == FIRST_RETRY == 0.05
-    assert max(delays) == LAST_RETRY == 0.5
-    assert delays == sorted(delays)
-
-
-LAYOUT = """
-format: tomotactile-layout/1
-name: six
-outline: {rectangle: [0.2, 0.2]}
-sheet_resistance: 10000.0
-electrodes:
-  radius: 0.0025
-  positions: [[-0.08, -0.05], [0.0, -0.05], [0.08, -0.05], [-0.08, 0.05], [0.0, 0.05], [0.08, 0.05]]
-"""
-
-
-def start_program(folder: Path, rate: float) -> subprocess.Popen:
-    """The emulator in a process of its own, on the link `folder`/port; returns when it is ready."""
-    (folder / "six.yaml").write_text(LAYOUT)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    code = "import sys; from tomotactile_ros.devices.emulator import main; sys.exit(main())"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "--layout", str(folder / "six.yaml")]
-        + ["--rate", str(rate), "--port", f"pty:{folder / 'port'}"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
-    assert process.stdout.readline().strip() == str(folder / "port")
-    return process
-
-
-def test_the_emulator_killed_in_mid_frame_and_started_again(tmp_path):
-    process = start_program(tmp_path, rate=2.0)
-    device = SerialDevice(str(tmp_path / "port"), E)
-    whole = Watch(device)
-    device.open(whole)
-    whole.wait_for_frames(1)
-    seen = device.status().counters["packets"]
-    whole.wait_for(lambda s: s.counters["packets"] > seen)
-    process.kill()
-    assert process.wait() == -signal.SIGKILL
-    whole.wait_for(lambda s: s.state == "disconnected")
-    process = start_program(tmp_path, rate=50.0)
-    whole.wait_for_frames(5)
-    device.close()
-    process.terminate()
-    assert process.wait() == 0
-    assert not (tmp_path / "port").exists()
-    for frame in whole.frames:
-        assert np.array_equal(np.isnan(frame.voltages), np.eye(E, dtype=bool))
-        assert np.nanmax(np.abs(frame.voltages)) == 0.0
-
-
-def test_a_link_is_made_and_removed_but_nothing_else_is(tmp_path):
-    link = tmp_path / "port"
-    link.write_text("precious")
-    with pytest.raises(InputError, match="no link"):
-        emulator.PtyPort(str(link))
-    assert link.read_text() == "precious"
-    link.unlink()
-    old, new = emulator.PtyPort(str(link)), emulator.PtyPort(str(link))
-    old.close()
-    assert link.is_symlink()
-    new.close()
-    assert not link.is_symlink()
-
-
 def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
     assert emulator.main(["--port", "usb", "--ros-args", "-r", "__node:=sensor"]) == 2
     assert emulator.main(["--layout", "no-such-layout"]) == 2
@@ -399,13 +256,6 @@ def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
     assert "tcp:HOST:PORT" in lines[0]
     assert "no-such-layout" in lines[1]
     assert "--speed" in lines[3]
-
-
-def test_a_device_that_never_answers_is_silent():
-    with connected(mangle=lambda data: b"") as (port, watch):
-        watch.wait_for(lambda s: s.state == "silent" and "nothing answers" in s.message)
-        port._mangle = bytes
-        watch.wait_for_frames(3)
 
 
 def test_a_board_that_restarts_when_its_port_is_opened_has_time_to_boot(monkeypatch):
@@ -520,28 +370,6 @@ def test_rows_of_before_the_start_are_not_taken_for_new(monkeypatch):
         assert watch.frames[0].sequence >= 300
 
 
-def test_a_device_clock_that_stood_still_is_put_right_by_an_empty_line():
-    paused = []
-
-    def clock(now):
-        if not paused:
-            return now
-        return paused[0] if now < paused[0] + 1.5 else now - 1.5
-
-    with plugged(sensor(clock=clock)) as port:
-        device = SerialDevice(port.path, E)
-        device.max_age = 1.0
-        watch = Watch(device)
-        device.open(watch)
-        watch.wait_for_frames(10)
-        paused.append(time.monotonic())
-        watch.wait_for(lambda s: s.state == "late")
-        watch.wait_for(lambda s: s.counters["reconnects"] >= 1)
-        watch.wait_for_frames(10)
-        device.close()
-    assert time.time() - watch.frames[-1].stamp < 1.0
-
-
 def test_answers_to_nothing_that_was_asked_change_nothing():
     """An ACK with another tag, or to another command: neither the rate nor the frame is touched."""
 
@@ -614,67 +442,9 @@ def test_half_of_the_packets_lost_is_told_and_no_wrong_frame_comes():
         watch.wait_for_frames(3)
 
 
-def test_no_complete_frame_for_long_is_told():
-    def without_row_0(data: bytes) -> bytes:
-        packets = protocol.Parser().feed(data)
-        return b"".join(protocol.encode(p) for p in packets if getattr(p, "row", 1) != 0)
-
-    with connected(mangle=without_row_0) as (_, watch):
-        watch.wait_for(lambda s: s.state == "garbled" and "no complete frame" in s.message)
-        assert watch.frames == []
-
-
-def test_half_of_the_packets_lost_with_partial_frames():
-    with connected(partial_frames=True) as (port, watch):
-        watch.wait_for_frames(1)
-        port._mangle = losing(0.5)
-        watch.wait_for_frames(50)
-    rows_missing = [np.isnan(f.voltages).all(axis=1).sum() for f in watch.frames]
-    assert max(rows_missing) >= 3
-    assert all(f.grounded.tolist() == list(range(E)) for f in watch.frames)
-
-
 def test_a_port_that_does_not_exist(tmp_path):
     with watched(SerialDevice(str(tmp_path / "none"), E)) as watch:
         watch.wait_for(lambda s: s.state == "disconnected" and "does not exist" in s.message)
-
-
-def test_a_server_that_does_not_exist():
-    port = emulator.TcpPort()
-    port.close()
-    with watched(SerialDevice(port.path, E)) as watch:
-        watch.wait_for(lambda s: s.state == "disconnected" and "cannot be opened" in s.message)
-
-
-def test_a_port_without_permission():
-    """In a process that gives up its rights where it has them: root may open everything."""
-    program = """
-import os, threading
-from tomotactile_ros.devices.emulator import PtyPort
-from tomotactile_ros.devices.serial import SerialDevice
-port = PtyPort()
-os.chmod(port.path, 0)
-if os.geteuid() == 0:
-    os.seteuid(65534)
-device = SerialDevice(port.path, 6)
-told = threading.Event()
-show = device._set_state
-device._set_state = lambda state, message: (show(state, message), told.set())
-device.open(print)
-told.wait(30.0)
-print(device.status().state, device.status().message)
-device.close()
-"""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        check=False,
-        capture_output=True,
-        text=True,
-        env=environment,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("disconnected port: no permission to open /dev/"), done.stdout
 
 
 def test_the_wrong_baud_rate():
@@ -806,35 +576,6 @@ def test_a_port_outside_of_dev_is_not_opened(tmp_path, monkeypatch):
     for path in (file, fifo, tmp_path, tmp_path / "link", "/dev/../etc/passwd", "/dev/shm"):
         with pytest.raises(line.LineFault, match="no device under /dev"):
             line.open_line(str(path), 9600)
-
-
-def test_a_read_takes_no_more_memory_than_it_returns():
-    """Or else the heap gets holes, and grows for hours."""
-    with contextlib.closing(emulator.PtyPort()) as port:
-        opened = line.open_line(port.path, 115200)
-        port.send(b"12345")
-        tracemalloc.start()
-        try:
-            assert opened.read(PATIENCE) == b"12345"
-            assert tracemalloc.get_traced_memory()[1] < opened.CHUNK // 10
-        finally:
-            tracemalloc.stop()
-            opened.close()
-
-
-def test_low_latency_mode_is_asked_for_and_may_be_refused():
-    class Willing(serial.Serial):
-        asked = False
-
-        def set_low_latency_mode(self, setting):
-            self.asked = setting
-
-    with plugged(sensor()) as port:
-        with contextlib.closing(Willing(port.path)) as willing:
-            assert line.Line(willing).low_latency
-            assert willing.asked
-        with contextlib.closing(serial.Serial(port.path)) as unable:
-            assert not line.Line(unable).low_latency
 
 
 def test_errors_of_the_system_become_one_clear_line(monkeypatch):

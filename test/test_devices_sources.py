@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tomotactile_ros.cli import main
-from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device, protocol
+from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device
 from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.devices.recording import load_recording, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
 from tomotactile_ros.devices.serial import SerialDevice
-from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.scene import Contact, Scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -106,21 +105,6 @@ def test_the_fake_device_hands_on_rows_of_any_order_while_they_are_taken(live):
         device.set_scan((4,))
 
 
-def test_a_simulation_slower_than_the_rate_leaves_frames_out():
-    simulator = Simulator(LAYOUT, SCENE)
-    original, slow = simulator.frame, threading.Event()
-    simulator.frame = lambda t, sequence: (slow.wait(0.05), original(t, sequence))[1]
-    device = FakeDevice(simulator, rate=100.0)
-    frames = collect(device, 3)
-    assert device.status().counters["frames_skipped"] >= 2
-    assert frames[2].sequence - frames[0].sequence >= 4
-
-
-def test_the_fake_device_scans_a_thousand_ground_conditions_a_second_by_default():
-    device = FakeDevice(Simulator(LAYOUT, SCENE))
-    assert device.status().counters["rate_wanted"] == pytest.approx(250.0)
-
-
 def test_the_fake_device_pauses_resumes_and_changes_its_rate():
     device, collector = FakeDevice(Simulator(LAYOUT, SCENE), rate=100.0), Collector()
     device.open(collector)
@@ -181,30 +165,6 @@ def test_a_bag_is_read_without_ros(tmp_path, storage):
     assert len(list(read_frames(file))) == 5
 
 
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3", "sqlite3 of Humble"])
-def test_a_bag_from_before_there_were_row_periods_is_read(tmp_path, storage):
-    path = write_bag(tmp_path / "bag", storage.split()[0], without=["row_period"])
-    if storage.endswith("Humble"):
-        forget_definitions(next(path.glob("*.db3")))
-    frames = list(read_frames(path))
-    recording = a_recording()
-    assert np.array_equal([f.voltages for f in frames], recording["voltages"], equal_nan=True)
-    assert [f.row_period for f in frames] == [0.0] * 5
-
-
-def test_a_recording_is_played_in_rows(npz):
-    device, frames, runs = ReplayDevice(npz, E), Collector(), []
-    device.run_length = 3
-    device.open(frames, runs.append)
-    whole = frames.wait_for(5)
-    device.close()
-    assert [len(run.grounded) for run in runs] == 5 * [3, 1]
-    together = np.concatenate([run.voltages for run in runs]).reshape(5, E, E)
-    assert np.array_equal(together, [frame.voltages for frame in whole], equal_nan=True)
-    period = whole[0].row_period
-    assert runs[1].stamp - runs[0].stamp == pytest.approx(3 * period, abs=1e-3)
-
-
 def test_the_commands_take_a_bag_of_their_layout(tmp_path):
     path, recording = write_bag(tmp_path / "bag", "mcap"), a_recording()
     loaded = load_recording(path, LAYOUT)
@@ -240,16 +200,6 @@ def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change
     path = write_bag(tmp_path / "bag", "mcap", third=change)
     with pytest.raises(InputError, match=complaint):
         load_recording(path, LAYOUT)
-
-
-@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_inspect_shows_a_bag(tmp_path, storage, capsys):
-    folder = write_bag(tmp_path / "bag", storage)
-    for path in (folder, *folder.glob("*.mcap"), *folder.glob("*.db3")):
-        assert main(["inspect", str(path)]) == 0
-        shown = capsys.readouterr().out
-        assert f"frames of {len(a_recording()['grounded'])} ground conditions" in shown
-        assert "at its stamp + i x 2.5 ms" in shown
 
 
 def forget_definitions(file: Path) -> None:
@@ -298,27 +248,9 @@ def write_bag(path: Path, storage: str, topics=("/voltage_frame",), third=None, 
     return path
 
 
-@pytest.mark.parametrize("kind", [float, np.float32, lambda p: np.array([p])])
-def test_a_file_keeps_its_row_period_in_replay(tmp_path, kind):
-    path = tmp_path / "frames.npz"
-    np.savez(path, row_period=kind(2.5e-3), **a_recording())
-    assert load_recording(path, LAYOUT).row_period == pytest.approx(2.5e-3)
-    device, collector = ReplayDevice(path, E), Collector()
-    device.open(collector)
-    assert [f.row_period for f in collector.wait_for(5)] == pytest.approx([2.5e-3] * 5)
-    device.close()
-
-
 def test_a_file_without_row_period_was_taken_all_at_once(npz):
     assert load_recording(npz, LAYOUT).row_period == 0.0
     assert [frame.row_period for frame in read_frames(npz)] == [0.0] * 5
-
-
-@pytest.mark.parametrize("wrong", [-1e-3, np.nan, np.inf, [1e-3, 1e-3], "1 ms"])
-def test_an_impossible_row_period_in_a_file_is_refused(tmp_path, wrong):
-    np.savez(tmp_path / "frames.npz", row_period=wrong, **a_recording())
-    with pytest.raises(InputError, match=r"frames.npz: row_period: "):
-        load_recording(tmp_path / "frames.npz", LAYOUT)
 
 
 def test_replay_keeps_the_recorded_distances_and_ends(npz):
@@ -349,69 +281,9 @@ def test_a_recording_without_distances_in_time_is_played_at_a_thousand_rows_a_se
     assert np.diff([f.stamp for f in frames]).min() == pytest.approx(0.001 * E, abs=1e-4)
 
 
-@pytest.mark.parametrize("fourth, told", [(100.03, ""), (99.0, "times of 1 frames are not later")])
-def test_recorded_times_that_go_back_are_told_while_they_are_played(tmp_path, fourth, told):
-    stamps = 100.0 + 0.01 * np.arange(5)
-    stamps[3:] += fourth - stamps[3]
-    device = ReplayDevice(changed(tmp_path, **{**a_recording(), "stamps": stamps}), E, loop=True)
-    frames = Collector()
-    device.open(frames)
-    frames.wait_for(5)
-    status = device.status()
-    device.close()
-    assert told in status.message and ("not later" in status.message) == bool(told)
-    assert [t.name for t in status.troubles if t.name == "recorded stamps"] == [
-        "recorded stamps"
-    ] * bool(told)
-
-
-def test_a_replay_that_cannot_keep_up_does_not_fall_behind(npz):
-    ages, enough = [], threading.Event()
-
-    def receive(frame: Frame) -> None:
-        time.sleep(0.02)
-        ages.append(time.time() - frame.stamp)
-        if len(ages) == 50:
-            enough.set()
-
-    device = ReplayDevice(npz, E, rate=1000.0, loop=True)
-    device.BEHIND = 0.1
-    device.open(receive)
-    assert enough.wait(PATIENCE)
-    device.close()
-    assert min(ages[-10:]) < 0.5  # of nearly a second that 50 frames would be late
-
-
 def test_replay_of_a_bag(tmp_path):
     frames = collect(ReplayDevice(write_bag(tmp_path / "bag", "mcap"), E), 5)
     assert np.array_equal(frames[3].voltages, a_recording()["voltages"][3], equal_nan=True)
-
-
-def test_replay_pauses(npz):
-    device, collector = ReplayDevice(npz, E, rate=200.0, loop=True), Collector()
-    device.open(collector)
-    collector.wait_for(3)
-    device.set_streaming(False)
-    wait_for_state(device, "stopped")
-    before = len(collector.frames)
-    device.set_streaming(True)
-    collector.wait_for(before + 3)
-    device.close()
-
-
-def test_a_new_rate_of_a_replay_does_not_wait_for_the_old_one(npz):
-    device, collector = ReplayDevice(npz, E, rate=0.001, loop=True), Collector()
-    device.BEHIND = PATIENCE
-    device.open(collector)
-    collector.wait_for(1)
-    device.set_rate(500.0)
-    frames = collector.wait_for(8)
-    device.set_rate(0.0)
-    late = collector.wait_for(len(collector.frames) + 10)[-5:]
-    device.close()
-    assert np.diff([f.stamp for f in frames[1:7]]) == pytest.approx(0.002, abs=1e-3)
-    assert np.diff([f.stamp for f in late]) == pytest.approx(0.01, abs=1e-3)
-    assert [f.sequence for f in collector.frames] == list(range(len(collector.frames)))
 
 
 def changed(tmp_path: Path, **changes) -> Path:
@@ -437,6 +309,8 @@ def changed(tmp_path: Path, **changes) -> Path:
         ({"voltages": np.zeros((5, E, 9))}, "9 electrodes, the layout 4"),
         ({"drive_voltage": np.array([1.0, 2.0])}, "drive_voltage"),
         ({"drive_voltage": 0.0}, "drive_voltage: 0"),
+        ({"row_period": -1e-3}, "row_period: "),
+        ({"row_period": "1 ms"}, "row_period: "),
     ],
 )
 def test_what_is_wrong_with_a_recording_is_told_at_once(tmp_path, changes, words):
@@ -526,44 +400,6 @@ def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
         assert np.nanmax(np.abs(frame.voltages - expected)) <= 0.5 * 3.3 / 4096 + 1e-6
 
 
-def test_the_emulator_leaves_frames_out_after_a_standstill_and_never_drifts():
-    device = emulator.EmulatedDevice(emulator.idle_source(E), E, rate=10.0)
-    device.receive(protocol.encode(protocol.Command(2, 1)), 100.0)
-    parser = protocol.Parser()
-    ends = np.concatenate([np.arange(100.0, 103.0, 0.013), np.arange(200.0, 201.0, 0.013)])
-    rows = [row for now in ends for row in parser.feed(device.rows_due(now))]
-    sequence = np.array([row.sequence for row in rows])
-    assert sequence.max() == 1009
-    assert (np.diff(sequence) >= 0).all()
-    assert np.isin(np.arange(29), sequence).all()
-    assert len(rows) < 45 * E
-
-
-def test_scene_time_begins_with_start_and_a_new_rate_with_the_next_frame():
-    asked = []
-
-    def source(time, sequence, order):
-        asked.append((round(time, 3), sequence))
-        return np.zeros((E, E))
-
-    device = emulator.EmulatedDevice(source, E, rate=10.0)
-    parser = protocol.Parser()
-
-    def tell(command, now):
-        device.receive(protocol.encode(command), now)
-
-    tell(protocol.Command(protocol.START, 1), 100.0)
-    rows = parser.feed(device.rows_due(100.25))
-    tell(protocol.SetRate(2, 100.0), 100.25)
-    rows += parser.feed(device.rows_due(100.3251))
-    assert asked == [(0.0, 0), (0.1, 1), (0.2, 2), (0.3, 3), (0.31, 4), (0.32, 5)]
-    assert [row.sequence for row in rows].count(2) == E
-    tell(protocol.Command(protocol.STOP, 3), 100.33)
-    tell(protocol.Command(protocol.START, 4), 200.0)
-    parser.feed(device.rows_due(200.005))
-    assert asked[6:] == [(0.0, 6)]
-
-
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
@@ -580,17 +416,3 @@ def test_scene_time_begins_with_start_and_a_new_rate_with_the_next_frame():
 def test_impossible_settings_are_refused(settings, words):
     with pytest.raises(InputError, match=words):
         make_device(DeviceSettings(LAYOUT, **settings))
-
-
-def test_settings_choose_the_device(npz):
-    kinds = {
-        FakeDevice: {"device": "fake", "scene": SCENE},
-        SerialDevice: {"device": "serial", "port": "/dev/ttyUSB0"},
-        ReplayDevice: {"device": "replay", "recording": str(npz)},
-    }
-    assert isinstance(LAYOUT, Layout)
-    for kind, settings in kinds.items():
-        device = make_device(DeviceSettings(LAYOUT, **settings))
-        assert isinstance(device, kind)
-        assert device.status().state == "closed"
-        device.close()

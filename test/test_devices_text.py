@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tomotactile_ros import InputError
 from tomotactile_ros.devices import DeviceSettings, emulator, make_device
 from tomotactile_ros.devices.printer import PrintingDevice
-from tomotactile_ros.devices.text import LONGEST, TextFrames, volts_per_unit
+from tomotactile_ros.devices.text import TextFrames, volts_per_unit
 from tomotactile_ros.devices.text_serial import TextSerialDevice
 from tomotactile_ros.layouts.layout import equal_grid
 
@@ -112,17 +112,6 @@ def test_lost_lines_cost_the_frames_that_they_are_of(form, lost):
     assert text.frames == len(got)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_garbage_between_and_within_frames_is_counted(form):
-    noise = b"\xff\xfe 3 4 \x00\r\nhello 1 2 3\r\n"
-    data = stream(form, range(3)) + noise + stream(form, range(3, 9))
-    text = TextFrames(E, range(E))
-    numbers = [tells(frame) for frame in found(data, text)]
-    assert {9} in numbers or {8} in numbers
-    assert all(len(n) == 1 for n in numbers)
-    assert text.lines_ignored == 2 and text.frames_incomplete <= 1
-
-
 @pytest.mark.parametrize(
     ("print_row", "complaint"),
     [
@@ -144,12 +133,6 @@ def test_what_does_not_tell_rows_safely_is_no_frame_and_says_why(print_row, comp
         text.feed(f"{line}\n".encode(), 0.0)
         complaints.add(text.complaint)
     assert any(complaint in each for each in complaints), complaints
-
-
-def test_a_line_without_end_is_given_up():
-    text = TextFrames(E, range(E))
-    assert found(b"1" * (3 * LONGEST), text, step=4096) == []
-    assert len(found(stream("colons", range(4)), text)) == 2
 
 
 def test_rows_ground_what_the_layout_scans():

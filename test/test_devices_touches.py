@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import HOLD, MOST, Touch, Touches
@@ -37,20 +37,6 @@ def test_a_message_replaces_all_and_holds_for_a_while():
     assert len(touches.at(1.2 + 0.999 * HOLD)) == 2 and touches.at(1.2 + HOLD) == ()
     touches.press([], 1.3)
     assert touches.at(1.3) == () != touches.at(1.25)
-
-
-def test_a_touch_that_stays_is_the_same_contact():
-    """So that nothing is solved again for it."""
-    touches = Touches(LAYOUT)
-    touches.press([ONE], 0.0)
-    touches.press([replace(ONE), OTHER], 0.1)
-    assert touches.at(0.05)[0] is touches.at(0.15)[0]
-
-
-def test_two_touches_in_one_place_both_press():
-    touches = Touches(LAYOUT)
-    touches.press([ONE, ONE], 0.0)
-    assert len(touches.at(0.0)) == 2
 
 
 @pytest.mark.parametrize(
@@ -132,30 +118,6 @@ def test_the_device_feels_touches_of_other_threads_and_forgets_them(device):
     assert device.status().state == "streaming"
 
 
-def test_a_device_opened_anew_knows_nothing_of_old_touches(device):
-    peaks = []
-    assert device.press([ONE]) == []  # not open: nothing is there to be pressed
-    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
-    until(lambda: len(peaks) > 2, device)
-    assert max(peaks) == 0.0
-    device.press([ONE])
-    until(lambda: peaks[-1] > 0, device)
-    device.close()
-    peaks.clear()
-    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
-    until(lambda: len(peaks) > 20, device)
-    assert max(peaks) == 0.0
-
-
 def test_a_scene_that_is_not_live_takes_no_touches():
     device = FakeDevice(Simulator(LAYOUT, replace(LIVE, live=False), "closed_form"))
     assert device.press([ONE]) == ["touches: the scene is not live, it takes none from outside"]
-
-
-def test_the_live_scene_is_one_and_survives_its_file(tmp_path):
-    live = load_scene("live")
-    assert live.live and live.contacts == ()
-    live.save(tmp_path / "mine.yaml")
-    assert load_scene(tmp_path / "mine.yaml").live
-    live.check(load_layout("equal-8x8"))
-    assert not load_scene("default").live

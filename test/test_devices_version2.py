@@ -6,165 +6,13 @@ import time
 
 import numpy as np
 import pytest
-from devices_support import E, connected, counted, plugged, readings, sensor, watched
+from devices_support import E, connected, counted, plugged, sensor
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 from tomotactile_ros.devices.emulator import EmulatedDevice
-from tomotactile_ros.devices.serial import KEEP_ALIVE_TIMEOUT, SerialDevice
+from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.support.errors import InputError
-
-STEP = 3.3 / 4096
-
-
-class Talk:
-    """A host of a device without a line, at times of its own."""
-
-    def __init__(self, device: EmulatedDevice) -> None:
-        self.device, self.now = device, 100.0
-        self._parser = protocol.Parser()
-
-    def tell(self, packet: protocol.Packet | bytes) -> list[protocol.Packet]:
-        """Send a packet, or the content of one; return the answers."""
-        data = protocol.frame(packet) if isinstance(packet, bytes) else protocol.encode(packet)
-        return self._parser.feed(self.device.receive(data, self.now))
-
-    def rows(self, seconds: float) -> list[protocol.Row]:
-        """Let time pass; return the rows."""
-        self.now += seconds
-        return self._parser.feed(self.device.rows_due(self.now))
-
-
-def command(kind: int, tag: int = 1, address: int = 0) -> protocol.Command:
-    return protocol.Command(kind, tag, 2, address)
-
-
-def test_the_device_says_which_frame_is_the_next_and_the_first_is_number_0():
-    talk = Talk(sensor(rate=10.0))
-    (ack,) = talk.tell(protocol.Start(5))
-    assert ack == protocol.Ack(5, protocol.START, True, 10.0, 2, 0, 0, E)
-    rows = talk.rows(0.25)
-    assert [row.sequence for row in rows] == [0] * E + [1] * E + [2] * (E // 2)
-    (ack,) = talk.tell(protocol.SetRate(6, 20.0, 2))
-    assert (ack.sequence, ack.rate) == (3, 20.0)
-    (ack,) = talk.tell(command(protocol.STOP, 7))
-    assert (ack.streaming, ack.sequence) == (False, 3)
-    assert talk.rows(1.0) == []
-    (ack,) = talk.tell(protocol.Start(8))
-    assert ack.sequence == 3
-    assert talk.rows(0.0501)[0].sequence == 3
-
-
-def test_an_order_holds_from_the_next_frame_on_and_keeps_the_time_of_a_row():
-    talk = Talk(sensor(rate=10.0))
-    talk.tell(protocol.Start(1))
-    talk.rows(0.05)
-    order = (5, 0, 5)
-    (ack,) = talk.tell(protocol.SetScan(9, order))
-    assert (ack.sequence, ack.rows, ack.rate) == (1, 3, 20.0)
-    rows = talk.rows(0.2)
-    old, new = rows[: E // 2], rows[E // 2 :]
-    assert {(row.scan, row.rows, row.sequence) for row in old} == {(0, E, 0)}
-    assert {(row.scan, row.rows) for row in new} == {(9, 3)}
-    assert [row.grounded for row in new[:6]] == [*order, *order]
-    assert len({row.row_end for row in new}) == 3
-    for row in new:
-        counts = protocol.unpack_counts(row.readings)
-        others = np.arange(E) != row.grounded
-        assert np.array_equal(counts[others], readings(row.sequence)[row.grounded][others])
-    (ack,) = talk.tell(protocol.SetScan(10, ()))
-    assert (ack.rows, ack.rate) == (E, 10.0)
-    talk.rows(0.05)
-    assert {(row.scan, row.rows) for row in talk.rows(0.1)} == {(0, E)}
-
-
-@pytest.mark.parametrize(
-    ("packet", "words"),
-    [
-        (protocol.SetScan(0, (1,)), "tag"),
-        (protocol.SetScan(3, (E,)), f"electrode {E}"),
-        (protocol.SetScan(3, (0, 1, 0, 1, 0, 1, 0, 1)), "at most 7"),
-        (protocol.SetRate(3, 1e6, 2), "at most 1000"),
-        (protocol.SetRate(3, math.nan, 2), "nan"),
-    ],
-)
-def test_what_cannot_be_is_refused_and_changes_nothing(packet, words):
-    talk = Talk(sensor(max_scan=7))
-    (error,) = talk.tell(packet)
-    assert (error.tag, error.command) == (packet.tag, protocol.type_of(packet))
-    assert error.code == protocol.BAD_VALUE
-    assert words in error.message and error.version == 2
-    (ack,) = talk.tell(command(protocol.STOP))
-    assert (ack.rate, ack.rows) == (100.0, E)
-
-
-def test_commands_of_the_wrong_length_type_or_version_are_answered_with_an_error():
-    talk = Talk(sensor())
-    head = bytes([protocol.STOP, 2, 7, 0, 0, 0, 0, 0])
-    for content, code in (
-        (head + b"\0", protocol.BAD_VALUE),
-        (head[:-1], protocol.BAD_VALUE),
-        (bytes([0x0F, 2, 7, 0, 0, 0, 0, 0]), protocol.UNKNOWN_COMMAND),
-        (bytes([protocol.STOP, 3, 7, 0]), protocol.UNSUPPORTED_VERSION),
-        (bytes([protocol.SET_SCAN, 1, 7, 0]), protocol.UNKNOWN_COMMAND),
-    ):
-        (error,) = talk.tell(content)
-        assert (error.tag, error.command, error.code) == (7, content[0], code)
-    assert talk.tell(bytes([protocol.ROW, 2, 7, 0])) == []
-    (error,) = Talk(sensor(versions=[2])).tell(protocol.Command(protocol.IDENTIFY, 4))
-    assert (error.version, error.code) == (2, protocol.UNSUPPORTED_VERSION)
-
-
-def test_the_device_stops_without_a_host_and_behind_the_frames_that_were_asked_for():
-    talk = Talk(sensor(rate=10.0))
-    talk.tell(protocol.Start(1, timeout=500))
-    assert len(talk.rows(0.45)) == 4 * E + 3
-    (status,) = talk.tell(command(protocol.KEEP_ALIVE, 2))
-    assert (status.tag, status.streaming, status.sequence) == (2, True, 5)
-    assert talk.rows(0.45)
-    assert talk.rows(0.1) == []
-    (status,) = talk.tell(command(protocol.KEEP_ALIVE, 3))
-    assert not status.streaming and math.isnan(status.temperature)
-    talk.tell(protocol.Start(4, frames=2))
-    rows = talk.rows(1.0)
-    assert len(rows) == 2 * E
-    assert [row.sequence for row in rows[::E]] == [9, 10]
-    talk.tell(protocol.Start(5, frames=1))
-    talk.rows(0.05)
-    talk.tell(protocol.Start(6, frames=2))
-    assert len(talk.rows(1.0)) == 2 * E - 3
-
-
-def test_a_device_on_a_bus_answers_its_address_and_obeys_all():
-    talk = Talk(sensor(address=7))
-    assert talk.tell(protocol.Command(protocol.IDENTIFY, 1)) == []
-    assert talk.tell(command(protocol.IDENTIFY)) == []
-    assert talk.tell(command(protocol.IDENTIFY, address=8)) == []
-    (identity,) = talk.tell(command(protocol.IDENTIFY, address=7))
-    assert (identity.address, identity.version) == (7, 2)
-    talk.tell(protocol.Start(1, address=7))
-    assert {row.address for row in talk.rows(0.1)} == {7}
-    assert talk.tell(command(protocol.STOP, address=protocol.ALL_ADDRESSES)) == []
-    assert talk.tell(bytes([protocol.STOP, 2, 1, 0, 0, 0, 255, 0, 0])) == []
-    assert talk.rows(1.0) == []
-
-
-def test_version_1_gets_the_own_order_clamped_and_without_the_own_reading():
-    def below(time, sequence, order):
-        return np.full((len(order), E), -1.0) + np.eye(E)[order] * 1.5
-
-    device = EmulatedDevice(below, E, rate=10.0, lowest=-3.3, own_reading=True)
-    talk = Talk(device)
-    talk.tell(protocol.SetScan(3, (1, 1)))
-    talk.tell(protocol.Start(1))
-    (row, *_) = talk.rows(0.0501)
-    volts = (protocol.unpack_counts(row.readings) - float(row.zero)) * row.scale
-    assert volts == pytest.approx([-1.0, 0.5, -1.0, -1.0, -1.0, -1.0], abs=2 * STEP)
-    talk.tell(protocol.Command(protocol.START, 2))
-    row = talk.rows(0.0401)[1]
-    assert (row.version, row.rows, row.grounded) == (1, E, 1)
-    none = protocol.NO_READING
-    assert protocol.unpack_counts(row.readings).tolist() == [0, none, 0, 0, 0, 0]
 
 
 def row(index: int, order: tuple[int, ...], sequence: int = 1, scan: int = 9, **changes):
@@ -211,17 +59,6 @@ def test_rows_of_another_order_than_they_say_or_of_an_unknown_one_are_ignored():
     (frame,) = [frame for each in mixed for frame in assembler.feed(each)]
     assert frame.grounded.tolist() == list(order)
     assert assembler.counters.rows_ignored == 5
-
-
-def test_frames_that_are_lost_at_the_beginning_are_counted():
-    order = (3, 0, 3)
-    assembler = FrameAssembler(E, E)
-    assembler.expect_order(9, order)
-    assembler.expect_first(4)
-    for index in range(3):
-        assembler.feed(row(index, order, 6))
-    assert assembler.counters.frames_lost == 2
-    assert assembler.counters.packets_lost == 6
 
 
 def test_runs_hold_rows_that_follow_one_another_and_when_they_were_taken():
@@ -335,7 +172,7 @@ def test_a_commanded_order_arrives_and_changes_while_it_streams():
 
 def test_an_order_that_somebody_else_commanded_does_not_stay():
     device = sensor()
-    Talk(device).tell(protocol.SetScan(0x1234, (2, 1)))
+    device.receive(protocol.encode(protocol.SetScan(0x1234, (2, 1))), 100.0)
     with connected(device) as (_, watch):
         watch.wait_for_frames(3)
         assert {len(frame.grounded) for frame in watch.frames} == {E}
@@ -354,15 +191,6 @@ def test_temperature_losses_and_restarts_of_the_device_are_told():
         device._boot ^= 1
         watch.wait_for(lambda s: s.counters["device_restarts"] == 1)
         watch.wait_for_frames(3)
-
-
-def test_a_device_that_nobody_talks_to_any_more_stops():
-    with plugged(sensor()) as port, watched(SerialDevice(port.path, E)) as watch:
-        watch.wait_for_frames(1)
-        assert port.device._timeout == KEEP_ALIVE_TIMEOUT
-        port.device._timeout = 0.05
-        watch.wait_for(lambda s: not port.device.streaming)
-        watch.wait_for(lambda s: port.device.streaming)  # the driver saw it in STATUS
 
 
 def test_a_device_on_a_bus_is_asked_for_frames_one_by_one():

@@ -106,19 +106,6 @@ def test_a_frame_alone_in_every_kind_of_file(tmp_path, measured, ending):
     imported(path, [frame], ["1 frames of 16 rows", "unit V (guessed"])
 
 
-def test_semicolons_and_decimal_commas(tmp_path, measured):
-    path = write(tmp_path / "excel.csv", measured.reshape(-1, E), ";")
-    path.write_text(path.read_text().replace(".", ","))
-    imported(path, measured, ["separated by semicolons, decimal commas, no header"])
-
-
-def test_a_line_for_each_frame(tmp_path, measured):
-    lines = np.column_stack([0.1 * np.arange(COUNT), measured.reshape(COUNT, -1)])
-    path = write(tmp_path / "flat.txt", lines, " ", ["t", *map(str, range(E * E))])
-    found = imported(path, measured, ["times of lines from column 1 (t), in s"])
-    np.testing.assert_allclose(found.frames.stamps, 0.1 * np.arange(COUNT))
-
-
 def test_a_column_says_what_is_grounded(tmp_path, measured):
     order = [7, 3, 0, 12]
     few = measured[:, order]
@@ -162,10 +149,6 @@ def test_axes_are_told_from_shape_diagonal_and_currents(tmp_path, measured, axes
     np.save(tmp_path / "cube.npy", turned)
     imported(tmp_path / "cube.npy", many)
     imported(tmp_path / "cube.npy", many, axes=axes)
-
-
-def test_rows_and_columns_that_are_exchanged(measured):
-    imported(measured[0].T, measured[:1], ["rows and columns exchanged"])
 
 
 def test_counts_need_their_bits(tmp_path, measured):
@@ -257,22 +240,3 @@ def test_files_that_are_damaged_or_of_another_kind(tmp_path, name, content, what
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=what):
         import_frames(tmp_path / name, LAYOUT)
-
-
-def test_a_file_with_several_arrays_says_which_there_are(tmp_path, measured):
-    path = tmp_path / "several.mat"
-    io.savemat(path, {"idle": 0 * measured[0], "pressed": measured[0]})
-    with pytest.raises(InputError, match=r"--variable.*idle \(16x16\), pressed \(16x16\)"):
-        import_frames(path, LAYOUT)
-    imported(path, measured[:1], variable="pressed")
-
-
-@pytest.mark.parametrize("command", ["reconstruct", "calibrate", "learn"])
-def test_other_commands_say_how_to_import(tmp_path, command, layout_file, capsys):
-    (tmp_path / "press.csv").write_text("1,2\n")
-    words = [command, str(tmp_path / "press.csv"), "--layout", str(layout_file)]
-    out = tmp_path / ("out.npz" if command == "reconstruct" else "out.yaml")
-    assert main([*words, "--out", str(out)]) == 2
-    assert "'tomotactile import" in capsys.readouterr().err
-    assert main(["inspect", words[1]]) == 2
-    assert "'tomotactile import" in capsys.readouterr().err

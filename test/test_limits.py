@@ -10,9 +10,7 @@ from tomotactile_ros import cli
 from tomotactile_ros.commands.reconstruct import results_writer
 from tomotactile_ros.frames_file import load_frames, open_frames, save_arrays
 from tomotactile_ros.layouts.layout import equal_grid
-from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.reconstruction.estimate import part_on_sheet
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Noise
@@ -64,17 +62,6 @@ def test_noise_that_a_converter_cuts_off_is_no_touch(profile):
         process(layout, np.clip(noise, 0.0, DRIVE), profile, noise=1.0)
 
 
-@pytest.mark.parametrize("profile, noise", [("fast", 1e-4), ("accurate", 1e-7)])
-def test_noise_that_is_said_to_be_less_than_the_models_error_withholds_nothing(profile, noise):
-    """Of a converter that rounds to 0.8 mV."""
-    contact = Contact("disc", center=PLACE, radius=RADIUS, pressure=PRESSURE)
-    scene = Scene("limits", DRIVE, [contact], LAW, adc=Adc(12, DRIVE))
-    result = process(SMALL, Simulator(SMALL, scene).frame(0.0), profile, noise=noise)
-    (found,) = result.contacts
-    assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 1e-3
-    assert found.force == pytest.approx(FORCE, rel=0.1)
-
-
 @pytest.mark.parametrize("bits, said", [(3, 1e-3), (4, 1e-3), (4, 0.06)])
 def test_rounding_of_a_coarse_converter_is_seen_as_noise_or_withheld(bits, said):
     """Of 4 bits a step is 0.2 V, and rounding an error of 0.06 V rms; of 3 bits it is no noise."""
@@ -89,11 +76,6 @@ def test_rounding_of_a_coarse_converter_is_seen_as_noise_or_withheld(bits, said)
     assert result.noise > 0.04
     assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 1e-3
     assert abs(found.force - FORCE) < 3 * found.force_std < FORCE
-
-
-def test_one_cell_is_refused():
-    with pytest.raises(InputError, match="resolution: 1 is not a whole number from 2"):
-        Settings(resolution=1)
 
 
 @pytest.mark.parametrize("rows, cols", [(2, 2), (2, 3)])
@@ -119,14 +101,6 @@ def test_few_electrodes_that_are_left_are_estimated_with_their_uncertainty(frame
     damaged[:, 8] = damaged[8] = np.nan
     withheld = process(SMALL, damaged)
     assert withheld.state == "withheld" and "8 of 16 channels" in withheld.reason
-
-
-def test_only_what_is_on_the_sheet_presses():
-    sheet, area = Outline.rectangle(0.2, 0.1), np.pi * 0.01**2
-    for place, part in (((0.0, 0.0), 1.0), ((0.1, 0.0), 0.5), ((0.1, 0.05), 0.25)):
-        assert part_on_sheet(np.array(place), area, sheet) == pytest.approx(part, abs=0.02)
-    hole = Outline.rectangle(0.2, 0.1, [[(0, -0.02), (0.04, -0.02), (0.04, 0.02), (0, 0.02)]])
-    assert part_on_sheet(np.zeros(2), area, hole) == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0])
@@ -213,21 +187,3 @@ def test_frames_are_read_one_by_one(tmp_path):
     assert peak_of(lambda: [frame.mean() for frame in opened.voltages]) < 1e6
     for _ in range(2):  # as often as one likes
         assert all(map(np.array_equal, opened.voltages, load_frames(tmp_path / "a.npz").voltages))
-
-
-def test_frames_in_another_order_of_storage(tmp_path):
-    voltages = np.asfortranarray(np.random.default_rng(0).random((3, 4, 4)))
-    save_arrays(tmp_path / "a.npz", {"voltages": voltages, "grounded": np.arange(4)})
-    assert np.array_equal(list(open_frames(tmp_path / "a.npz").voltages), voltages)
-
-
-def test_an_infinite_reading_late_in_a_recording(tmp_path, capsys):
-    voltages = np.zeros((50, 16, 16))
-    voltages[49, 3, 4] = np.inf
-    save_arrays(tmp_path / "a.npz", {"voltages": voltages, "grounded": np.arange(16)})
-    SMALL.save(tmp_path / "layout.yaml")
-    words = ["reconstruct", "a.npz", "--layout", "layout.yaml", "--out", "out.npz"]
-    words = [str(tmp_path / word) if "." in word else word for word in words]
-    assert cli.main(words) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "one of frame 49 is infinite" in line and not (tmp_path / "out.npz").exists()

@@ -1,20 +1,15 @@
 """The order of the scan: from the layout file through simulation, devices and files to a
 contact."""
 
-import json
 import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices_support import PATIENCE, E, counted, plugged, sensor, watched
+from devices_support import PATIENCE, E, plugged, sensor, watched
 
-from tomotactile_ros.cli import main
-from tomotactile_ros.devices import DeviceSettings, make_device, protocol
+from tomotactile_ros.devices import DeviceSettings, make_device
 from tomotactile_ros.devices.emulator import EmulatedDevice
-from tomotactile_ros.devices.fake import FakeDevice
-from tomotactile_ros.evaluation.places import lattice
-from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
 from tomotactile_ros.optimizer.scan import Chooser
@@ -67,26 +62,6 @@ def test_rows_of_the_scan_are_each_of_their_own_time():
     np.testing.assert_allclose(frame[3:], every[list(ORDER[3:])], rtol=1e-9)
 
 
-def test_half_of_the_rows_are_simulated_stored_and_reconstructed(tmp_path):
-    layout, scene = tmp_path / "half.yaml", tmp_path / "scene.yaml"
-    replace(GRID, scan=ORDER).save(layout)
-    scene.write_text(
-        "format: tomotactile-scene/1\ndrive_voltage: 3.3\n"
-        "contacts: [{shape: disc, center: [0.02, -0.03], radius: 0.006, pressure: 2.0e+4}]\n"
-        "contact_law: {coefficient: 1.0e-4, exponent: 1.0}\nnoise: {rms: 1.0e-3, seed: 1}\n"
-    )
-    frames, out = tmp_path / "frames.npz", tmp_path / "result.npz"
-    command = ["simulate", "--layout", str(layout), "--scene", str(scene), "--frames", "1"]
-    assert main([*command, "--out", str(frames)]) == 0
-    stored = load_frames(frames)
-    assert stored.voltages.shape == (1, 8, 16) and stored.grounded.tolist() == list(ORDER)
-    command = ["reconstruct", str(frames), "--layout", str(layout), "--profile", "accurate"]
-    assert main([*command, "--out", str(out)]) == 0
-    with np.load(out) as result:
-        ((contact,),) = json.loads(str(result["contacts"]))
-    assert np.hypot(contact["x"] - 0.02, contact["y"] + 0.03) < 2e-3
-
-
 def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
     settings = DeviceSettings(replace(SMALL, scan=(4, 1, 4)), "serial", port="")
     with plugged(sensor()) as port:
@@ -131,29 +106,6 @@ def test_eight_of_64_rows_at_125_frames_a_second_through_driver_and_reconstructi
         assert np.hypot(contact.x - 0.021, contact.y + 0.034) < 3e-4
 
 
-def test_a_device_of_version_1_keeps_its_order_and_says_so():
-    settings = DeviceSettings(replace(SMALL, scan=(4, 1)), "serial", port="")
-    with (
-        plugged(sensor(versions=[1])) as port,
-        watched(make_device(replace(settings, port=port.path))) as watch,
-    ):
-        watch.wait_for_frames(2)
-        message = watch.device.status().message
-    assert "scan: of 2 rows, the device takes its own order only" in message
-    assert watch.frames[-1].grounded.tolist() == list(range(E))
-
-
-def test_the_simulated_device_scans_as_the_layout_says():
-    layout, scene = replace(SMALL, scan=(4, 1, 0)), Scene("idle", 3.3)
-    device = make_device(DeviceSettings(layout, "fake", scene=scene))
-    frames, news = [], threading.Event()
-    device.open(lambda frame: (frames.append(frame), news.set()))
-    assert news.wait(PATIENCE)
-    device.close()
-    assert frames[0].grounded.tolist() == [4, 1, 0]
-    assert frames[0].row_period == pytest.approx(1e-3)
-
-
 def test_an_adaptive_frame_grounds_electrodes_near_contacts_and_all_others_in_turn():
     positions, grounded = load_layout("equal-8x8").positions, []
     order = AdaptiveOrder(positions)
@@ -172,16 +124,6 @@ def test_an_adaptive_frame_grounds_electrodes_near_contacts_and_all_others_in_tu
     assert sorted(few) == list(range(5))
 
 
-def test_rows_that_contacts_choose_tell_more_of_them_than_any_fixed_ones():
-    """The bound on the place error from 8 rows of 16, known beforehand (`evaluation.posterior`)."""
-    chooser = Chooser(GRID, places=4)
-    places = lattice(GRID, 4)
-    order = AdaptiveOrder(GRID.positions, 8)
-    fixed = chooser.information.figures(chooser.best(8))[0]
-    chosen = [chooser.information.figures(order.frame(p[None]))[0][i] for i, p in enumerate(places)]
-    assert np.mean(chosen) < 0.9 * np.mean(fixed)
-
-
 @pytest.mark.parametrize("versions", [[1], [1, 2]])
 def test_the_usual_order_is_that_of_devices_that_take_one(versions):
     settings = DeviceSettings(SMALL, "serial", port="", order="jumping")
@@ -194,49 +136,3 @@ def test_the_usual_order_is_that_of_devices_that_take_one(versions):
     assert jumping != sorted(jumping)
     wanted = jumping if 2 in versions else sorted(jumping)
     assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == {tuple(wanted)}
-
-
-class Listening(EmulatedDevice):
-    """Keeps the commands that it gets."""
-
-    def receive(self, data, now):
-        self.heard = [*getattr(self, "heard", []), *protocol.Parser().feed(data)]
-        return super().receive(data, now)
-
-
-def test_an_order_in_every_frame_costs_no_frame_and_tells_nothing_else():
-    device, orders = Listening(counted, E, rate=100.0), [(0, 3, 1), (5, 2, 4), (1, 2, 3)]
-    with plugged(device) as port:
-        settings = DeviceSettings(SMALL, "serial", port=port.path, scan=orders[0])
-        with watched(make_device(settings)) as watch:
-            watch.wait_for_frames(3)
-            told = len(device.heard)
-            for i in range(30):
-                watch.device.set_scan(orders[i % 3])
-                watch.wait_for_frames(1)
-            watch.wait_for_frames(2)
-            counters = watch.device.status().counters
-            heard = [protocol.type_of(packet) for packet in device.heard[told:]]
-    assert counters["frames_lost"] == counters["rows_ignored"] == 0
-    assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == set(orders)
-    assert len([kind for kind in heard if kind == protocol.SET_SCAN]) >= 30
-    assert set(heard) <= {protocol.SET_SCAN, protocol.KEEP_ALIVE}
-
-
-def test_a_simulated_scan_takes_a_new_order_up_with_the_frame_after_the_next():
-    scene, frames = Scene("nothing", 3.3, ()), []
-    simulator = Simulator(SMALL, scene)
-    device, enough = FakeDevice(simulator, rate=100.0), threading.Event()
-    orders = [(0, 3), (5, 2), (1, 4)]
-    device.set_scan(orders[0])
-
-    def take(frame):
-        frames.append(frame)
-        device.set_scan(orders[len(frames) % 3])
-        if len(frames) >= 8:
-            enough.set()
-
-    device.open(take, lambda rows: None)
-    assert enough.wait(PATIENCE)
-    device.close()
-    assert {tuple(frame.grounded.tolist()) for frame in frames[1:]} == set(orders)
