@@ -73,13 +73,6 @@ def test_a_frame_says_of_its_last_row_what_rows_say_of_it():
     assert contact.velocity == pytest.approx(other.velocity, abs=1e-3)
 
 
-def test_without_stamps_frames_are_taken_to_follow_each_other():
-    frames, _ = frames_of(SOFT, HELD, count=4)
-    for one, other in zip(results_of(frames), results_of(frames, stamps=False)):
-        for contact, same in zip(one.contacts, other.contacts):
-            assert off(contact, (same.x, same.y)) < 1e-9 and contact.force == same.force
-
-
 def test_a_step_is_as_exact_as_its_rows_since_then():
     """Rows since a touch that does not change any more tell its size, too."""
     frames, _ = frames_of(Contact("disc", (0.033, -0.021), 0.009, force=4.0, start=0.09), count=2)
@@ -87,16 +80,6 @@ def test_a_step_is_as_exact_as_its_rows_since_then():
     assert off(contact, (0.033, -0.021)) < 2e-4
     assert contact.radius == pytest.approx(0.009, rel=0.1)
     assert contact.force == pytest.approx(4.0, rel=0.1)
-
-
-def test_a_touch_that_is_there_from_the_first_row_on_is_estimated_as_before():
-    """Rows that begin touched tell nothing; the search does."""
-    slide = Contact("disc", (-0.04, 0.0), 0.006, force=2.0, velocity=(0.2, 0.0))
-    frames, scene = frames_of(slide, count=1)
-    (result,) = results_of(frames)
-    (true,) = scene.truth(result.holds)
-    (contact,) = result.contacts
-    assert off(contact, (true["x"], true["y"])) < 1e-3
 
 
 def test_a_finger_pressed_ever_harder_beside_another_stays_the_one_of_two():
@@ -120,15 +103,6 @@ def test_a_wide_touch_that_lands_is_wide_in_its_first_frame():
         assert off(contact, palm.center) < 2e-3
         assert contact.radius == pytest.approx(0.03, rel=0.1)
         assert contact.force == pytest.approx(true["force"], rel=0.2)
-
-
-def test_what_is_forgotten_is_not_followed_on(monkeypatch):
-    frames, _ = frames_of(SOFT, count=3)
-    maker = pipeline()
-    results_of(frames[:2], maker=maker)
-    assert maker._changing._state is not None
-    maker.untare()
-    assert maker._changing._state is None and maker._changing._seen is None
 
 
 def test_a_soft_release_beside_another_contact_ends_within_rows():

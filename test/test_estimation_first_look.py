@@ -70,13 +70,6 @@ def test_six_contacts_of_unequal_force_are_six_points():
     assert nearest[:, 0].argmin() == 5
 
 
-def test_a_palm_is_contacts_all_over_it():
-    wide = look("8x8", [(0.01, -0.02, 0.04, 5e3)])
-    seen = np.array([place for place, _ in wide.contacts()])
-    assert len(seen) > 3
-    assert np.hypot(*(seen - (0.01, -0.02)).T).max() < 0.04 + 0.0286
-
-
 def test_slopes_of_shares_are_their_derivatives():
     operator = search("8x8").operator
     places, step = np.array([[0.013, 0.007], [-0.051, 0.09]]), 1e-6
@@ -85,11 +78,3 @@ def test_slopes_of_shares_are_their_derivatives():
         way = step * np.eye(2)[axis]
         plus, minus = (operator.shares(places + sign * way, RADIUS)[0] for sign in (1, -1))
         assert np.allclose(slopes[axis], (plus - minus) / (2 * step), rtol=1e-3, atol=1e-3)
-
-
-def test_shares_of_tables_are_those_of_the_sheet():
-    operator = search("8x8").operator
-    # between electrodes: over one, tables take the mean over the disc, `points` its patches
-    places = np.array([[0.001, 0.002], [-0.055, 0.0575], [0.0286, -0.0561]])
-    exact, _ = operator.points(places, np.full(3, RADIUS))
-    assert np.abs(operator.shares(places, RADIUS)[0] - exact).max() < 2e-3

@@ -17,7 +17,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.solver import solve
-from tomotactile_ros.estimation.tables import Around, Sensed, mirrored
+from tomotactile_ros.estimation.tables import Around, mirrored
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     Touches,
@@ -125,23 +125,6 @@ PLACES = {
 
 
 @pytest.mark.parametrize("where", PLACES)
-def test_what_places_alone_decide_is_kept_and_the_rest_is_not(where):
-    """Contacts that conduct otherwise on another sheet: as worked out from nothing."""
-    before = imperfect(PLACES[where])
-    rows = Rows(np.full((E, E), 0.5), np.where(OFF, 1e6, 0.0), ALL)
-    fit = Fit(OPERATOR, before, rows, prior())
-    fit.prediction.contact_columns(), fit.prediction.sheet_columns()  # all that may be kept
-    contacts = before.contacts.copy()
-    contacts[:, CONDUCTANCE] -= 0.4
-    after = replace(imperfect(PLACES[where], seed=2), contacts=contacts)
-    found, right = fit.in_place(after), Fit(OPERATOR, after, rows, prior())
-    assert found.cost == pytest.approx(right.cost, rel=1e-12)
-    for name in ("contact_columns", "sheet_columns", "way_columns"):
-        seen, true = (getattr(each.prediction, name)() for each in (found, right))
-        assert np.allclose(seen, true, rtol=1e-9, atol=1e-12 * np.abs(true).max()), name
-
-
-@pytest.mark.parametrize("where", PLACES)
 def test_derivatives_by_contacts(where):
     """As central differences say, but for what the conductance of an uneven sheet changes with the
     place of a contact (0.4 %)."""
@@ -165,18 +148,6 @@ def test_derivatives_by_a_bar_on_an_even_sheet():
         assert np.abs(next(found) - true).max() < 1e-5 * np.abs(true).max()
 
 
-def test_contacts_far_apart_do_not_feel_each_other_through_others():
-    """Between the ends of a chain D was what tables err by, which falls no further."""
-    operator = SheetOperator(load_layout("equal-8x8"))
-    chain = [contact(x, 0.013, operator=operator)[0] for x in (-0.06, -0.02, 0.02, 0.06)]
-    touches = Touches(operator, np.array(chain), (2,) * 4, np.zeros(operator.modes))
-    first, *others = touches.parts
-    felt = [np.abs(touches.impedance[first, each]).max() for each in others]
-    assert felt[0] > 0 and felt[2] == 0
-    alone = Touches(operator, np.array(chain[:1]), (2,), np.zeros(operator.modes))
-    assert touches.impedance[first, first] == pytest.approx(alone.impedance, rel=1e-9)
-
-
 def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
     form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
     along = np.radians(33.0)
@@ -191,19 +162,6 @@ def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
     for side, at in zip((0.09, 0.006), places.T, strict=True):
         steps = np.unique(at.round(9))
         assert np.ptp(steps) + np.diff(steps).max() == pytest.approx(side)
-
-
-@pytest.mark.parametrize("turned", [0.0, 0.3, 1.2])
-def test_a_bar_becomes_no_other_shape_where_it_may_be_an_ellipse(turned):
-    """What is wider than half a spacing, or less than five times as long as wide, is cut as an ellipse."""
-    pitch = OPERATOR.pitch
-    narrow = np.array([0.0, 0.0, -9.0, np.log(0.2 * pitch), 0.0, 0.0])
-    for long, radius in ((0.7, 0.2), (1.2, 1.2)):
-        form = narrow.copy()
-        form[3:] = np.log(radius * pitch), long * np.cos(turned), long * np.sin(turned)
-        assert patches_of(form, pitch) > 0
-    narrow[4:] = 0.9 * np.cos(turned), 0.9 * np.sin(turned)
-    assert patches_of(narrow, pitch) < 0
 
 
 @pytest.mark.parametrize("where", PLACES)
@@ -392,15 +350,6 @@ def test_a_factor_of_all_conductances_leaves_readings_unchanged():
     np.testing.assert_allclose(readings(halved, other), readings(APART), atol=1e-9)
 
 
-def test_readings_of_a_frame_of_finite_elements():
-    contacts = (
-        Contact("disc", center=(0.031, 0.02), radius=0.006, pressure=2e4),
-        Contact("disc", center=(-0.052, -0.04), radius=0.012, pressure=5e3),
-    )
-    frame = Simulator(LAYOUT, Scene("test", DRIVE, contacts, LAW)).ideal_frame(0.0)
-    assert np.abs(DRIVE * readings(APART) - frame)[OFF].max() < 0.02
-
-
 @pytest.mark.parametrize("uneven", [0.05, 0.15])
 def test_an_uneven_sheet_of_finite_elements(uneven):
     """Change of Y0 by a field of the prior: what first order in its logarithm leaves is a tenth."""
@@ -439,32 +388,6 @@ def test_a_sheet_that_is_known_to_be_very_uneven():
     assert off[0] > 1e-3 and off[1] < 2e-4
     assert left[1] < left[0] / 5
     assert OPERATOR.near(np.zeros(OPERATOR.modes)) is OPERATOR
-
-
-def test_the_limit_of_weak_contacts_is_linear():
-    form, across = contact(0.03, 0.02)
-    seen = []
-    for log_c in (-18.0, -20.0):
-        unknowns = pressed(([*form[:2], log_c, *form[3:]], across))
-        prediction = Prediction(OPERATOR, unknowns, ALL)
-        assert prediction.conductances[0] == pytest.approx(np.exp(log_c), rel=0.01)
-        seen.append(prediction.readings / np.exp(log_c))
-    np.testing.assert_allclose(seen[0], seen[1], rtol=2e-3, atol=1.0)
-    assert seen[1][OFF].min() > 0
-
-
-def test_the_weakest_contact_that_a_fit_may_have_reads_in_proportion():
-    """Y is all but singular there: what is inverted has a condition of 1e9 and more."""
-    form, across = contact(0.03, 0.02)
-    least = float(np.log(1e-9 * OPERATOR.admittance.diagonal().max()))
-    weakest, weak = (
-        readings(pressed(([*form[:2], log_c, *form[3:]], across))) for log_c in (least, -18.0)
-    )
-    np.testing.assert_allclose(weakest / np.exp(least), weak / np.exp(-18.0), rtol=2e-3, atol=1.0)
-
-
-def test_no_contact_reads_nothing():
-    np.testing.assert_allclose(readings(Unknowns.at_rest(OPERATOR)), 0.0, atol=1e-5)
 
 
 def test_an_untouched_sheet_tells_nothing_of_itself():
@@ -519,14 +442,6 @@ def test_what_channels_do_to_readings():
     z = Prediction(OPERATOR, unknowns, ALL).impedance
     expected = 1 - z / (z.diagonal() + unknowns.resistance)[:, None]
     np.testing.assert_allclose(readings(ideal), expected, atol=1e-12)
-
-
-def test_rows_in_any_order_and_number():
-    unknowns = imperfect(APART)
-    some = np.array([7, 2, 2, 13])
-    np.testing.assert_array_equal(
-        Prediction(OPERATOR, unknowns, some).readings, readings(unknowns)[some]
-    )
 
 
 def test_a_floating_electrode_is_one_that_is_never_there():
@@ -599,29 +514,6 @@ def test_regions_of_95_per_cent_hold_the_truth():
         inside = off[:2] @ np.linalg.solve(cov[:2, :2], off[:2]) < chi2.ppf(0.95, 2)
         held += [inside, *(np.abs(off[2:]) < 1.96 * np.sqrt(cov.diagonal()[2:]))]
     assert (held >= 0.86 * trials).all(), held / trials
-
-
-@pytest.mark.parametrize("over", [0.3, 0.9, 1.3])
-def test_what_a_contact_and_the_way_to_it_conduct_has_the_slope_of_its_formula(over):
-    """It is c as long as that is below 1 / mean D; c that bare conductors have beyond hardly counts."""
-    contact = np.array([0.011, 0.02, 0.0, np.log(0.006), 0.2, -0.1])
-
-    def conducts(contact):
-        unknowns = Unknowns.at_rest(OPERATOR).with_contacts(
-            contact[None], (patches_for(0.006, OPERATOR.pitch),), np.ones((1, 6), bool)
-        )
-        found = Prediction(OPERATOR, unknowns, ALL)
-        return -np.log(1 / found.conductances[0] + found.means[0]), found
-
-    contact[CONDUCTANCE] = np.log(over / conducts(contact)[1].means[0])
-    slope = conducts(contact)[1].strength_slope(0)
-    steps = 1e-4 * np.eye(6)[CONDUCTANCE:]  # how mean D changes with the place is less exact
-    checked = [(conducts(contact + h)[0] - conducts(contact - h)[0]) / 2e-4 for h in steps]
-    np.testing.assert_allclose(slope[CONDUCTANCE:], checked, atol=0.01 * np.abs(checked).max())
-    if over < 0.5:
-        np.testing.assert_allclose(slope, np.eye(6)[CONDUCTANCE], atol=1e-3)
-    if over > 1:
-        assert slope[CONDUCTANCE] < 0.2
 
 
 @pytest.fixture(scope="module")
@@ -708,17 +600,3 @@ def test_what_a_sheet_changes_is_the_integral_over_its_elements(layout):
     across = np.einsum("t,tq,tn->qn", sigma, of_green[:, 1], of_share[:, 1], optimize=True)
     found = operator.added_at(np.eye(operator.modes)[field.count], nodes).T
     assert found == pytest.approx(across - along, abs=2e-6 * float(np.abs(found).max()))
-
-
-def test_what_electrodes_sense_is_the_same_where_most_places_are_known():
-    random = np.random.default_rng(0)
-    points = random.uniform(-0.09, 0.09, (40, 2))
-    places = points.copy()
-    places[[3, 17]] += 1e-3
-    used = np.arange(0, E, 2)
-    sensed, sheet = Sensed(OPERATOR.sheet, used, points), OPERATOR.sheet
-    kept = sensed.between.copy()
-    moved, anew = sensed.moved(places), Sensed(sheet, used, places)
-    assert moved.between == pytest.approx(anew.between, rel=1e-12)
-    assert moved.own == pytest.approx(anew.own, rel=1e-12)
-    assert np.array_equal(sensed.between, kept) and not np.array_equal(moved.between, kept)

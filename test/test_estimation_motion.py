@@ -9,7 +9,6 @@ import pytest
 
 import tomotactile_ros as tt
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -139,39 +138,6 @@ def test_what_rests_is_found_again_beside_what_begins(profile):
         assert len(result.contacts) == count
         apart = [np.hypot(c.x + 0.05, c.y - 0.05) for c in result.contacts]
         assert min(apart) < 1e-3
-
-
-def test_a_contact_that_goes_on_slowly_is_not_searched_anew(monkeypatch):
-    """Most of what its way leaves over, a tenth of a spacing in a second, is noise."""
-    slow = Contact("disc", center=(-0.03, 0.02), radius=RADIUS, pressure=2e4, velocity=(5e-3, 0.0))
-    scene = Scene("test", 3.3, (slow,), contact_law=LAW, noise=Noise(rms=1e-3))
-    sensor = Simulator(LAYOUT, scene)
-    pipeline = Pipeline(LAYOUT, Settings("accurate", contact_law=LAW, noise=1e-3))
-    looks = []
-    monkeypatch.setattr(
-        Search, "_seen", lambda *args, of=Search._seen: looks.append(1) or of(*args)
-    )
-    for k in range(12):
-        start = 4 * k * 16 * ROW_PERIOD
-        result = pipeline.process(sensor.frame(start, k), sensor.grounded, 3.3, ROW_PERIOD, start)
-        assert len(result.contacts) == 1
-    assert len(looks) == 1
-
-
-def test_few_rows_do_not_tell_what_the_sensor_is_like():
-    rests = Contact("disc", center=(-0.05, 0.05), radius=RADIUS, pressure=2e4)
-    begins = replace(rests, center=(0.06, -0.04), start=2.5 * 16 * ROW_PERIOD)
-    sensor = Simulator(LAYOUT, Scene("test", 3.3, (rests, begins), contact_law=LAW))
-    estimator, state = Estimator(LAYOUT, noise=1e-3, law=LAW, radius=RADIUS), State()
-    known = []
-    for k in range(4):
-        frame = sensor.frame(k * 16 * ROW_PERIOD)
-        found = estimator.estimate(frame, sensor.grounded, 3.3, state, ROW_PERIOD)
-        known.append((found.first, state.unknowns.gain, state.unknowns.sheet))
-    (_, *whole), (first, *few), (after, *_) = known[1:]
-    assert first > 0 and after == 0
-    np.testing.assert_array_equal(few[0], whole[0])
-    np.testing.assert_array_equal(few[1], whole[1])
 
 
 EIGHT = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.estimation.row_checks import IN_TURN, RangeEnd, Turns
+from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -63,12 +63,6 @@ def wrong(said) -> int:
     return count
 
 
-def test_rows_without_faults_are_told(pipeline, good):
-    said = results(pipeline, good)
-    assert not wrong(said)
-    assert all(len(each.contacts) == 2 for each in said[-16:])
-
-
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_rows_that_are_not_read_make_no_contacts(pipeline, good, share):
     """Rows of 0 V between those of two contacts: they became one between the two, and valid."""
@@ -104,32 +98,6 @@ def test_with_half_of_the_channels_stuck_nothing_is_told(pipeline, good):
         rows = good[:FEW].copy()
         rows[:, np.random.default_rng(seed).permutation(16)[:8]] = 1.1
         assert not any(each.contacts for each in results(pipeline, rows))
-
-
-def test_a_touch_that_bounces_is_doubtful_for_a_frame_and_a_bad_plug_for_longer():
-    turns = Turns()
-
-    def rows(pattern):
-        before = False
-        for touched in pattern:
-            turns.take(before, touched, not touched, 0.0)
-            before = touched
-        return turns.doubtful(16)
-
-    assert not rows([False, True, True, False, False, False, False, True])
-    assert rows([True, True, False, True]) and rows([True] * 15) and not rows([True])
-    assert rows([True, False, True, False, False, True] + [True] * 100)
-    assert not rows([True] * 320)
-
-
-def test_only_a_value_within_the_range_is_its_end():
-    end, untouched, row = RangeEnd(), np.full(16, 1e-3), np.linspace(0.5, 2.0, 16)
-    for each in (untouched, np.full(16, 5.0), row):
-        assert not end.take(each, 5.0).any() and np.isinf(end.value)
-    assert np.count_nonzero(end.take(np.minimum(row, 1.0), 5.0)) == 11
-    assert end.value == 1.0 and end.most
-    assert not end.take(np.linspace(0.5, 1.0, 16), 5.0)[:-1].any() and end.doubtful(16)
-    assert not end.take(row, 5.0).any() and np.isinf(end.value)
 
 
 @pytest.mark.parametrize("waits", [True, False])

@@ -89,9 +89,8 @@ def test_what_a_slow_multiplexer_leaves_of_a_touch_is_none(estimator):
     assert not any(each.contacts or each.reason for each in said[ENDED + 2 :])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_electrodes_a_millimetre_aside_make_no_contacts(estimator, seed):
-    moved = LAYOUT.positions + np.random.default_rng(seed).normal(0, 1e-3, LAYOUT.positions.shape)
+def test_electrodes_a_millimetre_aside_make_no_contacts(estimator):
+    moved = LAYOUT.positions + np.random.default_rng(0).normal(0, 1e-3, LAYOUT.positions.shape)
     inside = np.abs(moved).max(axis=1) < LAYOUT.outline.size[0] / 2 - LAYOUT.radius
     moved = np.where(inside[:, None], moved, LAYOUT.positions)
     layout = replace(LAYOUT, positions=moved)

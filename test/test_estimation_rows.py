@@ -19,7 +19,6 @@ from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Noise
@@ -107,15 +106,6 @@ def test_a_touch_is_known_from_its_first_row_keeps_its_number_and_goes(operator,
     assert all(not each for each in rows[53:])
 
 
-def test_a_touch_beside_a_resting_one(operator, known):
-    tap = Contact("disc", **NEW, start=0.0405, end=0.0705)
-    rows = followed(operator, known, [RESTING, tap], 6)
-    assert all(list(each) == [1] for each in rows[2:41])
-    assert all(sorted(each) == [1, 2] for each in rows[44:71])
-    assert all(list(each) == [1] for each in rows[73:])
-    assert all(np.hypot(*(each[1] - RESTING.center)) < 2e-3 for each in rows[20:])
-
-
 def test_a_slide_is_followed_with_its_velocity(operator, known):
     velocity = np.array([0.4, -0.3])
     slide = Contact("disc", **NEW, velocity=tuple(velocity), start=0.0, end=1.0)
@@ -156,35 +146,6 @@ def test_rows_may_be_missing_repeated_and_in_any_order(at_rest, order):
 
 def is_at(found, contact, reach):
     return np.hypot(found.x - contact.center[0], found.y - contact.center[1]) < reach
-
-
-def test_what_was_taken_to_be_on_the_rim_comes_back(operator, known):
-    """There a reading does not change with the way to the rim: the sheet ends as in a mirror."""
-    place = np.array([0.03, 0.089])
-    touch = Contact("disc", center=tuple(place), radius=0.008, pressure=15e3)
-    follower = Follower(operator, 0.008, 0.6)
-    state = follower.begin(known)
-    mean, deviations = [0.035, 0.1, 0.0, 0.5, -9.4], [0.01, 0.02, 0.3, 0.3, 0.3]
-    size = np.array([np.log(0.008), 0.36])
-    state.belief = state.belief.with_contact(mean, np.square(deviations), size, 1, 0.0)
-    for i, row in enumerate(frames_of([touch], 1)[0]):
-        valid = np.arange(16) != i
-        follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i, i * ROW_PERIOD)
-        assert len(state.belief.numbers) == 1
-        assert np.hypot(*(state.belief.mean[:2] - place)) < 0.01, i
-    assert np.hypot(*(state.belief.mean[:2] - place)) < 0.002
-
-
-def test_contacts_near_each_other_wait_for_a_frame(estimator):
-    state, estimator = RowsState(), RowEstimator(estimator)
-    estimator._begin(state, DRIVE)
-    for number, x in ((1, 0.0), (2, 0.04)):
-        mean = np.array([x, 0.01, 0.0, 0.0, np.log(1e-4)])
-        rows = state.rows
-        rows.belief = rows.belief.with_contact(mean, np.full(5, 1e-6), [-4.8, 0.1], number, 0.9)
-    assert estimator._may_be_one(state)
-    state.confirmed = 1.0
-    assert not estimator._may_be_one(state)
 
 
 @pytest.fixture(scope="module")
@@ -313,16 +274,6 @@ def test_a_pause_or_a_clock_set_back_begins_anew_with_other_numbers(estimator):
     assert found == [[1], [2], [3]]
 
 
-def test_rows_that_are_missing_for_a_while_change_nothing(estimator):
-    rows, state = RowEstimator(estimator), RowsState(waits=False)
-    frames = frames_of([Contact("disc", **NEW, start=0.0015)], 2)
-    for begun, frame in zip((0.0, 0.316), frames):
-        for i, row in enumerate(frame):
-            said = rows.estimate(row, i, DRIVE, begun + i * ROW_PERIOD, state)
-            if begun or i > 1:
-                assert is_seen(Contact("disc", **NEW), said, 5e-3, 0.3) == 1
-
-
 SLIDING = Contact(
     "disc",
     center=(-0.07, 0.05),
@@ -332,19 +283,6 @@ SLIDING = Contact(
     start=0.0,
     end=9.0,
 )
-
-
-def test_what_slides_is_found_where_it_is_after_a_pause(estimator):
-    """0.6 s without rows, in which it goes 0.15 m: it keeps its number."""
-    rows, state = RowEstimator(estimator), RowsState()
-    frames = frames_of([SLIDING], 42)
-    for frame in (0, 1, 40, 41):
-        for i, row in enumerate(frames[frame]):
-            now = (16 * frame + i) * ROW_PERIOD
-            said = rows.estimate(row, i, DRIVE, now, state)
-            if frame > 1:
-                place = np.add(SLIDING.center, np.multiply(SLIDING.velocity, now))
-                assert numbers_and_places(said)[1] == pytest.approx(place, abs=3e-3)
 
 
 def test_a_frame_that_is_told_late_is_followed_by_the_rows_since(estimator):
@@ -361,15 +299,6 @@ def test_a_frame_that_is_told_late_is_followed_by_the_rows_since(estimator):
         else:
             place = np.add(SLIDING.center, np.multiply(SLIDING.velocity, i * ROW_PERIOD))
             assert numbers_and_places(said)[1] == pytest.approx(place, abs=3e-3)
-
-
-def test_what_touched_before_the_first_row_is_withheld_for_some(estimator):
-    both = [RESTING, Contact("disc", **NEW)]
-    followed = followed_late(estimator, both, 4, 6)
-    assert "when rows began" in followed[0].reason and all(each.reason for each in followed[:11])
-    known = [each for each in followed if not each.reason]
-    assert known and all(len(each.contacts) == 2 for each in known)
-    assert not followed[-1].reason
 
 
 def test_rows_that_begin_with_a_touched_sheet_wait_for_a_frame():
@@ -403,18 +332,6 @@ def test_rows_that_begin_with_a_touched_sheet_wait_for_a_frame():
     for each in valid:
         found = np.array([[contact.x, contact.y] for _, _, contact in each.contacts])
         assert np.abs(found - places).max() < 1e-3
-
-
-def test_what_is_learned_of_the_sensor_leaves_contacts_and_their_numbers(operator):
-    estimator = Estimator(LAYOUT, noise=NOISE, law=ContactLaw(1e-4, 1.0), radius=0.008)
-    rows, state = RowEstimator(estimator, frames=False), RowsState()
-    for i, row in enumerate(frames_of([RESTING], 2).reshape(-1, 16)):
-        if i == 20:
-            estimator.sensor = SensorState.unknown(operator)
-        before = state.rows.belief.mean[:2] if i else None
-        found = numbers_and_places(rows.estimate(row, i % 16, DRIVE, i * ROW_PERIOD, state))
-        assert list(found) == [1]
-        assert i < 16 or np.hypot(*(state.rows.belief.mean[:2] - before)) < 1e-3
 
 
 def test_frames_and_rows_in_turn_keep_the_number_of_a_contact_and_show_the_same_image():
@@ -500,23 +417,6 @@ def test_rows_take_up_the_noise_that_a_frame_shows():
     assert state.noise == pytest.approx(5e-3, rel=0.25)
 
 
-@pytest.mark.parametrize("read", [[], [3]])
-def test_frames_of_which_next_to_nothing_was_read_do_not_end_rows(read):
-    """One channel or none is no sheet: rows are withheld, and go on with the next good ones."""
-    layout = load_layout("equal-4x4")
-    scene = Scene("idle", 3.3, noise=Noise(0.001))
-    good = Simulator(layout, scene, row_period=ROW_PERIOD).frame(0.0)
-    bad = np.full_like(good, np.nan)
-    bad[:, read] = good[:, read]
-    pipeline = Pipeline(layout, Settings(profile="balanced"))
-    state = pipeline.rows()
-    for number, frame in enumerate([good, bad, bad, good, good]):
-        for row in range(16):
-            time = (16 * number + row) * ROW_PERIOD
-            result = pipeline.process_row(frame[row], row, 3.3, time, state)
-    assert result.state == "valid" and not result.contacts
-
-
 @pytest.fixture(scope="module")
 def on_8x8():
     """A pipeline of 8 x 8 electrodes, and rows with noise that a contact made from the second frame
@@ -545,37 +445,3 @@ def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
                 off.append(np.hypot(*np.subtract((c.x, c.y), PRESSED["center"])))
                 assert c.age >= 0.0
     assert off and max(off) < 0.01
-
-
-def test_contacts_that_cannot_be_are_no_crash(operator, known, estimator, monkeypatch):
-    """Some that lie in each other conduct less than nothing; it was a ValueError."""
-    random = np.random.default_rng(0)
-    model, shift = RowModel(operator, known), np.zeros(len(known.shift_deviation))
-
-    def conduct(contacts):
-        return model.row(contacts, 5, shift, model.mutual(contacts))
-
-    def cannot_be():
-        while True:
-            places = random.uniform(-0.08, 0.08, 2) + random.normal(0.0, 0.004, (3, 2))
-            strengths, sizes = random.uniform(-9.0, 2.0, (3, 1)), np.full((3, 1), np.log(0.005))
-            contacts = np.hstack([places, strengths, sizes])
-            try:
-                conduct(contacts)
-            except np.linalg.LinAlgError:
-                return contacts
-
-    impossible = cannot_be()
-
-    def follow(self, state, *row):
-        conduct(impossible)
-
-    rows, state = RowEstimator(estimator), RowsState(waits=False)
-    frame = frames_of([Contact("disc", **NEW)], 1)[0]
-    with monkeypatch.context() as patched:
-        patched.setattr(Follower, "follow", follow)
-        said = rows.estimate(frame[3], 3, DRIVE, 0.0, state)
-    assert said.state == "withheld" and not said.contacts
-    rows.estimate(np.zeros(16), 4, DRIVE, ROW_PERIOD, state)
-    said = rows.estimate(frame[5], 5, DRIVE, 2 * ROW_PERIOD, state)
-    assert said.state == "valid" and len(said.contacts) == 1

@@ -18,7 +18,6 @@ from tomotactile_ros.estimation.settling import (
     Settling,
     rows_before,
     unsettled,
-    with_ground,
 )
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.layouts.layout import load_layout
@@ -91,13 +90,9 @@ def test_a_reading_after_one_that_is_missing_is_not_used():
     assert found[1, 0] == pytest.approx(2.0 / 0.9)  # it was grounded in the row before
 
 
-def test_where_a_wire_to_ground_is_open_everything_was_at_the_drive():
-    rows = np.array([[np.nan, 3.3, 3.3], [1.0, np.nan, 0.4]])
-    assert with_ground(rows, np.array([0, 1]))[[0, 1], [0, 1]].tolist() == [3.3, 0.0]
-
-
-@pytest.mark.parametrize("name", ["equal-8x8", "equal-4x4", "ring-16"])
-@pytest.mark.parametrize("settling", [0.005, 0.02])
+@pytest.mark.parametrize(
+    "name, settling", [("equal-8x8", 0.005), ("equal-4x4", 0.02), ("ring-16", 0.005)]
+)
 def test_any_touch_tells_it_whatever_gains_are(name, settling):
     channels = Channels(gain=Rms(0.02, 1), offset=Rms(0.002, 1), settling=settling)
     found = told_by(name, channels)
@@ -114,18 +109,6 @@ def test_channels_are_told_one_by_one():
     assert np.corrcoef(found.part, part)[0, 1] > 0.9
 
 
-def test_more_touches_tell_more():
-    known = told_by("equal-4x4", SLOW)
-    again = told_by("equal-4x4", SLOW, contacts=(ONE,), known=known)
-    assert again.covariance.trace() < 0.8 * known.covariance.trace()
-    assert abs(again.part.mean() - 0.005) < 4 * np.sqrt(again.covariance.mean())
-
-
-def test_it_is_found_in_any_order_of_the_scan():
-    order = tuple(np.random.default_rng(4).permutation(16).tolist())
-    assert told_by("equal-4x4", SLOW, order=order).part.mean() == pytest.approx(0.005, rel=0.2)
-
-
 @pytest.mark.parametrize("name", ["equal-8x8", "equal-4x4"])
 @pytest.mark.parametrize(
     "channels", [Channels(), Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1))], ids=["good", "off"]
@@ -135,7 +118,7 @@ def test_readings_that_have_settled_tell_of_none(name, channels):
     assert told_by(name, channels, contacts=()) is None
 
 
-@pytest.mark.parametrize("speed", [0.02, 0.1, 0.4])
+@pytest.mark.parametrize("speed", [0.02, 0.4])
 def test_what_moves_is_not_taken_for_it(speed):
     slides = Contact(
         "disc", center=(-0.05, 0.02), radius=0.006, pressure=2e4, velocity=(speed, speed / 3)
@@ -267,13 +250,6 @@ def test_rows_of_electrodes_that_are_not_used_are_rows_before(wrong):
     result = pipeline.process(frame, np.arange(64), DRIVE)
     assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
     assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.1)
-
-
-def test_rows_of_excluded_electrodes_are_rows_before():
-    sensor = simulator("equal-8x8", Channels(settling=0.03))
-    pipeline = pipeline_of(excluded=(3, 10, 20, 27, 35, 44, 50, 61))
-    result = pipeline.process(sensor.frame(0.0), np.arange(64), DRIVE)
-    assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
 
 
 @pytest.mark.parametrize("settling", [None, 0.01])

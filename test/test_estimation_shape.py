@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
+from tomotactile_ros.bench.sensor.parts import WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import presses
@@ -18,7 +18,7 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.shape import Lattice, groups
+from tomotactile_ros.estimation.shape import Lattice
 from tomotactile_ros.estimation.touch import CONDUCTANCE
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
@@ -85,19 +85,6 @@ def test_the_gradient_is_that_of_the_cost(operator):
         assert -2 * pull[i] == pytest.approx(rise, rel=1e-3, abs=1e-4 * abs(2 * pull).max())
 
 
-def test_cells_kept_and_made_anew_predict_the_same(operator):
-    fit = cells(operator)
-    strengths = 2 * np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
-    kept = fit.with_strengths(strengths)
-    anew = Fit(operator, kept.unknowns, kept.rows, kept.prior)
-    assert kept.prediction.readings == pytest.approx(anew.prediction.readings, abs=1e-12)
-    assert kept.cost == pytest.approx(anew.cost)
-
-
-def test_all_cells_that_conduct_alike_are_one_contact(operator):
-    assert groups(cells(operator, 4), doubt=1e12).max() == 0
-
-
 def test_a_hand_is_a_palm_and_five_fingertips():
     """None of the contacts is taken for a part of another; none is there that is not."""
     ((result, truth),) = pressed("hand", step=5)
@@ -123,14 +110,6 @@ def test_cells_that_had_nothing_to_explain_may_conduct_once_the_sensor_is_free()
     assert result.misfit < 1.1
 
 
-def test_small_contacts_on_an_anisotropic_sheet_are_discs():
-    """Of nine discs five became shapes of cells, which leave more over and are up to 1.2 mm off."""
-    for result, truth in pressed("anisotropy 1.5", family="sheets-8x8", step=5):
-        score = score_frame(result.contacts, truth)
-        assert not score.ghosts and not score.doubled and not score.missed
-        assert score.place.max() < 0.35e-3
-
-
 def test_a_ring_is_one_contact_after_an_untouched_frame():
     """Frames of the untouched sheet bent the sheet that the ring was explained with: four ghosts in
     five presses."""
@@ -138,24 +117,6 @@ def test_a_ring_is_one_contact_after_an_untouched_frame():
         score = score_frame(result.contacts, truth)
         assert not score.ghosts and not score.doubled and not score.missed
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
-
-
-def test_a_ring_is_one_contact_whatever_resistances_switches_have():
-    """With the sensor as expected but for its resistances cells explain nothing: eleven ghosts in five
-    presses."""
-    for result, truth in pressed("ring", wiring=WIRINGS["150 to 450 ohm to ground"], step=3):
-        score = score_frame(result.contacts, truth)
-        assert not score.ghosts and not score.doubled and not score.missed
-        assert score.place.max() < 1e-3 and score.force.max() < 0.05
-
-
-def test_a_line_is_one_contact_whatever_is_stuck():
-    """An ellipse of the same length leaves so much over that four discs were likelier: four ghosts."""
-    wiring = WIRINGS["two stuck channels"]
-    for result, truth in pressed("line 100 x 5", wiring=wiring, step=2):
-        score = score_frame(result.contacts, truth)
-        assert not score.ghosts and not score.doubled and not score.missed
-        assert score.place.max() < 0.3e-3 and score.force.max() < 0.08
 
 
 def test_hands_are_found_on_worn_channels():
@@ -166,15 +127,6 @@ def test_hands_are_found_on_worn_channels():
     ]
     assert sum(score.true for score in scores) == 12
     assert sum(score.ghosts + score.doubled + score.missed for score in scores) == 0
-
-
-def test_a_hand_is_found_where_gains_drive_readings_out_of_the_converters_range():
-    """640 of the 4032 readings are at its end; of some electrodes no two readings of a pair are left, and
-    the frame was said to be none that a sheet can have."""
-    ((result, truth),) = pressed("hand", wiring=WIRINGS["gains 5 %"], step=5)
-    score = score_frame(result.contacts, truth)
-    assert result.state == "valid" and score.true == 6
-    assert score.ghosts + score.doubled + score.missed == 0
 
 
 def test_five_contacts_on_sixteen_electrodes_are_no_shape():

@@ -39,19 +39,6 @@ def test_a_way_between_frames_that_deviations_do_not_allow_is_a_velocity():
     assert velocity == (0.12, 0.01)
 
 
-def test_order_does_not_matter_and_a_newcomer_gets_a_new_number():
-    tracks = Tracks(0.025)
-    assert numbers(tracks, [At(0.0, 0.0), At(0.05, 0.0)], 0.0) == [1, 2]
-    assert numbers(tracks, [At(0.051, 0.0), At(-0.05, 0.0), At(0.001, 0.0)], 0.1) == [2, 3, 1]
-
-
-def test_numbers_are_never_used_again():
-    tracks = Tracks(0.025)
-    assert numbers(tracks, [At(0.0, 0.0)], 0.0) == [1]
-    assert numbers(tracks, [], 0.1) == []
-    assert numbers(tracks, [At(0.0, 0.0)], 0.2) == [2]
-
-
 def test_two_that_cross_keep_their_numbers():
     """20 mm apart across, 0.5 m/s against each other, 64 ms between frames."""
     tracks, step, speed = Tracks(0.025), 0.064, 0.5
@@ -76,12 +63,6 @@ def test_a_finger_that_begins_to_slide_or_turns_back_is_the_same():
     assert tracks.follow([At(0.01, 0.0, (-0.1, 0.0))], 2 * lasts, 0.063)[0].number == 1
 
 
-def test_a_finger_that_shifts_within_a_frame_is_the_same():
-    tracks = Tracks(0.025)
-    tracks.follow([At(0.0, 0.0)], 0.0, 0.063)
-    assert tracks.follow([At(0.03, 0.0)], 0.064, 0.063)[0].number == 1
-
-
 @pytest.mark.parametrize("timed", [0.0, 0.063])
 def test_time_for_which_nothing_is_told_ends_no_contact(timed):
     """A frame may take long, and others be left out meanwhile: nobody saw anything let go."""
@@ -90,13 +71,6 @@ def test_time_for_which_nothing_is_told_ends_no_contact(timed):
     later = [At(0.11, 0.0, (0.05, 0.0)), At(0.002, 0.0), At(-0.06, 0.06)]
     assert [each.number for each in tracks.follow(later, 1.0, timed)] == [2, 1, 3]
     assert [each.age for each in tracks.follow(later[1:2], 60.0, timed)] == [60.0]
-
-
-def test_a_frame_without_a_contact_ends_it_however_short():
-    tracks = Tracks(0.025)
-    tracks.follow([At(0.0, 0.0)], 0.0)
-    tracks.follow([], 0.001)
-    assert numbers(tracks, [At(0.0, 0.0)], 0.002) == [2]
 
 
 def test_whoever_follows_contacts_in_between_says_which_are_the_same():
@@ -132,12 +106,6 @@ def test_one_that_moved_may_be_as_far_as_it_would_have_got():
     tracks.follow([At(0.0, 0.0, (0.03, 0.0)), At(0.0, 0.09)], 0.0, 0.063)
     later = [At(-0.05, -0.04, (0.03, 0.0)), At(0.1, 0.09)]
     assert [each.number for each in tracks.follow(later, 18.0, 0.063)] == [1, 3]
-
-
-def test_a_clock_that_jumps_back_begins_anew():
-    tracks = Tracks(0.025)
-    tracks.follow([At(0.0, 0.0)], 100.0)
-    assert numbers(tracks, [At(0.0, 0.0)], 1.0) == [2]
 
 
 @pytest.mark.parametrize("given", [None, [(7, 0.1)]], ids=["frames", "rows"])

@@ -193,23 +193,6 @@ def test_a_host_of_version_1_is_served_as_ever(program):
 
 
 @needs_compiler
-def test_order_of_answers_and_rows_and_the_first_sequence(program):
-    with talking(program) as talk:
-        talk.ask(SetRate(1, 200.0, version=2))
-        for tag in range(10, 30, 2):
-            begun = talk.ask(Start(tag))
-            first = talk.rows(1)[0]
-            assert (first.sequence, first.row) == (begun.sequence, 0)
-            talk.ask(Command(protocol.STOP, tag + 1, version=2))
-            talk.ask(Command(protocol.IDENTIFY, 99, version=2))
-        kinds = [(type(p).__name__, getattr(p, "command", None)) for p in talk.heard]
-        streaming = False
-        for kind, command in kinds:
-            streaming = {protocol.START: True, protocol.STOP: False}.get(command, streaming)
-            assert streaming or kind != "Row"
-
-
-@needs_compiler
 def test_a_commanded_order_and_a_number_of_frames(program):
     order = (4, 0, 4, 2)
     with talking(program) as talk:
