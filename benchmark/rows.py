@@ -140,6 +140,7 @@ class Sensor:
         self.electrodes = self.layout.electrodes
         self._jumping = far_apart(self.layout.positions, range(self.electrodes))
         self.pipeline = Pipeline(self.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+        self._clock = 0.0  # s, at which a scene begins
 
     def anywhere(self, random, *others) -> np.ndarray:
         """(2,) a place, far from others."""
@@ -164,7 +165,9 @@ class Sensor:
         state, due, read = self.pipeline.rows(waits=False), {}, []
         self.pipeline.untare()  # and forgets the frames of the scene before
         adaptive, places = AdaptiveOrder(self.layout.positions), np.empty((0, 2))
-        number, whole, begun = 0, 0, 0.0
+        self._clock += 60.0  # scenes follow each other; a clock that is set back a little is not tried here
+        clock = self._clock
+        number, whole, begun = 0, 0, clock
         while number < frames * self.electrodes:
             simulator.grounded = grounded = self._order(adaptive, places)
             for readings, ground in zip(simulator.frame(number * ROW_PERIOD, whole), grounded):
@@ -172,7 +175,7 @@ class Sensor:
                 if number in due:
                     self._tell(state, *due.pop(number))
                 start = time.thread_time()
-                self.pipeline.follow_row(readings, int(ground), DRIVE, now, state)
+                self.pipeline.follow_row(readings, int(ground), DRIVE, clock + now, state)
                 followed = time.thread_time()
                 result = self.pipeline.after_row(state)
                 costs.append((followed - start, time.thread_time() - followed))
@@ -183,7 +186,7 @@ class Sensor:
             # the next order is told while this frame's last row is still on the way
             places = np.array([[c.x, c.y] for c in result.contacts]).reshape(-1, 2)
             due[number + self.late] = read, begun
-            read, begun, whole = [], number * ROW_PERIOD, whole + 1
+            read, begun, whole = [], clock + number * ROW_PERIOD, whole + 1
 
     def _order(self, adaptive: AdaptiveOrder, contacts: np.ndarray) -> np.ndarray:
         if self.order == "adaptive":
