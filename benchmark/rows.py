@@ -165,7 +165,9 @@ class Sensor:
         state, due, read = self.pipeline.rows(waits=False), {}, []
         self.pipeline.untare()  # and forgets the frames of the scene before
         adaptive, places = AdaptiveOrder(self.layout.positions), np.empty((0, 2))
-        self._clock += 60.0  # scenes follow each other; a clock that is set back a little is not tried here
+        self._clock += (
+            60.0  # scenes follow each other; a clock that is set back a little is not tried here
+        )
         clock = self._clock
         number, whole, begun = 0, 0, clock
         while number < frames * self.electrodes:
@@ -197,7 +199,7 @@ class Sensor:
         if not state.asks:  # as in the node
             return
         frame, grounded = (np.array(each) for each in zip(*read))
-        self.pipeline.process(frame, grounded, DRIVE, ROW_PERIOD)
+        self.pipeline.process(frame, grounded, DRIVE, ROW_PERIOD, begun, False)
         self.pipeline.correct(state, frame, grounded, DRIVE, ROW_PERIOD, begun)
 
 

@@ -445,3 +445,38 @@ def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
                 off.append(np.hypot(*np.subtract((c.x, c.y), PRESSED["center"])))
                 assert c.age >= 0.0
     assert off and max(off) < 0.01
+
+
+def test_slides_that_pass_each_other_are_told_all_the_time():
+    """Frames within which something moves had no fit and confirmed nothing: near each other, both might
+    have been one wide contact that had just begun, and were withheld."""
+    layout, speed = load_layout("equal-8x8"), 0.25
+    slides = [
+        Contact(
+            "disc",
+            center=(-sign * 0.075, sign * 0.01),
+            radius=0.005,
+            pressure=1.0 / (np.pi * 0.005**2),
+            start=start * ROW_PERIOD,
+            velocity=(sign * speed, 0.0),
+        )
+        for sign, start in ((1, 8.5), (-1, 20.5))
+    ]
+    law = ContactLaw(1e-4, 1.0)
+    scene = Scene("passing", DRIVE, slides, law, Noise(NOISE, 1), Adc(12, DRIVE))
+    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
+    pipeline = Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=law))
+    state, numbers = pipeline.rows(waits=False), set()
+    for number in range(6):
+        begun = 64 * ROW_PERIOD * number
+        frame = simulator.frame(begun, number)
+        for i, row in enumerate(frame):
+            pipeline.follow_row(row, i, DRIVE, begun + i * ROW_PERIOD, state)
+            said = pipeline.after_row(state)
+            if number > 1:
+                assert said.state == "valid" and len(said.contacts) == 2
+                numbers |= {each.id for each in said.contacts}
+        given = frame, np.arange(64), DRIVE, ROW_PERIOD, begun
+        pipeline.process(*given, numbered=False)
+        pipeline.correct(state, *given)
+    assert len(numbers) == 2

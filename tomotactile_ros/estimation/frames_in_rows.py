@@ -170,9 +170,11 @@ def corrected(
             mean[:2] -= before
             belief = _agreed(belief, which, mean, own, sizes, confused)
     taken_over = {number for number, *_ in state.wide}
+    unclear = dict(enumerate(found.contacts[blurred, :2]))  # may be one of those that rows have
     for j in reversed(range(belief.count)):
         number = belief.numbers[j]
         missed = number in left and (confused or belief.begun[j] <= seen.begun)
+        missed = missed and _nearest(unclear, left[number], reach) is None
         in_wide = number in taken_over or _lies_in(belief.contacts()[j], found.contacts[is_wide])
         if in_wide or (missed and number not in slide):
             belief = belief.without(j)

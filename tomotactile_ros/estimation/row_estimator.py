@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from tomotactile_ros.estimation.arrangement import CLOSE
 from tomotactile_ros.estimation.equations import SIMILAR
@@ -48,6 +49,7 @@ from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.row_state import STATE, STRENGTH, RowState, known_for
 from tomotactile_ros.estimation.settling import Settling, with_ground
 from tomotactile_ros.estimation.touch import PARAMETERS, Touches, conductance, patches_for
+from tomotactile_ros.estimation.tracks import REACH
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
 # spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
@@ -392,9 +394,14 @@ class RowEstimator:
             state.doubted, state.doubt = state.doubted + 1, estimate.reason
             return
         state.doubted = 0
-        if fit is None or fit.used != tuple(state.used):
-            return
         then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
+        if fit is None:  # what moves within a frame has none, but places
+            reach = REACH * float(np.median(self.estimator.layout.pitches))
+            if then is not None and _are_those(then, estimate.contacts, reach):
+                state.confirmed = seen.ended
+            return
+        if fit.used != tuple(state.used):
+            return
         if state.confused:
             self._catch_up(seen, fit, state, then or {})
             return
@@ -553,6 +560,15 @@ class _Changes(Exception):
 
 def _leave_to_rows(left_out: dict[int, str]) -> FollowedRows | None:
     raise _Changes
+
+
+def _are_those(places: dict[int, np.ndarray], contacts: list[Contact], reach: float) -> bool:
+    """Whether `contacts` of a frame are those that rows have at `places`, m, each within `reach`, m."""
+    if len(places) != len(contacts):
+        return False
+    way = [[np.hypot(x - c.x, y - c.y) for c in contacts] for x, y in places.values()]
+    cost = np.minimum(np.reshape(way, (len(contacts), -1)) / reach, 1.0)
+    return bool((cost[linear_sum_assignment(cost)] < 1).all())
 
 
 def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
