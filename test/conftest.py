@@ -30,6 +30,8 @@ def restrict_discovery() -> None:
 prefer_installed_package()
 restrict_discovery()
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# programs that tests start find the same package, wherever they run
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
 # killed processes leave shared memory behind that can make later ones in their domain deaf
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 # a shell ignores it for what runs in its background, and all children would

@@ -1,6 +1,14 @@
-"""Which processes a program has started, and which of them are still there."""
+"""Programs in processes of their own: run, which they have started, and which are still there."""
 
+import subprocess
+import sys
 from pathlib import Path
+
+
+def python(*words, **how) -> subprocess.CompletedProcess:
+    """Python with these words of the command line, to its end; what it writes is text."""
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 120.0, **how}
+    return subprocess.run([sys.executable, *map(str, words)], check=False, text=True, **how)
 
 
 def descendants(pid):

@@ -165,21 +165,15 @@ def test_a_scene_file_names_them_and_is_written_back(tmp_path):
     "defect, complaint",
     [
         ("gain: 1.0", "defects.gain: 1.0 is neither a list of numbers nor {rms, seed}"),
-        ("gain: [1.0, .nan]", r"defects.gain\[1\]: nan is not a finite number"),
         ("gain: [1.0, 0.0]", r"defects.gain\[1\]: 0.0 is not a positive factor"),
         ("gain: {rms: 0.5}", "defects.gain.rms: 0.5 is above 0.25"),
-        ("gain: {rms: -0.1}", "defects.gain.rms: -0.1"),
         ("gain: {rms: 0.1, sead: 1}", "defects.gain.sead: unknown key; did you mean 'seed'"),
-        ("offset: [a]", r"defects.offset\[0\]: 'a' is not a number"),
         ("ground_resistance: [-1.0]", r"defects.ground_resistance\[0\]: -1.0"),
         ("ground_resistance: {mean: 10.0, spread: 20.0}", "spread: 20 is above the mean"),
         ("settling: 1.0", "defects.settling: 1 is not a part from 0 to below 1"),
-        ("settling: [0.1, -0.1]", r"defects.settling\[1\]: -0.1"),
         ("open: [1, 1]", r"defects.open: \[1, 1\] names an electrode twice"),
-        ("open: [-1]", "defects.*-1 is not an electrode"),
         ("stuck: {a: 1.0}", "defects.stuck: 'a' is not the number of an electrode"),
         ("stuck: {1: .inf}", "defects.stuck.1: inf"),
-        ("stuck: [1]", "defects.stuck: .* is not a mapping"),
     ],
 )
 def test_impossible_channels_are_refused_in_one_line(tmp_path, defect, complaint):

@@ -5,12 +5,12 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
+from process_support import python
 
 from tomotactile_ros import cli
 from tomotactile_ros.cli import COMMANDS
@@ -32,20 +32,13 @@ def run(*words):
     return subprocess.CompletedProcess(words, status, said.read(), told.read())
 
 
-def run_process(*words, env=None, stdout=subprocess.PIPE):
-    command = [sys.executable, "-m", "tomotactile_ros.cli", *map(str, words)]
-    path = os.pathsep.join(p for p in sys.path if p)
-    environment = {**os.environ, "PYTHONPATH": path, **(env or {})}
-    return subprocess.run(
-        command, check=False, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment
-    )
-
-
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     path = tmp_path_factory.mktemp("cli") / "frames.npz"
     layout, scene = ("--layout", "equal-4x4"), ("--scene", "default")
-    done = run_process("simulate", *layout, *scene, "--frames", 3, "--out", path)
+    done = python(
+        "-m", "tomotactile_ros.cli", "simulate", *layout, *scene, "--frames", 3, "--out", path
+    )
     assert done.returncode == 0, done.stderr
     return path
 
@@ -225,7 +218,7 @@ def test_a_reader_that_has_enough_ends_the_command_quietly():
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as closed:
-        done = run_process("inspect", "equal-8x8", stdout=closed)
+        done = python("-m", "tomotactile_ros.cli", "inspect", "equal-8x8", stdout=closed)
     assert done.returncode == 128 + signal.SIGPIPE and done.stderr == ""
 
 
@@ -239,16 +232,8 @@ def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
     )
     for given, seen in ((None, "1"), ("2", "2")):
         environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
-        environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         environment |= {"OMP_NUM_THREADS": given} if given else {}
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            check=True,
-            capture_output=True,
-            text=True,
-            env=environment,
-        )
-        assert done.stdout.splitlines()[-1] == seen
+        assert python("-c", code, env=environment).stdout.splitlines()[-1] == seen
 
 
 @pytest.mark.parametrize("name", COMMANDS)

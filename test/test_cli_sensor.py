@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from process_support import python
 
 from tomotactile_ros import cli
 from tomotactile_ros.commands import run as live
@@ -27,13 +28,7 @@ LAYOUT = load_layout("equal-4x4")
 def emulated(*words):
     """`tomotactile emulate` in a process of its own; the port that it prints."""
     command = [sys.executable, "-m", "tomotactile_ros.cli", "emulate", "--layout", "equal-4x4"]
-    path = os.pathsep.join(p for p in sys.path if p)
-    process = subprocess.Popen(
-        [*command, *words],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-    )
+    process = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True)
     try:
         yield process.stdout.readline().strip()
         process.send_signal(signal.SIGINT)
@@ -155,14 +150,6 @@ def test_a_shell_completes_options_and_their_values():
         "_ARGCOMPLETE": "1",
         "COMP_LINE": line,
         "COMP_POINT": str(len(line)),
-        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
     }
     program = "import os, sys; os.dup2(1, 8); from tomotactile_ros.cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.strip() == "balanced"
+    assert python("-c", program, env=environment).stdout.strip() == "balanced"

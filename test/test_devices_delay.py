@@ -90,10 +90,11 @@ def bytes_per_second(versions):
     return sum(len(data) for data, _ in heard) / 10.0
 
 
-def lived(world):
+def lived(world, max_age=math.inf):
     """The device afterwards; true age of each frame when it came, and what its stamp says, s; what
     was told meanwhile."""
     device = SerialDevice("/dev/null", E)
+    device.max_age = max_age
     ages, told = [], set()
 
     def take(frame):
@@ -128,3 +129,13 @@ def test_a_line_that_is_fast_enough_is_left_alone(versions, answering):
     assert np.abs(true - stamped).max() < 0.02
     assert "waited" not in told
     assert device.status().counters["reconnects"] == 0
+
+
+@pytest.mark.parametrize("versions", [(1,), (2,)])
+def test_a_line_that_carries_half_of_it_makes_nothing_old_fresh(versions):
+    world = SlowWorld(versions, 0.5 * bytes_per_second(versions), 60.0)
+    device, (true, stamped), _ = lived(world, max_age=0.3)
+    assert np.abs(true - stamped).max() < 0.05
+    assert len(true) > 20 and true.max() < 0.3 + 2 / RATE
+    counters = device.status().counters
+    assert counters["frames_stale"] > 20 and counters["clock_jumps"] == 0

@@ -7,7 +7,6 @@ import re
 import shutil
 import struct
 import subprocess
-import sys
 import zlib
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from process_support import python
 
 from tomotactile_ros.devices import cobs, protocol
 
@@ -333,8 +333,7 @@ def test_any_bytes_as_stream_and_as_content(data):
 
 def test_what_is_made_of_the_tables_is_up_to_date():
     """The constants of Python and C, and the tables of the document."""
-    check = [sys.executable, str(ROOT / "scripts" / "protocol"), "--check"]
-    done = subprocess.run(check, capture_output=True, text=True, check=False)
+    done = python(ROOT / "scripts/protocol", "--check")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

@@ -4,7 +4,6 @@ Every wait is for an event; PATIENCE is only how long a broken program may take 
 """
 
 import errno
-import math
 import os
 import select
 import socket
@@ -303,61 +302,6 @@ def test_a_device_that_forgets_to_stream_is_started_again(version):
 def test_a_device_ten_times_too_fast_is_told():
     with connected(sensor(rate=25.0, haste=10.0), rate=25.0) as (_, watch):
         watch.wait_for(lambda s: s.state == "streaming" and "instead of 25" in s.message)
-
-
-class SlowPort(emulator.PtyPort):
-    """A line that carries `speed` bytes/s; what does not fit waits in the device."""
-
-    speed = math.inf
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._since, self._sent = time.monotonic(), 0
-
-    def send(self, data):
-        now = time.monotonic()
-        room = min(self.speed * (now - self._since), 1e6)
-        sent = super().send(data[: int(room)]) if room >= 1 else 0
-        self._since = now if room >= 1 else self._since
-        return sent
-
-
-def test_a_line_slower_than_the_sensor_never_makes_old_data_fresh(monkeypatch):
-    """600 rows/s of 52 bytes are twice what the line carries: the device's buffer fills."""
-    started = {}
-
-    def source(elapsed, sequence, order):
-        started[sequence] = time.time()
-        return counted(elapsed, sequence, order)
-
-    monkeypatch.setattr(SlowPort, "speed", 15_000.0)
-    slow = emulator.EmulatedDevice(source, E, rate=100.0)
-    ages = []
-    with plugged(slow, SlowPort) as port:
-        device = SerialDevice(port.path, E)
-        device.max_age = 0.3
-        arrived = {}
-
-        def receive(frame):
-            arrived[frame.sequence] = time.time()
-            ages.append((time.time() - frame.stamp, time.time() - started[frame.sequence]))
-
-        watch = Watch(device)
-        device.open(lambda frame: (receive(frame), watch(frame)))
-        watch.wait_for(lambda s: s.state == "late" and s.counters["frames_stale"] > 20)
-        status = device.status()
-        assert "s old and not published" in status.message
-        assert status.counters["age"] > 0.3
-        watch.wait_for_frames(20)  # the line was emptied in between
-        assert device.status().counters["clock_jumps"] == 0
-        monkeypatch.setattr(SlowPort, "speed", math.inf)
-        monkeypatch.setattr(SerialDevice, "LATE_FOR", 0.5)
-        watch.wait_for(lambda s: s.state == "streaming")
-        device.close()
-    told, true = np.array(ages).T
-    # a row is sampled at the frame's end by the emulator; 2 periods for that and for scheduling
-    assert (np.abs(told - true) < 0.1).mean() > 0.95
-    assert (true < 0.3 + 0.1).mean() > 0.95
 
 
 def test_rows_of_before_the_start_are_not_taken_for_new(monkeypatch):

@@ -16,7 +16,7 @@ def frames(layout, order):
     """(begin, s, readings (64, 64), V) of the scene `slide`, none within the gap."""
     simulator = Simulator(layout, load_scene("slide"), "closed_form", row_period=ROW_PERIOD)
     simulator.grounded = order
-    begins = [*np.arange(GAP[0] - 0.256, GAP[0], 0.064), *(GAP[1] + 0.064 * np.arange(6))]
+    begins = [*np.arange(GAP[0] - 0.128, GAP[0], 0.064), *(GAP[1] + 0.064 * np.arange(3))]
     return [(begun, simulator.frame(begun, i)) for i, begun in enumerate(begins)]
 
 

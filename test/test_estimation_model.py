@@ -522,9 +522,7 @@ def on_8x8():
     return Estimator(layout, noise=1e-3, law=law, radius=0.005), law
 
 
-@pytest.mark.parametrize(
-    "strength, radius", [(1.0, 0.005), (2.0, 0.005), (30.0, 0.005), (1.0, 0.03), (30.0, 0.03)]
-)
+@pytest.mark.parametrize("strength, radius", [(1.0, 0.005), (30.0, 0.005), (1.0, 0.03)])
 def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(
     on_8x8, radius, strength
 ):

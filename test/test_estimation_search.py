@@ -375,22 +375,6 @@ def test_a_wide_contact_at_low_pressure_is_one():
     assert contact.radius == pytest.approx(0.04, rel=0.05)
 
 
-def test_contacts_that_fade_away_are_not_needed_for_ever():
-    """Whether they are is not asked in every frame: 12 % less in each is a small change each time."""
-    state, seen = State(), []
-    for number in range(60):
-        fading = 2e4 * 0.88**number
-        discs = ONE + ((-0.05, -0.04, 0.004, fading),) * (fading > 10)
-        frame = simulate("4x4", discs, sequence=number)
-        found = estimator("4x4").estimate(frame, np.arange(16), DRIVE, state)
-        assert found.state == "valid" and len(found.contacts) in (1, 2)
-        seen.append(len(found.contacts))
-        for contact in found.contacts:
-            apart = [np.hypot(contact.x - x, contact.y - y) for x, y, *_ in ONE + TWO]
-            assert min(apart) < 5e-3
-    assert seen[0] == 2 and seen[-1] == 1
-
-
 @pytest.mark.parametrize("pressure", [25, 18, 13])
 def test_a_contact_hardly_above_the_noise_is_an_answer_or_a_reason(pressure):
     """Z is then nearly the same everywhere, as of an untouched sheet: sums of its differences must not

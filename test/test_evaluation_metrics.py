@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.evaluation.metrics import blur, quality, statistics, worst
+from tomotactile_ros.evaluation.metrics import blur, quality
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.outline import Outline
 
@@ -37,22 +37,6 @@ def test_position_error_and_blur_are_taken_from_the_true_position():
     result = quality(image, [[shift, 0.0]], grid)
     assert result.position_error[0] == pytest.approx(shift, abs=1e-12)
     assert result.blur[0] == pytest.approx(np.hypot(shift, sigma), rel=1e-3)
-
-
-def test_contour_is_interpolated_between_pixels():
-    """A cone: linear in the distance, so the interpolated contour along an axis is exact."""
-    grid = Grid(SQUARE, 41, 41)
-    height = 0.08
-    image = np.maximum(height - np.linalg.norm(grid.pixels, axis=1), 0)[None]
-    assert quality(image, [[0, 0]], grid).hwhm[0] == pytest.approx(height / 2, rel=5e-3)
-
-
-def test_two_separate_spots_count_as_one_wide_image():
-    grid = Grid.for_outline(SQUARE, 40)
-    image = gaussian(grid, (0.06, 0), 0.008) + gaussian(grid, (-0.06, 0), 0.008)
-    result = quality(image[None], [[0.06, 0]], grid)
-    assert result.position_error[0] == pytest.approx(0.06)
-    assert result.hwhm[0] > 0.06
 
 
 def test_the_rim_and_cells_outside_are_no_contour():
@@ -87,18 +71,3 @@ def test_mirrored_and_scaled_images_have_the_same_quality(x, y, sigma, scale):
     for values in (result.hwhm, result.position_error, result.blur):
         assert values == pytest.approx(values[0], rel=1e-6, abs=1e-9)
     assert result.hwhm[0] > 0
-
-
-def test_chunks_do_not_change_the_result():
-    grid = Grid.for_outline(SQUARE, 12)
-    random = np.random.default_rng(0)
-    images = random.random((600, 144))
-    together = quality(images, np.zeros((600, 2)), grid)
-    alone = quality(images[511:512], np.zeros((1, 2)), grid)
-    assert together.hwhm[511] == alone.hwhm[0]
-
-
-def test_statistics():
-    values = np.arange(100.0)
-    assert statistics(values) == {"mean": 49.5, "worst_tenth": 94.5, "worst": 99.0}
-    assert worst([3.0]) == 3.0

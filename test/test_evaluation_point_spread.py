@@ -13,7 +13,6 @@ from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet import ClosedFormSheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
-from tomotactile_ros.support.errors import InputError
 
 
 def warped(rows, cols, size=(0.2, 0.2), move=(0.0, 0.0)):
@@ -147,26 +146,3 @@ def test_closed_form_and_finite_elements_agree():
     for name in ("hwhm", "blur"):
         first, second = (metrics[name]["mean"] for metrics in by_model)
         assert first == pytest.approx(second, rel=0.03)
-
-
-def test_find_symmetry_needs_both_the_cells_and_the_electrodes():
-    square = Grid.for_outline(Outline.rectangle(0.2, 0.2), 6)
-    wide = Grid.for_outline(Outline.rectangle(0.3, 0.2), 6)
-    four = np.array([[-0.05, -0.05], [0.05, -0.05], [-0.05, 0.05], [0.05, 0.05]])
-    assert len(find_symmetry(square, four).pixels) == 8
-    assert len(find_symmetry(wide, four).pixels) == 4
-    assert len(find_symmetry(square, four * [1, 1.1]).pixels) == 4
-    assert len(np.unique(find_symmetry(square, four[:1]).pixels, axis=0)) == 1
-
-
-def test_bad_requests():
-    layout = warped(3, 3)
-    with pytest.raises(InputError, match="model: 'best' is none of auto, paper"):
-        evaluate_layout(layout, model="best")
-    with pytest.raises(InputError, match="regularization: 0 is not a positive number"):
-        evaluate_layout(layout, regularization=0)
-    with pytest.raises(InputError, match="contact radius: 1.5 mm is too large"):
-        evaluate_layout(layout, contact_radius=0.0015)
-    circle = Layout("c", Outline.circle(0.1), 1e4, 0.002, [[0, 0], [0.05, 0]])
-    with pytest.raises(InputError, match="this outline is a circle; use model fem"):
-        evaluate_layout(circle, model="paper")

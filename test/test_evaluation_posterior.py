@@ -2,18 +2,14 @@
 layouts."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.equations import Linear
-from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.solver import solve
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, Touches, conductance, patches_for
 from tomotactile_ros.evaluation.places import lattice
 from tomotactile_ros.evaluation.posterior import Conditions, Expectation, RowInformation
 from tomotactile_ros.layouts.layout import load_layout
@@ -87,13 +83,6 @@ def test_the_equal_grid_is_better_in_place_than_the_one_with_the_sharpest_images
     assert errors[0] < 0.6 * errors[1]
 
 
-def test_places_are_even_and_on_no_lattice():
-    places = lattice(LAYOUT, 10)
-    counts = np.histogram2d(*places.T, bins=10, range=[[-0.095, 0.095]] * 2)[0]
-    assert (counts == 1).all()
-    assert len(np.unique(places[:, 0])) == 100
-
-
 def test_rows_are_chosen_by_what_they_tell_and_spread_in_time():
     chooser = Chooser(LAYOUT, places=4)
     best = chooser.best(6)
@@ -134,55 +123,3 @@ def test_slopes_of_the_place_error_by_shares_of_rows():
     beside = [information.mean_place(shares + step * way)[0] for step in (1e-4, -1e-4)]
     assert (beside[0] - beside[1]) / 2e-4 == pytest.approx(slopes @ way, rel=1e-5)
     assert np.mean(beside) > error  # convex
-
-
-@pytest.mark.parametrize("name", ["equal-4x4", "ring-16"])
-def test_what_is_kept_of_a_contact_changes_nothing(name):
-    """Against the plain evaluation, in which the sheet around every contact is worked out anew
-    wherever it is needed."""
-    layout = load_layout(name)
-    conditions = Conditions(apart=0.04)
-    expectation = Expectation(layout, conditions)
-    operator, still = expectation.operator, np.zeros(expectation.operator.modes)
-
-    def pressed(centre):
-        form = np.array([*centre, 0.0, np.log(conditions.radius), 0.0, 0.0])
-        touch = touches([form])
-        area = np.pi * conditions.radius**2 * touch.covered[0]
-        given = float(conditions.law.conductance(conditions.pressure)) * area
-        form[CONDUCTANCE] = -np.log(1 / given + touch.mean[0])
-        return form
-
-    def touches(forms):
-        across = [patches_for(np.exp(form[RADIUS]), operator.pitch) for form in forms]
-        return Touches(operator, np.array(forms), across, still)
-
-    def plain(forms, readings=None):
-        unknowns = expectation.unknowns(np.array(forms))
-        if readings is None:
-            readings = Prediction(operator, unknowns, layout.grounded).readings
-        weights = np.full(readings.shape, (conditions.drive_voltage / conditions.noise) ** 2)
-        weights[np.arange(len(layout.grounded)), layout.grounded] = 0.0
-        prior = replace(expectation.prior, radius=float(np.exp(forms[0][RADIUS])))
-        return Linear(Fit(operator, unknowns, Rows(readings, weights, layout.grounded), prior))
-
-    middle, half = np.array([0.012, -0.013]), np.array([0.016, 0.012])
-    linear = plain([pressed(middle)])
-    normal = linear.normal.copy()
-    normal[[0, 1], [0, 1]] += expectation.on_electrode(linear)
-    assert expectation.covariance(middle)[0] == pytest.approx(
-        np.linalg.inv(normal)[:2, :2], rel=1e-7, abs=1e-20
-    )
-
-    two = [pressed(middle + half), pressed(middle - half)]
-    frame = Prediction(operator, expectation.unknowns(np.array(two)), layout.grounded).readings
-    wide = np.log(np.hypot(conditions.radius, np.linalg.norm(half)))
-    one = np.array([*middle, 0.0, wide, 0.0, 0.0])
-    given = sum(
-        conductance(form[CONDUCTANCE], mean)[0] for form, mean in zip(two, touches(two).mean)
-    )
-    one[CONDUCTANCE] = -np.log(1 / given + touches([one]).mean[0])
-    linear = plain([one], frame)
-    taken = np.linalg.solve(linear.normal, linear.right) @ linear.right + linear.beside
-    found = expectation.separation(middle, 2 * half)
-    assert found == pytest.approx(np.sqrt(linear.fit.cost - taken), rel=1e-9)

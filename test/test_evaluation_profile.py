@@ -12,7 +12,6 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Settings
-from tomotactile_ros.support.errors import InputError
 
 CORNERS = [[-0.1, -0.1], [0.1, -0.1], [0.1, -0.03], [-0.03, -0.03], [-0.03, 0.1], [-0.1, 0.1]]
 
@@ -68,9 +67,3 @@ def test_the_command_states_ghosts_and_misses_beside_places(capsys):
     content = json.loads(capsys.readouterr().out)
     assert content["settings"]["contact_radius"] == [0.004]
     assert {"ghosts", "missed", "place", "force", "ospa"} <= set(content["contacts"])
-
-
-@pytest.mark.parametrize("radius", [-0.001, np.nan, 0.11])
-def test_radii_that_fit_nowhere_are_refused(radius):
-    with pytest.raises(InputError, match="contact radius"):
-        evaluate_profile(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4), "fast", radius=radius)

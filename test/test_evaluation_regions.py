@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.evaluation.regions import grid_shape, is_simple, layout_regions, quadrilaterals
+from tomotactile_ros.evaluation.regions import grid_shape, layout_regions, quadrilaterals
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 
@@ -50,16 +50,3 @@ def test_layouts_that_are_no_grid_have_blocks():
     regions = layout_regions(layout)
     assert (regions.rows, regions.cols, regions.electrodes) == (3, 3, False)
     assert regions.areas == pytest.approx(0.04 / 9)
-
-
-def test_crossed_regions_are_not_simple():
-    positions = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4).positions.copy()
-    assert is_simple(quadrilaterals(positions, 3, 3))
-    positions[4] = [0.12, 0.0]
-    assert not is_simple(quadrilaterals(positions, 3, 3))
-
-
-def test_means_of_a_region_without_contacts_come_from_the_nearest():
-    regions = layout_regions(equal_grid(2, 3, (0.2, 0.2), 0.002, 1e4))
-    points = np.array([[-0.05, 0.0], [-0.01, 0.0]])
-    assert regions.means(regions.of(points), points, np.array([1.0, 3.0])).tolist() == [2.0, 3.0]

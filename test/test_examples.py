@@ -1,16 +1,16 @@
 """The examples run and do what they say."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import python
 
 rclpy = pytest.importorskip("rclpy")
 
-from ros_support import LIMIT, Process, ends_cleanly
+from ros_support import Process, ends_cleanly
 
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.conversions import stamp_of
@@ -20,11 +20,8 @@ EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "press_from_mujo
 
 def test_without_mujoco_the_example_says_what_to_install(tmp_path):
     (tmp_path / "mujoco.py").write_text("raise ImportError")
-    search = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLE)], check=False, env=dict(os.environ, PYTHONPATH=search),
-        capture_output=True, text=True, timeout=LIMIT,
-    )  # fmt: skip
+    search = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    done = python(EXAMPLE, env=dict(os.environ, PYTHONPATH=search))
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.splitlines() == [
         "press_from_mujoco: MuJoCo is missing, install it with: python3 -m pip install mujoco"

@@ -2,15 +2,13 @@
 
 import inspect
 import json
-import os
 import re
 import rlcompleter
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import python
 
 import tomotactile_ros as tt
 
@@ -22,11 +20,7 @@ NUMBER = re.compile(r"(-?[\d.]+) (mm|N)")
 
 def run(tmp_path, name, *words):
     """What an example says, run in a folder of its own."""
-    path = os.pathsep.join([str(Path(tt.__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
-    return subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *map(str, words)],
-        cwd=tmp_path, env=dict(os.environ, PYTHONPATH=path), check=False, capture_output=True, text=True,
-    )  # fmt: skip
+    return python(EXAMPLES / name, *words, cwd=tmp_path)
 
 
 def numbers(line):
@@ -94,15 +88,8 @@ def test_no_name_loads_anything_before_it_is_used():
     with pytest.raises(AttributeError, match="no attribute 'pipeline_'"):
         tt.pipeline_  # noqa: B018
     code = f"import tomotactile_ros, sys; sys.exit(any(m in sys.modules for m in {HEAVY}))"
-    path = str(Path(tt.__file__).parent.parent)
-    env = dict(os.environ, PYTHONPATH=os.pathsep.join([path, os.environ.get("PYTHONPATH", "")]))
     # without the site folder's start-up files, which may load what they like
-    assert subprocess.run([sys.executable, "-S", "-c", code], check=False, env=env).returncode == 0
-
-
-def test_the_package_says_that_it_has_types():
-    assert (Path(tt.__file__).parent / "py.typed").is_file()
-    assert "py.typed" in (ROOT / "pyproject.toml").read_text()
+    assert python("-S", "-c", code).returncode == 0
 
 
 def test_simulated_contacts_are_found_where_they_are(tmp_path):
@@ -114,12 +101,6 @@ def test_simulated_contacts_are_found_where_they_are(tmp_path):
     np.testing.assert_allclose(np.array(found)[:, :2], np.array(true)[:, :2], atol=1.0)
     np.testing.assert_allclose(np.array(found)[:, 2], np.array(true)[:, 2], rtol=0.2)
     assert is_picture(tmp_path / "pressure.png")
-
-
-def test_a_scene_that_is_nowhere_is_one_line(tmp_path):
-    done = run(tmp_path, "simulate_and_plot.py", "--scene", "nowhere")
-    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
-    assert done.stderr.startswith("simulate_and_plot: 'nowhere': no such file")
 
 
 def test_own_frames_with_an_offset_show_the_finger_and_nothing_else(tmp_path):

@@ -2,13 +2,12 @@
 
 import io
 import os
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import python
 
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.frames_file import load_arrays
@@ -240,13 +239,6 @@ try:
 except InputError as error:
     sys.exit(str(error))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        check=False,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
-    )
+    done = python("-c", program, cwd=tmp_path)
     assert done.stderr == "out.npz: cannot be written: File too large\n"
     assert not list(tmp_path.iterdir())

@@ -29,15 +29,6 @@ def test_pixel_centres_follow_the_contract(a, b, height, width, data):
     assert grid.inside.all() and len(grid.pixels) == height * width
 
 
-def test_row_0_is_the_top_and_column_0_the_left():
-    grid = Grid(Outline.rectangle(0.2, 0.1), 5, 10)
-    top_left, top_right = grid.centres[0], grid.centres[9]
-    np.testing.assert_allclose(top_left, [-0.1 + 0.01, 0.05 - 0.01])
-    np.testing.assert_allclose(top_right, [0.1 - 0.01, 0.05 - 0.01])
-    image = grid.fill(grid.pixels[:, 0] + 10 * grid.pixels[:, 1])
-    assert np.unravel_index(image.argmax(), image.shape) == (0, 9)
-
-
 @pytest.mark.parametrize(
     ("size", "shape"),
     [((0.2, 0.2), (40, 40)), ((0.2, 0.1), (20, 40)), ((0.1, 0.2), (40, 20)), ((10, 0.1), (1, 40))],
@@ -57,28 +48,6 @@ def test_cells_outside_a_polygon_are_nan():
     np.testing.assert_array_equal(np.isnan(image), ~expected)
     np.testing.assert_array_equal(image[0], [0, 1, np.nan, np.nan])
     assert grid.fill(np.ones(12), outside=0.0)[0, 3] == 0
-
-
-def test_cells_of_a_holed_circle():
-    hole = [[-0.3, -0.3], [0.3, -0.3], [0.3, 0.3], [-0.3, 0.3]]
-    grid = Grid.for_outline(Outline.circle(1.0, holes=[hole]), 200)
-    assert grid.inside.sum() * grid.cell_area == pytest.approx(np.pi - 0.36, rel=0.005)
-    np.testing.assert_array_equal(grid.inside, grid.inside[::-1])
-    np.testing.assert_array_equal(grid.inside, grid.inside.T)
-
-
-@settings(deadline=None)
-@given(resolution=st.integers(1, 40), seed=st.integers(0, 99))
-def test_gather_undoes_fill(resolution, seed):
-    grid = Grid.for_outline(Outline.circle(0.1), resolution)
-    values = np.random.default_rng(seed).normal(size=len(grid.pixels))
-    np.testing.assert_array_equal(grid.gather(grid.fill(values)), values)
-
-
-@pytest.mark.parametrize("bad", [0, -1, 2001, 40.0, True, "40"])
-def test_bad_resolution_is_refused(bad):
-    with pytest.raises(InputError, match="resolution: .* is not a whole number from 1 to 2000"):
-        Grid.for_outline(Outline.rectangle(0.2, 0.2), bad)
 
 
 def test_a_grid_that_misses_the_sheet_is_refused():

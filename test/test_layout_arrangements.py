@@ -9,7 +9,6 @@ import pytest
 from tomotactile_ros import cli
 from tomotactile_ros.layouts.arrangements import electrode_ring, hexagonal_grid
 from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.support.files import find_config
 
 
@@ -55,21 +54,6 @@ def test_shipped_layouts_come_from_the_command_that_they_name(name, tmp_path):
     assert words[0] == "tomotactile"
     assert cli.main([*words[1:], "--out", str(again)]) == 0
     assert again.read_bytes() == shipped.read_bytes()
-
-
-@pytest.mark.parametrize("name", ["hex-37", "ring-16"])
-def test_both_models_of_the_sheet_take_them(name):
-    layout = load_layout(name)
-    between = make_sheet(layout, "fem", h=0.01).electrode_electrode
-    assert np.isfinite(between).all() and between == pytest.approx(between.T)
-
-
-def test_the_picture_and_the_name_of_the_file_are_said(tmp_path, capsys):
-    out = tmp_path / "mine.yaml"
-    assert cli.main(["layout", "--rows", "2", "--cols", "3", "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "layout mine: 6 electrodes" in said and "$" in said and str(out) in said
-    assert load_layout(out).radius == 0.005
 
 
 @pytest.mark.parametrize(

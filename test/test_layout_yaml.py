@@ -57,44 +57,24 @@ def test_good_file_is_read(tmp_path):
     [
         ("/1", "/2", "format: 'tomotactile-layout/2' is not known here"),
         ("format: tomotactile-layout/1\n", "", "format: is missing"),
-        ("name: square\n", "", "name: is missing"),
         ("name: square", "name: [1]", "name: [1] is not a text"),
-        ("name: square", "name: ''", "name: '' is not a text"),
         ("name:", "nam:", "nam: unknown key; did you mean 'name'? allowed are format, name,"),
         ("name: square", "name: a\nname: b", "line 3: not valid YAML: key 'name' appears twice"),
         ("1e4", "1e31", "sheet_resistance: 1e+31 is too large, at most 1e+30 works"),
-        ("1e4", "1e-31", "sheet_resistance: 1e-31 is no number in ohm/sq from 1e-30 to 1e+30"),
         ("1e4", "-5.0", "sheet_resistance: -5.0 is not a positive number in ohm/sq"),
         ("1e4", "many", "sheet_resistance: 'many' is not a number"),
-        ("1e4", "true", "sheet_resistance: True is not a number"),
         ("1e4", ".nan", "sheet_resistance: nan is not a finite number"),
-        ("1e4", "1e999", "sheet_resistance: '1e999' is not a finite number"),
         ("1e4", "0x" + "f" * 5000, "sheet_resistance: a huge number is not a finite number"),
-        ("radius: 0.005", "radius: 0", "electrodes.radius: 0.0 is not a positive length in m"),
-        ("  radius: 0.005\n", "", "electrodes.radius: is missing"),
         ("radius", "radus", "electrodes.radus: unknown key; did you mean 'radius'?"),
-        ("[0.1, 0.1]]", "[0.1]]", "electrodes.positions[3]: [0.1] is not a list of 2 numbers"),
         ("[0.1, 0.1]]", "[0.1, .inf]]", "electrodes.positions[3][1]: inf is not a finite number"),
-        ("[0.1, 0.1]]", "[0.1, x]]", "electrodes.positions[3][1]: 'x' is not a number"),
         ("[0.1, 0.1]]", "[0.2, 0.1]]", "electrodes.positions[3]: [0.2, 0.1] lies outside"),
         (
             "[0.1, 0.1]]",
             "[-0.1, 0.0959]]",
             "electrodes 2 and 3 overlap: 4.1 mm apart, they need more than 10 mm",
         ),
-        ("[0.1, 0.1]]", "[-0.1, 0.1]]", "electrodes 2 and 3 overlap: 0 mm apart"),
         (", [0.1, -0.1], [-0.1, 0.1], [0.1, 0.1]", "", "at least 2 are needed"),
         ("{rectangle: [0.2, 0.2]}", "{}", "outline: exactly one of rectangle, circle, polygon"),
-        ("{rectangle: [0.2, 0.2]}", "5", "outline: 5 is not a mapping"),
-        ("0.2]}", "0.2], circle: 1}", "outline: exactly one of rectangle, circle, polygon"),
-        ("[0.2, 0.2]}", "[0.2, 0]}", "outline.rectangle[1]: 0.0 is not a positive length in m"),
-        ("[0.2, 0.2]}", "[0.2]}", "outline.rectangle: [0.2] is not a list of 2 numbers"),
-        ("rectangle: [0.2, 0.2]", "circle: -1", "outline.circle: -1.0 is not a positive length"),
-        (
-            "rectangle: [0.2, 0.2]",
-            "circle: 1e300",
-            "outline.circle: 1e+300 is too large, at most 1e+30 works",
-        ),
         (
             "[0.2, 0.2]}",
             "[0.2, 1e-300]}",
@@ -113,14 +93,11 @@ def test_good_file_is_read(tmp_path):
             "polygon: [[-1, -1], [1, 1], [1, -1], [-1, 2]]",
             "outline.polygon: not a simple polygon: Self-intersection",
         ),
-        ("rectangle: [0.2, 0.2]", "polygon: [[0, 0], [1, 0], [2, 0]]", "enclose no area"),
-        ("rectangle: [0.2, 0.2]", "polygon: [[0, 0], [1, 0]]", "at least 3 are needed"),
         (
             "[0.2, 0.2]}",
             "[0.2, 0.2], holes: [[[0, 0], [1, 0], [0, 1]]]}",
             "outline.holes[0]: does not lie wholly inside",
         ),
-        ("name: square", "name: s\nprovenance: 5", "provenance: 5 is not a mapping"),
         (
             "name: square",
             "name: s\nsurface: {cylinder: {radius: 0.01}}",
@@ -131,11 +108,8 @@ def test_good_file_is_read(tmp_path):
         ),
         ("name: square", "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
         ("name: square", "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),
-        ("name: square", "name: [", "not valid YAML"),
         ("name: square", "name: 2020-13-45", "not valid YAML: month must be in 1..12"),
         (GOOD, "", "the file is empty"),
-        (GOOD, "# nothing\n", "the file is empty"),
-        (GOOD, "- 1\n", "is not a mapping of keys to values"),
         (GOOD, "[" * 100000, "nested too deeply"),
         (GOOD, "a" * 1_000_001, "the file is larger than 1 MB"),
     ],
@@ -145,27 +119,6 @@ def test_mistake_gets_one_line_with_file_and_key(tmp_path, old, new, expected):
     line = complaint(write(tmp_path, GOOD.replace(old, new, 1)))
     assert line.startswith("layout.yaml: ")
     assert expected in line
-
-
-def test_binary_file_and_folder_are_refused(tmp_path):
-    assert "is not a text file in UTF-8" in complaint(write(tmp_path, b"\xff\xfe\x00"))
-    with pytest.raises(InputError, match="no such file, and none of the installed layouts"):
-        load_layout(tmp_path)
-
-
-def test_missing_name_lists_what_is_installed():
-    with pytest.raises(InputError, match="'equal-9x9'.*installed layouts: .*equal-4x4, equal-8x8"):
-        load_layout("equal-9x9")
-
-
-@pytest.mark.parametrize(("count", "radius"), [(4, 0.005), (8, 0.0025)])
-def test_installed_layouts_are_the_equal_grids(count, radius):
-    layout = load_layout(f"equal-{count}x{count}")
-    expected = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
-    assert layout.name == expected.name
-    assert (layout.radius, layout.sheet_resistance) == (radius, 1e4)
-    assert layout.outline.size == (0.2, 0.2)
-    np.testing.assert_array_equal(layout.positions, expected.positions)
 
 
 def outlines():
@@ -232,16 +185,6 @@ def test_saving_twice_gives_the_same_bytes_and_the_contract_keys(tmp_path):
     assert list(content) == ["format", "name", "outline", "sheet_resistance", "electrodes"]
     assert content["outline"] == {"rectangle": [0.3, 0.2]}
     assert list(content["electrodes"]) == ["radius", "positions"]
-
-
-def test_saving_into_a_missing_folder_or_what_yaml_cannot_hold(tmp_path):
-    layout = equal_grid(2, 2, (0.2, 0.2), 0.001, 1e4)
-    with pytest.raises(InputError, match="cannot be written"):
-        layout.save(tmp_path / "no" / "layout.yaml")
-    layout.provenance["tool"] = object()
-    with pytest.raises(InputError, match="cannot be written as YAML"):
-        layout.save(tmp_path / "layout.yaml")
-    assert not (tmp_path / "layout.yaml").exists()
 
 
 def test_the_id_tells_layouts_of_one_name_apart_and_survives_the_file(tmp_path):

@@ -13,7 +13,7 @@ from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.defects import Noise
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -60,22 +60,6 @@ def test_noise_that_a_converter_cuts_off_is_no_touch(profile):
     assert idle.state == "valid" and not idle.contacts
     with pytest.raises(InputError, match=r"noise: 1 V is not from 0 V to 0.66 V.*3.3 V"):
         process(layout, np.clip(noise, 0.0, DRIVE), profile, noise=1.0)
-
-
-@pytest.mark.parametrize("bits, said", [(3, 1e-3), (4, 1e-3), (4, 0.06)])
-def test_rounding_of_a_coarse_converter_is_seen_as_noise_or_withheld(bits, said):
-    """Of 4 bits a step is 0.2 V, and rounding an error of 0.06 V rms; of 3 bits it is no noise."""
-    layout = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
-    contact = Contact("disc", center=PLACE, radius=RADIUS, pressure=PRESSURE)
-    scene = Scene("limits", DRIVE, [contact], LAW, adc=Adc(bits, DRIVE))
-    result = process(layout, Simulator(layout, scene, h=0.005).frame(0.0), noise=said)
-    if bits == 3:
-        assert result.state == "withheld" and not result.contacts
-        return
-    (found,) = result.contacts
-    assert result.noise > 0.04
-    assert np.hypot(found.x - PLACE[0], found.y - PLACE[1]) < 1e-3
-    assert abs(found.force - FORCE) < 3 * found.force_std < FORCE
 
 
 @pytest.mark.parametrize("rows, cols", [(2, 2), (2, 3)])

@@ -2,7 +2,7 @@
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy")
+pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -34,19 +34,3 @@ def test_a_curved_sheet_on_a_line_or_recorded(
     finally:
         if emulator is not None:
             emulator.kill()
-
-
-def test_a_line_that_is_pulled_out_is_said_and_found_again(probe, start, domain, scene, tmp_path):
-    driver = start("driver", ros_checks.arguments_of("serial", tmp_path, "equal-8x8", scene))
-    start("reconstruction")
-    for _ in range(2):
-        emulator = ros_checks.plug_in(tmp_path, "equal-8x8", scene, domain)
-        try:
-            ros_checks.check_contact(probe)
-        finally:
-            emulator.kill()
-        ros_checks.check_diagnostics(
-            probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "nothing arrives"
-        )
-        ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.ERROR, "port")
-        ros_checks.has_logged(probe, driver, "ERROR", "disconnected: port")

@@ -18,8 +18,6 @@ STOPPED = 1.2  # s
     "programs, delivery, profile",
     [
         (("driver", "reconstruction"), "rows", "accurate"),
-        (("driver", "reconstruction"), "frames", "fast"),
-        (("tactile",), "rows", "fast"),
         (("tactile",), "frames", "balanced"),
     ],
 )

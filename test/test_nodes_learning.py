@@ -41,8 +41,3 @@ def test_it_learns_publishes_and_keeps_what_it_knows(probe, start, tmp_path):
     assert np.array(again.gain) == pytest.approx(message.gain, abs=2e-3)
     probe.wait_for(ContactArray, "/contacts", lambda m: m.state == m.VALID and len(m.contacts) == 1)
     ends_cleanly(second)
-
-
-def test_a_file_that_is_none_is_refused(start, tmp_path):
-    node = start("reconstruction", {"sensor": tmp_path / "none.yaml"})
-    assert node.wait() == 2 and "none.yaml" in node.output

@@ -81,15 +81,6 @@ def test_a_stop_ends_the_processes_of_the_search(probe, start, tmp_path):
     assert load_layout(out).electrodes == 9
 
 
-def test_a_search_that_is_stopped_in_its_first_step_writes_nothing(probe, start, tmp_path):
-    out = tmp_path / "free.yaml"
-    process = start("optimizer", {"layout": "equal-4x4", "method": "free", "out": out})
-    probe.until(lambda: "step 0 of" in process.output, "evaluation of the start")
-    assert process.stop() == 0, process.output
-    assert "no step was finished: nothing is written" in process.output
-    assert not out.exists()
-
-
 class Patient:
     """Stands for the steps of a search: two of them in turn until told, then one without an end."""
 
@@ -135,28 +126,3 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
     assert 0.0 < hwhm.min() < hwhm.max() < 0.2
     best = load_layout(out).provenance["metrics"]["after"]["hwhm"]["worst_region"]
     assert best < load_layout(out).provenance["metrics"]["before"]["hwhm"]["worst_region"]
-
-
-@pytest.mark.parametrize(
-    "parameters, reason",
-    [
-        ({"layout": "none"}, "'none': no such file"),
-        ({"steps": -1}, "steps"),
-        ({"resolution": 1}, "resolution: 1 is not"),
-        ({"method": "equalize", "seed": 3}, "seed: only method free knows it"),
-        ({"name": "' '"}, "name: ' ' is not a text"),
-        ({"layout": "equal-4x4", "rows": 4}, "rows: layout has its own"),
-        ({"workers": 1025}, "workers"),
-        ({"method": "scan", "seed": 3}, "seed: only method free knows it"),
-        ({"conditions": "[4]"}, "conditions: only method scan knows it"),
-        ({"method": "scan", "frame_time": 1e-6}, "frame_time: 1e-06 s is less than one row takes"),
-        ({"explore": "[9, 1]"}, "explore: 1 is not a whole number from 4"),
-        ({"method": "guess"}, "method: 'guess' is none of"),
-        ({"layout": "equal-4x4", "steps": 1, "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
-    ],
-)
-def test_what_is_impossible_ends_with_status_2(start, parameters, reason):
-    process = start("optimizer", parameters)
-    assert process.wait() == 2
-    (line,) = process.output.splitlines()
-    assert reason in line

@@ -13,7 +13,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 import ros_checks
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from ros_support import LIMIT, ends_cleanly, ros_arguments
@@ -104,27 +104,6 @@ def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
     ends_cleanly(reconstruction)
 
 
-def test_extreme_voltages_never_give_an_image_that_is_not_finite(probe, start):
-    start("reconstruction", {"layout": "equal-4x4"})
-    source = Source(probe)
-    images = probe.listen(Image, "/pressure")
-    reports = probe.listen(DiagnosticArray, "/diagnostics")
-    for voltage in (3e38, -3e38, 1e-38, 900.0):
-        stamp = source.send(voltages=np.full(256, voltage, np.float32).tolist())
-        del reports[:]
-        probe.until(lambda stamp=stamp: answers(images, reports, stamp), "image, refusal or reason")
-    for image in images:
-        assert np.isfinite(np.frombuffer(image.data, np.float32)).all()
-
-
-def answers(images, reports, stamp):
-    """Whether there is an image of this stamp, or a report that frames are refused or contacts
-    withheld."""
-    messages = [status.message for report in reports for status in report.status]
-    refused = any("refused" in message or "withheld" in message for message in messages)
-    return refused or any(image.header.stamp.sec == stamp for image in images)
-
-
 def test_without_a_publisher_it_says_so(probe, start):
     start("reconstruction", {"layout": "equal-4x4"})
     ros_checks.check_diagnostics(
@@ -132,27 +111,6 @@ def test_without_a_publisher_it_says_so(probe, start):
     )
     answer = probe.call(Trigger, "/reconstruction/tare")
     assert not answer.success and "nobody publishes /voltage_frame" in answer.message
-
-
-def test_an_image_that_takes_long_is_not_taken_for_a_silent_driver(domain, monkeypatch):
-    begun, enough = threading.Event(), threading.Event()
-
-    def process(*frame, numbered, deadline):
-        begun.set()
-        enough.wait()
-        raise InputError("stopped by the test")
-
-    monkeypatch.setattr("tomotactile_ros.nodes.watch._PATIENCE", 0.0)
-    monkeypatch.setattr(Pipeline, "process", process)
-    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
-    node = PlainNode(DirectReconstruction)
-    node.part.hand_over(a_frame(), "equal-4x4", Header())
-    assert begun.wait(LIMIT)
-    report = node.part.report()
-    enough.set()
-    node.destroy_node()
-    rclpy.shutdown()
-    assert report.level == DiagnosticStatus.ERROR and "one image takes seconds" in report.message
 
 
 def test_frames_that_wait_for_a_long_image_are_not_kept(domain, monkeypatch):
@@ -317,19 +275,6 @@ def test_rows_that_take_longer_than_their_frames_are_told(domain):
     rclpy.shutdown()
 
 
-def test_contacts_do_not_wait_for_pictures(domain, monkeypatch):
-    """A picture of 4096 x 4096 pixels takes most of a second, and anybody may ask for one."""
-    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
-    node = PlainNode(DirectReconstruction)
-    said, outputs = [], node.part._outputs
-    monkeypatch.setattr(outputs, "publish", lambda *words: said.append("image"))
-    monkeypatch.setattr(outputs, "publish_contacts", lambda *words: said.append("contacts"))
-    node.part.accept(a_frame(time.time()), node.part._layout.id, Header())
-    node.destroy_node()
-    rclpy.shutdown()
-    assert said == ["contacts", "image"]
-
-
 def test_missed_frames_are_counted_across_the_wrap_of_their_numbers(domain):
     rclpy.init(args=[], domain_id=domain)
     watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
@@ -373,16 +318,5 @@ def test_readings_that_scatter_more_than_was_said_are_a_warning(probe, start, tm
     start("driver", {"scene": str(scene), "rate": 10})
     reconstruction = start("reconstruction", {"noise": 0.001, "profile": "accurate"})
     text = " mV rms, not 1 mV (noise)"
-    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, text)
-    ros_checks.has_logged(probe, reconstruction, "WARN", text)
-
-
-def test_readings_that_have_not_settled_are_a_warning(probe, start, tmp_path):
-    """They keep a part of the row before, which is found and taken off."""
-    scene = tmp_path / "slow.yaml"
-    scene.write_text(ros_checks.SCENE + "defects: {settling: 0.01}\n")
-    start("driver", {"scene": str(scene), "rate": 10})
-    reconstruction = start("reconstruction", {"profile": "accurate"})
-    text = " % of the row before: the multiplexer is read too early"
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.WARN, text)
     ros_checks.has_logged(probe, reconstruction, "WARN", text)

@@ -15,7 +15,6 @@ from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3, Wren
 from ros_support import ends_cleanly, ros_arguments
 
 from tomotactile_ros.msg import Contact, ContactArray
-from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.conversions import make_header
 from tomotactile_ros.nodes.poses import make_locator
 from tomotactile_ros.nodes.running import PlainNode
@@ -36,19 +35,6 @@ def poses(tmp_path):
     file = tmp_path / "poses.yaml"
     file.write_text(POSES)
     return file
-
-
-class Lines:
-    """Keeps the text of what is logged, of whatever level."""
-
-    def __init__(self):
-        self.lines = []
-        self.info = self.warning = self.error = self.lines.append
-
-    def new(self):
-        lines = list(self.lines)
-        self.lines.clear()
-        return lines
 
 
 class Sensor:
@@ -289,32 +275,3 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     ends_cleanly(sensors)
     refused = start("sensors", {"sensors": "[left-hand]"})
     assert refused.wait() == 2 and "'left-hand' is no namespace" in refused.output
-
-
-def test_each_thing_wrong_with_a_sensor_has_its_own_line(domain, poses, monkeypatch):
-    """A sensor with two nodes was not known to be silent, too; another reason made no line."""
-    arguments = ros_arguments({"sensors": "[left]", "poses": poses})
-    rclpy.init(args=arguments, domain_id=domain)
-    try:
-        node = PlainNode(SkinPart)
-        part, log = node.part, Lines()
-        part._conditions = Conditions(log)
-        monkeypatch.setattr(part, "_mixed", lambda: {"left": "2 publishers of /left/contacts"})
-        assert "no contacts yet" in part.report().message
-        assert sorted(log.new()) == [
-            "left: 2 publishers of /left/contacts",
-            "left: no contacts yet",
-        ]
-        member = part._skin.members["left"]
-        for reason in ("nothing is grounded", "the driver has ended"):
-            member.arrival, member.complaint = part._now() + 1e3, reason
-            part.report()
-            assert log.new() == [f"left: {reason}"]
-        member.arrival -= 2e3
-        for _ in range(3):  # the seconds in the text are no other trouble
-            part.report()
-        (line,) = log.new()
-        assert line.startswith("left: no contacts for 1")
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()

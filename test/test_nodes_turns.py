@@ -59,14 +59,6 @@ def test_a_slow_one_does_not_stop_the_others():
     assert not turns._lock.locked()
 
 
-def test_an_error_gives_the_turn_back():
-    turns = Turns(LONG)
-    with pytest.raises(ValueError), turns.mine():
-        raise ValueError
-    with turns.mine():
-        pass
-
-
 def test_whoever_waits_for_a_lock_gets_it_before_it_is_taken_again():
     lock, order = FairLock(), []
 

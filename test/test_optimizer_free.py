@@ -3,7 +3,6 @@
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -16,14 +15,13 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
-from tomotactile_ros.optimizer import search as search_module
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.objective import Aims, Objective
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.optimizer.request import Request
-from tomotactile_ros.optimizer.search import Effort, Search
+from tomotactile_ros.optimizer.search import Effort
 from tomotactile_ros.optimizer.sharpness import by_images
 from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.support.errors import Doubt, InputError
@@ -99,16 +97,6 @@ def test_gradient_of_sharpness_is_that_of_smooth_images():
             assert derivative @ change / (2e-6 * step) == pytest.approx(slope, abs=0.3)
 
 
-def test_orbits_of_a_square_grid():
-    layout = equal_grid(8, 8, (0.2, 0.2), 0.002, 1e4)
-    orbits = find_orbits(layout.positions, shared_group(layout.outline, layout.positions))
-    assert orbits.matrix.shape == (128, 16)
-    parameters = orbits.parameters(layout.positions)
-    assert orbits.positions(parameters) == pytest.approx(layout.positions, abs=1e-15)
-    moved = orbits.positions(parameters + np.random.default_rng(0).normal(0, 1e-3, 16))
-    assert find_orbits(moved, shared_group(layout.outline, moved)).matrix.shape == (128, 16)
-
-
 @pytest.mark.parametrize(
     "outline, elements",
     [
@@ -139,14 +127,6 @@ def test_projection_ends_inside_or_nowhere(seed, count, kind):
     positions = np.random.default_rng(seed).uniform(-0.12, 0.12, (count, 2))
     projected = constraints.project(positions)
     assert projected is None or constraints.violation(projected) <= constraints.tolerance
-
-
-def test_projection_keeps_what_obeys_and_its_symmetries():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4, inset=0.01)
-    constraints = Constraints(SQUARE, 0.02, 0.005)
-    assert np.array_equal(constraints.project(layout.positions), layout.positions)
-    squeezed = constraints.project(0.2 * layout.positions)
-    assert len(shared_group(SQUARE, squeezed)) == 8
 
 
 @pytest.mark.parametrize(
@@ -191,15 +171,6 @@ def test_zones_without_the_symmetries_of_the_layout_stay_free(x, y):
     assert (away < 1e-9) == (x == 0)
 
 
-def test_what_violates_constraints_is_never_handed_over():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    request = Request(layout, "free", keep_out=((0.1, 0.1, 0.02),), starts=1, resolution=6)
-    with pytest.warns(Doubt):
-        start = next(request.steps_of())
-    with pytest.raises(InputError, match="electrode 15 at .* is 20 mm inside a zone"):
-        request.result("start", [start], start)
-
-
 def test_search_improves_every_figure_whatever_the_executor():
     layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
     aims = Aims(other=(0.95, 0.95, 1.5))
@@ -216,82 +187,6 @@ def test_search_improves_every_figure_whatever_the_executor():
     assert after["hwhm"]["worst_tenth"] < 0.95 * before["hwhm"]["worst_tenth"]
     assert after["position_error"]["mean"] < 0.9 * before["position_error"]["mean"]
     assert len(shared_group(SQUARE, alone[-1].layout.positions)) == 8
-
-
-class OtherLastDigits(Objective):
-    """What another number of threads does to score and gradient, and more."""
-
-    random = np.random.default_rng(0)
-
-    def score(self, positions):
-        return super().score(positions) * self._almost_one()
-
-    def __call__(self, positions):
-        score, gradient = super().__call__(positions)
-        return score * self._almost_one(), gradient * self._almost_one(gradient.shape)
-
-    def _almost_one(self, shape=()):
-        return 1 + 1e-9 * self.random.uniform(-1, 1, shape)
-
-
-def test_last_digits_do_not_decide_what_is_found():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    constraints = Constraints(SQUARE, 0.011)
-    found = []
-    for kind in (Objective, OtherLastDigits):
-        search = Search(kind(layout, resolution=14), constraints, True)
-        *_, (positions, *_) = search.run(SHORT, 0, map)
-        found.append(positions)
-    assert np.array_equal(*found)
-
-
-def test_a_warp_that_cannot_be_is_halved(monkeypatch):
-    layout = equal_grid(8, 8, (0.2, 0.2), 0.002, 1e4)
-    search = Search(Objective(layout, resolution=8), Constraints(SQUARE, 0.0284), True)
-    starts, score = search._starts(8, 0, map)
-    assert score == search.objective.score(search._orbits.positions(starts[0]))
-    assert len(starts) == 8
-    assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(starts, 2))
-    monkeypatch.setattr(search_module, "_HALVINGS", 0)
-    warp = np.random.default_rng(0).uniform(-1, 1, 4) * search_module._SPREAD
-    assert search._warped(starts[:1], warp) is None
-
-
-def test_a_warp_that_ends_at_the_first_start_is_left_out_and_that_is_said():
-    """Two of these only press electrodes against the rim that they lie on."""
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.002, 1e4)
-    request = Request(layout, "free", spacing=0.09, steps=0, resolution=8)
-    with pytest.warns(Doubt, match="starts: 6 instead of 8; for the others there is no room"):
-        history, best = best_of(request.steps_of())
-    assert len(history) == 1 + request.total and best.score < history[0].score
-
-
-@pytest.mark.parametrize("starts", [1, 2])
-def test_every_scaled_layout_is_scored_once(monkeypatch, starts):
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.005, 1e4)
-    objective = Objective(layout, resolution=8)
-    scored = []
-    score = objective.score
-    monkeypatch.setattr(objective, "score", lambda positions: scored.append(1) or score(positions))
-    list(Search(objective, Constraints(SQUARE, 0.011), True).run(Effort(starts, 1, 2, 0), 0, map))
-    assert len(scored) == len(search_module._SCALES)
-
-
-@pytest.mark.parametrize(
-    "count, radius, spacing",
-    [
-        (2, 0.005, 0.011),
-        (16, 0.001, 0.0022),
-        (8, 0.014, 0.02801),  # hardly any room to move
-    ],
-)
-def test_extremes_stay_valid(count, radius, spacing):
-    layout = equal_grid(count, count, (0.2, 0.2), radius, 1e4)
-    constraints = Constraints(SQUARE, spacing)
-    effort = Effort(starts=2, rounds=1, descents=2, probes=1)
-    found = list(free(layout, constraints=constraints, effort=effort, resolution=12))
-    assert all(np.isfinite(step.score) for step in found)
-    assert constraints.violation(found[-1].layout.positions) <= constraints.tolerance
 
 
 ANGLE = 2 * np.pi * (np.arange(8) + 0.5) / 8
@@ -329,20 +224,6 @@ def test_flat_objective_keeps_the_start():
     assert len(found) == SHORT.total(layout) + 1
     assert {step.score for step in found} == {found[0].score}
     assert np.array_equal(found[-1].layout.positions, layout.positions)
-
-
-def test_descent_stops_where_the_objective_is_flat():
-    looked = []
-
-    def flat(p):
-        looked.append(p)
-        return 1.0, np.full(2, 1e-12)
-
-    descent = Descending(np.array([0.3, 0.4]), step=0.1)
-    for _ in range(3):
-        descent.run(flat, lambda p: p, 10)
-    assert len(looked) == 1
-    assert np.array_equal(descent.best, [0.3, 0.4]) and descent.score == 1.0
 
 
 def test_descent_and_probing_find_a_minimum():
@@ -412,13 +293,3 @@ def test_probing_in_parts_is_probing_at_once(seed):
         assert len(looked) == before + count
         parts = pickle.loads(pickle.dumps(parts))
     assert np.array_equal(parts.best, whole.best) and parts.score == whole.score < 1.0
-
-
-def test_probing_where_nothing_is_feasible_or_nothing_moves():
-    probing = Probing(np.zeros(2), 1.0, step=0.1, reach=4.0)
-    for _ in range(5):
-        probing.run(lambda p: (p, np.inf), 20)
-    assert probing.score == 1.0 and np.array_equal(probing.best, np.zeros(2))
-    still = Probing(np.zeros(0), 1.0, step=0.1, reach=4.0)
-    still.run(lambda p: pytest.fail("nothing to try"), 20)
-    assert still.score == 1.0

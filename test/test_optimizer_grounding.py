@@ -8,7 +8,6 @@ import pytest
 from tomotactile_ros.evaluation.paper_model import paper_transfer
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import equal_grid
-from tomotactile_ros.optimizer import report, scan
 from tomotactile_ros.optimizer.grounding import drop_order, scans
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.support.errors import InputError
@@ -50,18 +49,6 @@ def test_accuracy_falls_with_the_number_of_conditions():
     hwhm = [scan.quality.metrics["hwhm"]["mean"] for scan in found]
     assert hwhm == sorted(hwhm)
     assert set(found[2].grounded) < set(found[1].grounded)
-
-
-def test_the_picture_shows_the_error_by_which_rows_are_chosen(monkeypatch, tmp_path):
-    drawn = []
-    monkeypatch.setattr(report, "save_figure", lambda figure, path: drawn.append(figure))
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.005, 1e4)
-    found = list(scan.scans(layout, [9, 4], resolution=10))
-    report.save_scans(tmp_path / "scan.png", found)
-    lines = drawn[0].axes[0].get_lines()
-    for line, key in zip(lines, ("mean", "worst_tenth"), strict=True):
-        expected = [1e3 * each.metrics["place"][key] for each in found]
-        np.testing.assert_array_equal(line.get_data(), [[9, 4], expected])
 
 
 @pytest.mark.parametrize("count", [0, 17, 2.5])

@@ -1,7 +1,6 @@
 """A search that was stopped goes on from its file and ends where it would have ended, to the bit."""
 
 import json
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +10,11 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.arrangements import spread_electrodes
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.checkpoint import Checkpoint
 from tomotactile_ros.optimizer.constraints import Constraints
-from tomotactile_ros.optimizer.descent import Descending, Probing
-from tomotactile_ros.optimizer.free import free
 from tomotactile_ros.optimizer.request import Request
-from tomotactile_ros.optimizer.search import Effort
 from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.optimizer.touch import touch
-from tomotactile_ros.support.errors import InputError
 
 GRID = equal_grid(3, 3, (0.2, 0.2), 0.005, 1e4)
 GATHERED = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, 0.04)
@@ -96,53 +91,6 @@ def test_what_is_hardly_better_does_not_take_the_place_of_what_was_handed_over(t
     assert np.array_equal(history[-1].layout.positions, GRID.positions)
 
 
-def test_the_number_of_workers_may_be_another(tmp_path):
-    request, path = SEARCHES["free, two rounds and three probes"], tmp_path / "s.json"
-    _, best = best_of(request.steps_of())
-    leave_after_one(request, path)
-    with ThreadPoolExecutor(2) as executor:
-        _, again = best_of(replace(request, state_file=path, resume=True).steps_of(executor))
-    assert np.array_equal(again.layout.positions, best.layout.positions)
-
-
-@pytest.mark.parametrize("number", [0, 3, 25])
-def test_probing_survives_its_file(number):
-    def bowl(p):
-        return p, float(((p - 0.03) ** 2).sum())
-
-    whole = Probing(np.zeros(3), bowl(np.zeros(3))[1], step=0.01, reach=4.0, seed=(7, 1))
-    whole.run(bowl, number)
-    plain = json.loads(json.dumps(whole.plain()))
-    again = Probing.read(plain, 3, 0.01, (7, 1))
-    for each in (whole, again):
-        each.run(bowl, 20)
-    assert np.array_equal(again.best, whole.best) and again.plain() == whole.plain()
-
-
-def test_a_descent_survives_its_file():
-    def bowl(p):
-        return float(((p - 0.03) ** 2).sum()), 2 * (p - 0.03)
-
-    whole = Descending(np.zeros(3), step=0.01)
-    whole.run(bowl, lambda p: p, 2)
-    again = Descending.read(json.loads(json.dumps(whole.plain())), 3, 0.01)
-    for each in (whole, again):
-        each.run(bowl, lambda p: p, 3)
-    assert np.array_equal(again.best, whole.best) and again.plain() == whole.plain()
-
-
-def test_a_trial_survives_its_file(tmp_path):
-    kept = Checkpoint(tmp_path / "s.json", {"a": [1, 2]})
-    trial = Trial(GRID.positions / 3, 0.004, 0.9, 0.5)
-    kept.keep(2, [trial], trial)
-    state = replace(kept, resume=True).taken(2, 9)
-    assert state.done == 2
-    for each in (*state.trials, state.best):
-        assert np.array_equal(each.positions, trial.positions)
-        assert (each.radius, each.score, each.reach) == (0.004, 0.9, 0.5)
-    assert kept.taken(2, 9) is None  # nobody asked to go on
-
-
 WORDS = ["optimize", "--rows", "3", "--cols", "3", "--size", "0.2", "0.2", "--resolution", "8"]
 METHODS = {
     "free": ["--method", "free", "--starts", "2", "--workers", "1"],
@@ -184,19 +132,6 @@ def test_the_command_goes_on(tmp_path, monkeypatch, capsys, method):
     assert one.provenance["settings"] == other.provenance["settings"]
 
 
-def test_stopped_twice_it_goes_on_and_its_file_is_gone_at_the_end(tmp_path, monkeypatch, capsys):
-    """What went before is not in the history: that there are fewer steps is no stop."""
-    out = tmp_path / "x.yaml"
-    words = [*WORDS, *METHODS["free"], "--steps", "2", "--out", str(out)]
-    for iteration, more in ((1, []), (3, ["--resume"])):
-        stop_after(monkeypatch, iteration)
-        assert main([*words, *more]) == 0
-        assert f"ended after {iteration} of 4 steps" in capsys.readouterr().out
-    assert main([*words, "--resume"]) == 0
-    assert "ended after" not in capsys.readouterr().out
-    assert not out.with_suffix(".search.json").exists()
-
-
 def cut(text):
     return text[: len(text) // 2]
 
@@ -229,24 +164,15 @@ def a_state(tmp_path_factory):
     "damage, message",
     [
         (cut, "is no state of a search: "),
-        (lambda text: "", "is no state of a search: "),
         (lambda text: "[]", "something in it is of another kind"),
-        (lambda text: "\0", "is no state of a search: "),
-        (changed("format", value=None), "format is missing"),
         (changed("format", value="tomotactile-search/1"), "is not tomotactile-search/2"),
         (changed("asked", value=[1]), "something in it is of another kind"),
-        (changed("done", value=0), "done: 0 is none of 1 to 2"),
         (changed("done", value=3), "done: 3 is none of 1 to 2"),
-        (changed("done", value=True), "done: True is none of 1 to 2"),
         (changed("trials", value=[]), "trials: there are none"),
-        (changed("trials", 0, value=7), "something in it is of another kind"),
-        (changed("trials", 0, "box", value=None), "box is missing"),
         (changed("trials", 0, "best", value=[0.1] * 50), "best: not 2 finite numbers"),
         (changed("trials", 0, "gradient", 0, value=float("nan")), "gradient: not 2 finite"),
         (changed("trials", 0, "score", value="low"), "could not convert"),
-        (changed("trials", 0, "score", value=10**400), "too large"),
         (changed("best", "positions", value=[[0.0, 0.0]]), "positions: not 9 x 2 finite"),
-        (changed("best", value=None), "best is missing"),
     ],
 )
 def test_a_damaged_file_is_one_line(tmp_path, capsys, a_state, damage, message):
@@ -266,13 +192,10 @@ def test_a_damaged_file_is_one_line(tmp_path, capsys, a_state, damage, message):
     "more, message",
     [
         (["--seed", "3"], "another seed (0, not 3); start anew, or ask for the same"),
-        (["--resolution", "9"], "another resolution (8, not 9)"),
         (["--margin", "0.01", "--asymmetric"], "another margin (0.0, not 0.01), symmetric (True"),
         (["--sheet-resistance", "2e4"], "another sheet_resistance (10000.0, not 20000.0)"),
-        (["--aims", "0.8", "0.8", "0.7", "1"], "another aims"),
         (["--rows", "4"], "another start ('equal-3x3"),
         (["--method", "equalize"], "another method ('free', not 'equalize'); start anew"),
-        (["--method", "touch"], "another method ('free', not 'touch'); start anew"),
     ],
 )
 def test_the_state_of_another_search_is_one_line(tmp_path, capsys, a_state, more, message):
@@ -283,23 +206,3 @@ def test_the_state_of_another_search_is_one_line(tmp_path, capsys, a_state, more
     (line,) = capsys.readouterr().err.splitlines()
     said = f"tomotactile optimize: resume: {out.with_suffix('.search.json')} is of a search with "
     assert line.startswith(said + message)
-
-
-def test_what_cannot_be_read_is_one_line(tmp_path):
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
-        Checkpoint(tmp_path, {}, resume=True).taken(1, 9)
-    with pytest.raises(InputError, match="is not there: nothing to go on with"):
-        Checkpoint(tmp_path / "none", {}, resume=True).taken(1, 9)
-    with pytest.raises(InputError, match="resume: there is no file"):
-        Request(GRID, "free", resume=True)
-
-
-def test_a_missing_probe_is_not_made_up(tmp_path):
-    path = tmp_path / "s.json"
-    how = {"effort": Effort(1, 1, 1, 2), "resolution": 8}
-    for step in free(GRID, checkpoint=Checkpoint(path, {}), **how):
-        if step.iteration == 2:
-            break
-    path.write_text(changed("trials", 1, value=None)(path.read_text()))
-    with pytest.raises(InputError, match="trials: 1, where 2 are needed"):
-        list(free(GRID, checkpoint=Checkpoint(path, {}, resume=True), **how))

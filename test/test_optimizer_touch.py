@@ -12,13 +12,11 @@ from tomotactile_ros.layouts.arrangements import spread_electrodes
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
-from tomotactile_ros.optimizer import step
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
-from tomotactile_ros.optimizer.options import START, start_of
 from tomotactile_ros.optimizer.orbits import find_orbits, shared_group
 from tomotactile_ros.optimizer.request import Request
-from tomotactile_ros.optimizer.step import Clock, best_of
+from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.optimizer.touch import TouchObjective, TouchSearch, touch
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces import Cylinder
@@ -58,14 +56,6 @@ def test_moves_leave_fixed_electrodes_and_symmetries_that_would_move_them():
     assert len(both) == 4
 
 
-def test_fixed_electrodes_do_not_give_way():
-    outline = Outline.rectangle(*SQUARE)
-    start = np.array([[0.0, 0.0], [0.01, 0.0], [0.05, 0.05]])
-    placed = Constraints(outline, 0.03, fixed=(0,)).project(start)
-    assert np.array_equal(placed[0], start[0])
-    assert np.linalg.norm(placed[1] - placed[0]) == pytest.approx(0.03, rel=1e-2)
-
-
 def test_a_poor_start_gets_better_at_places_that_the_search_did_not_see():
     """Nine electrodes gathered in the middle: where they should be is plain, further out."""
     poor = equal_grid(3, 3, SQUARE, 0.006, 1e4, 0.055)
@@ -93,14 +83,6 @@ def test_a_start_in_the_middle_is_drawn_out_to_the_rim_and_gets_much_better():
     assert unseen.score(unseen.posterior(full.positions, full.radius)) < 0.6
 
 
-def test_a_start_from_rim_to_rim_is_not_drawn_out():
-    grid = equal_grid(3, 3, SQUARE, 0.005, 1e4)
-    search = TouchSearch(
-        objective_of(grid, Conditions(apart=0.06), 3), Constraints(grid.outline, 0.02), None, True
-    )
-    assert max(search.scales) == 1.0
-
-
 def test_what_was_given_is_kept():
     """An electrode that is fixed, a zone to keep out of on one side, a margin, the symmetries."""
     zone = Region(regular_polygon(0.012) + [0.05, 0.0])
@@ -114,16 +96,6 @@ def test_what_was_given_is_kept():
     mirrored = trial.positions.reshape(3, 3, 2)[::-1].reshape(-1, 2)
     assert np.abs(trial.positions * [1, -1] - mirrored).max() < 1e-9
     assert 0.003 <= trial.radius <= 0.006
-
-
-def test_a_start_that_nothing_betters_is_kept():
-    """One trial of no moves: what comes out is the start."""
-    grid = equal_grid(2, 2, SQUARE, 0.005, 1e4)
-    constraints = Constraints(grid.outline, 0.011, fixed=(0, 1, 2, 3))
-    how = {"constraints": constraints, "rounds": 1, "starts": 1, "places": 4, "resolution": 12}
-    _, best = best_of(touch(grid, **how))
-    assert np.array_equal(best.layout.positions, grid.positions)
-    assert best.score == 1.0
 
 
 def test_a_figure_that_gets_worse_is_not_paid_for_by_another():
@@ -225,21 +197,6 @@ def test_a_sheet_narrower_than_a_fingertip_is_judged_by_smaller_contacts(tmp_pat
     assert load_layout(out).provenance["settings"]["contact_radius"] == 0.001
 
 
-def test_a_bent_outline_stays_bent_whatever_is_spread_over_it(tmp_path):
-    sheet = replace(equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4), surface=Cylinder(0.04))
-    sheet.save(tmp_path / "sleeve.yaml")
-    given = {option.name: option.default for option in START}
-    start = start_of(given | {"layout": str(tmp_path / "sleeve.yaml"), "electrodes": 7})
-    assert start.electrodes == 7 and start.surface == sheet.surface
-
-
-def test_the_time_left_goes_with_what_is_to_be_done(monkeypatch):
-    now = iter([0.0, 4.0, 10.0, 14.0])
-    monkeypatch.setattr(step.time, "monotonic", lambda: next(now))
-    clock = Clock(2, [2, 3, 1])
-    assert [clock.step(i, None, 1.0).eta for i in range(3)] == pytest.approx([8.0, 2.0, 0.0])
-
-
 def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, capsys):
     out = tmp_path / "fast.yaml"
     sheet = replace(equal_grid(2, 2, (0.1, 0.1), 0.002, 1e4), surface=Cylinder(0.04))
@@ -260,27 +217,3 @@ def test_more_rows_and_more_electrodes_are_never_expected_to_be_worse(tmp_path, 
     assert out.with_suffix(".png").exists()
     assert main([*words, "--place", "1e-7"]) == 2
     assert "none of these numbers" in capsys.readouterr().err
-
-
-def test_scores_that_are_known_are_not_evaluated_again(monkeypatch):
-    """The start has the score 1, and a trial of which moves begin the one that it has."""
-    objective = objective_of(POOR, Conditions(apart=0.04), 3)
-    search = TouchSearch(objective, Constraints(POOR.outline, 0.018), None, True)
-    evaluated = []
-    plain = TouchObjective.posterior
-
-    def counted(self, positions, radius):
-        evaluated.append(positions.copy())
-        return plain(self, positions, radius)
-
-    monkeypatch.setattr(TouchObjective, "posterior", counted)
-    start = search.first(0)
-    assert start.score == 1.0 and not evaluated
-    assert plain(objective, start.positions, start.radius).score == pytest.approx(
-        plain(objective, POOR.positions, POOR.radius).score, rel=1e-12
-    )
-    found = search.improve(start, 2, 4)
-    assert len(evaluated) == 3
-    assert not any(np.array_equal(each, start.positions) for each in evaluated)
-    anew = plain(objective, found.positions, found.radius)
-    assert found.score == pytest.approx(objective.score(anew), rel=1e-12)

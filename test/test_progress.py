@@ -52,12 +52,3 @@ def test_a_first_step_that_takes_long_is_spoken_of(monkeypatch):
     with progress.Progress("search", 8, stream):
         assert stream.written.wait(30)
     assert stream.getvalue() == "search: 0 of 8, the first is under way\n"
-
-
-def test_nothing_is_said_of_a_first_step_once_it_is_done(monkeypatch):
-    stream = io.StringIO()
-    with progress.Progress("search", 8, stream) as bar:
-        bar.update(1)
-        bar._begun()
-    bar._begun()
-    assert stream.getvalue() == ""

@@ -4,12 +4,11 @@ known."""
 import importlib
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import python
 
 import tomotactile_ros as tt
 from tomotactile_ros.cli import COMMANDS
@@ -69,10 +68,7 @@ def test_every_file_that_a_recipe_names_is_there():
 
 def test_every_command_that_is_printed_has_the_options_that_it_names():
     """Parsed, not run: `scripts/run_documented` runs them."""
-    listed = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "run_documented", "--list", ROOT / "README.md", *PAGES],
-        check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+    listed = python(ROOT / "scripts/run_documented", "--list", ROOT / "README.md", *PAGES).stdout
     printed = re.findall(r"\.md: (tomotactile .*?)(?:   -- .*)?$", listed, re.MULTILINE)
     assert len(printed) > 15
     for command in printed:
@@ -102,10 +98,7 @@ def test_only_commands_that_say_that_they_take_minutes_are_left_out_for_it(tmp_p
     page.write_text(
         "Text:\n\n    tomotactile bench   # takes minutes: all of it\n    tomotactile inspect a  # a file\n\nEnd.\n"
     )
-    listed = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "run_documented", "--list", page],
-        check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+    listed = python(ROOT / "scripts/run_documented", "--list", page).stdout
     assert listed.splitlines() == [
         f"{page}: tomotactile bench   -- left out, takes minutes",
         f"{page}: tomotactile inspect a",

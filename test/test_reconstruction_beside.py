@@ -2,13 +2,11 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from process_support import python, running
 
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -105,15 +103,7 @@ def test_it_ends_with_whoever_started_it():
         "made.takes(Pipeline(load_layout('equal-4x4'), Settings('fast'))); "
         "print(made.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
-    command = [sys.executable, "-c", program]
-    ended = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True, timeout=120)
+    ended = python("-c", program)
     assert ended.returncode == -signal.SIGKILL
-    while runs(int(ended.stdout)):
+    while running(int(ended.stdout)):
         time.sleep(0.02)
-
-
-def runs(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False

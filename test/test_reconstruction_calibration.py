@@ -14,10 +14,8 @@ from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import save_sensor
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.calibration import (
-    Fit,
     fit_contact_law,
     load_calibration,
-    save_calibration,
 )
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -59,12 +57,6 @@ def test_fit_recovers_coefficient_and_exponent():
 def test_presses_that_say_nothing_are_refused(forces, conductances, message):
     with pytest.raises(InputError, match=message):
         fit_contact_law(forces, conductances, np.full(len(forces), 1e-4))
-
-
-def test_calibration_file_is_read_back(tmp_path):
-    path = tmp_path / "calibration.yaml"
-    save_calibration(path, Fit(TRUE, 0.01, 3))
-    assert load_calibration(path) == TRUE
 
 
 @pytest.mark.parametrize(
@@ -159,28 +151,3 @@ def test_a_learned_sensor_and_a_known_foot_make_one_press_enough(tmp_path):
     assert drawn.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="foot_radius"):
         run(calibrate, *words, "--foot-radius", "-1")
-
-
-def test_frames_of_another_layout_are_refused(tmp_path, presses):
-    with pytest.raises(InputError, match="frames of 'equal-4x4"):
-        run(reconstruct, presses[0], "--layout", "equal-8x8", "--out", tmp_path / "result.npz")
-
-
-@pytest.mark.parametrize("text", ["press.npz=none", "press.npz=-1"])
-def test_forces_must_be_positive_numbers(tmp_path, text):
-    with pytest.raises(InputError, match="force in N"):
-        run(calibrate, text, "--layout", "equal-4x4", "--out", tmp_path / "c.yaml")
-
-
-def test_files_that_hold_no_frames_are_refused(tmp_path):
-    path = tmp_path / "other.npz"
-    path.write_text("text")
-    with pytest.raises(InputError, match="not a file of plain arrays"):
-        run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
-    np.savez(path, voltages=np.zeros((2, 3)), grounded=np.zeros(2, int))
-    with pytest.raises(InputError, match="voltages"):
-        run(reconstruct, path, "--layout", "equal-4x4", "--out", tmp_path / "r.npz")
-    with pytest.raises(InputError, match="cannot be read"):
-        run(
-            reconstruct, tmp_path / "none.npz", "--layout", "equal-4x4", "--out", tmp_path / "r.npz"
-        )

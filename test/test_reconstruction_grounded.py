@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import equal_grid
-from tomotactile_ros.reconstruction.admittance import AdmittanceMeter, symmetric_scaling
+from tomotactile_ros.reconstruction.admittance import AdmittanceMeter
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.reconstruction.grounded_step import LocalImage
 from tomotactile_ros.sheet import make_sheet
@@ -91,24 +91,6 @@ def test_linear_image_is_the_tikhonov_solution(setting):
     data = np.append(measured.currents, couplings)
     expected = smoothed.T @ np.linalg.solve(forward @ smoothed.T + np.diag(error**2), data)
     assert np.abs(local.image(measured) - expected).max() < 1e-4 * expected.max()
-
-
-@pytest.mark.parametrize("strength", [1e-3, 1e-4, 1e-5])
-def test_single_precision_is_enough_for_the_linear_image(setting, strength):
-    transfer, _, meter, local = setting
-    voltages = contacts(transfer, strength * np.array([1.0, 0.5, 2.0]))
-    single, double = meter.read(voltages.astype(np.float32), DRIVE), meter.read(voltages, DRIVE)
-    one, other = local.image(single), local.image(double)
-    assert np.abs(one - other).max() < 1e-4 * other.max()
-
-
-def test_factors_are_found_however_slow_the_power_iteration(setting):
-    transfer = setting[0]
-    everywhere = np.arange(len(transfer.points))
-    voltages = frame(transfer.at(everywhere), np.full(len(everywhere), 1e5), DRIVE)
-    scaled = symmetric_scaling(voltages, DRIVE, 1e-9)
-    assert np.abs(scaled - scaled.T).max() < 1e-10 * scaled.max()
-    assert scaled.diagonal().mean() == pytest.approx(0.5)
 
 
 def test_image_of_each_pixel_peaks_near_it(setting):

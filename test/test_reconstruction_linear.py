@@ -91,15 +91,6 @@ def test_basis_reproduces_the_sensitivity(setting):
     assert np.allclose(overlap, np.eye(len(overlap)), atol=1e-12)
 
 
-def test_basis_for_one_regularization_holds_what_that_needs(setting):
-    transfer, basis, _, voltages = setting
-    few = FrameBasis(transfer, 1000.0)
-    assert len(few.analysis) < len(basis.analysis)
-    one, all_of_them = LinearImage(few, 1000.0), LinearImage(basis, 1000.0)
-    expected = all_of_them.image(voltages)
-    assert np.linalg.norm(one.image(voltages) - expected) < 1e-5 * np.linalg.norm(expected)
-
-
 def test_sensitivity_and_adjoint_agree(setting):
     transfer, _, _, _ = setting
     random = np.random.default_rng(2)

@@ -53,14 +53,6 @@ def test_good_file_is_read(tmp_path):
     assert scene.defects == Defects((5,), ((1, 2),), sheet_variation=SheetVariation(0.2, 0.05))
 
 
-def test_what_is_not_named_is_not_modelled(tmp_path):
-    (tmp_path / "bare.yaml").write_text("format: tomotactile-scene/1\ndrive_voltage: 5\n")
-    scene = load_scene(tmp_path / "bare.yaml")
-    assert scene.contacts == () and scene.truth(0.0) == []
-    assert (scene.contact_law, scene.noise, scene.adc) == (None, None, None)
-    assert scene.defects == Defects()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
@@ -70,56 +62,25 @@ def test_what_is_not_named_is_not_modelled(tmp_path):
         ("contacts:", "contact:", "contact: unknown key; did you mean 'contacts'?"),
         ("shape: disc", "shape: disk", "contacts[0].shape: 'disk' is none of disc, rectangle, po"),
         ("shape: disc, ", "", "contacts[0].shape: is missing"),
-        ("radius: 5e-3, ", "", "contacts[0].radius: is missing"),
         ("radius: 5e-3", "radius: -0.1", "contacts[0].radius: -0.1 is not a positive length in m"),
-        ("radius: 5e-3", "radius: .nan", "contacts[0].radius: nan is not a finite number"),
-        (
-            "radius: 5e-3",
-            "radius: 1e-200",
-            "contacts[0].radius: 1e-200 is no length in m from 1e-09 to",
-        ),
         ("[0.03, -0.02]", "[1e7, 0]", "contacts[0].center[0]: [10000000.0, 0.0] is not a point"),
-        ("[0.02, 0], [0,", "[2e200, 0], [0,", "contacts[1].points[1]: [2e+200, 0.0] is not"),
         ("radius: 5e-3", "size: 5e-3", "contacts[0].size: unknown key; allowed are shape, center"),
-        ("[0.03, -0.02]", "[0.03]", "contacts[0].center: [0.03] is not a list of 2 numbers"),
         ("to: 4.0", "to: 0.5", "contacts[0].to: 0.5 is not after 'from' (0.5 s)"),
-        ("to: 4.0", "to: -.inf", "contacts[0].to: -inf is not"),
-        (
-            "velocity: [0.02, 0]",
-            "velocity: [2e7, 0]",
-            "contacts[0].velocity: [20000000.0, 0.0] is fa",
-        ),
         ("velocity: [0.02, 0]", "velocity: 2", "contacts[0].velocity: 2 is not a list of 2"),
         ("pressure: 8000", "pressure: -1", "contacts[1].pressure: -1.0 is negative"),
-        ("pressure: 8000", "pressure: [1]", "contacts[1].pressure: [1] is not a number"),
-        ("[0.02, 0], [0, 0.02]]", "[0.02, 0]]", "contacts[1].points: 2 points given"),
         ("[0, 0.02]]", "[0.04, 0]]", "contacts[1].points: the points enclose no area"),
-        ("size: [0.02, 0.01]", "size: [0.02, 0]", "contacts[2].size[1]: 0.0 is not a positive"),
-        ("contacts:\n", "contacts:\n  - 3\n", "contacts[0]: 3 is not a mapping"),
-        ("exponent: 1.0", "exponent: 0", "contact_law.exponent: 0.0 is not a positive number"),
-        ("coefficient: 1e-4, ", "", "contact_law.coefficient: is missing"),
         ("rms: 0.001", "rms: -1", "noise.rms: -1.0 is negative"),
         ("rms: 0.001", "rms: 0, seed: 1.5", "noise.seed: 1.5 is not a whole number"),
-        ("rms: 0.001", "rms: 0, seed: -1", "noise.seed: -1 is not a whole number from 0 to"),
         ("bits: 12", "bits: 0", "adc.bits: 0 is not a whole number from 1 to 32"),
-        ("bits: 12", "bits: 12.0", "adc.bits: 12.0 is not a whole number"),
-        ("range: 3.3", "range: 0", "adc.range: 0.0 is not a positive voltage in V"),
         ("dead: [5]", "dead: 5", "defects.dead: 5 is not a list"),
-        ("dead: [5]", "dead: [x]", "defects.dead[0]: 'x' is not a whole number"),
         ("dead: [5]", "dead: [-1]", "defects.dead: -1 is not an electrode, they count from 0"),
         ("dead: [5]", "dead: [5, 5]", "defects.dead: [5, 5] names an electrode twice"),
         ("[[1, 2]]", "[[1, 1]]", "defects.swapped: [1, 1] names an electrode twice"),
         ("[[1, 2]]", "[[1, 2, 3]]", "defects.swapped[0]: [1, 2, 3] is not a pair of electrodes"),
-        ("[[1, 2]]", "[1, 2]", "defects.swapped[0]: 1 is not a list"),
         ("relative: 0.2", "relative: 20", "defects.sheet_variation.relative: 20 is above 1"),
-        ("length: 0.05", "length: 0", "defects.sheet_variation.length: 0.0 is not a positive"),
-        ("length: 0.05", "len: 0.05", "defects.sheet_variation.len: unknown key; did you mean"),
         ("dead", "deaf", "defects.deaf: unknown key; did you mean 'dead'?"),
-        ("dead: [5]", "drift: 1", "defects.drift: 1 is not a mapping"),
         ("dead: [5]", "drift: {amplitude: 1, period: 0}", "defects.drift.period: 0.0 is not"),
-        ("dead: [5]", "hum: {amplitude: 1}", "defects.hum.frequency: is missing"),
         ("dead: [5]", "switch_resistance: -1", "defects.switch_resistance: -1.0 is negative"),
-        (GOOD, "", "the file is empty"),
         ("3.3", "3.3: 4", "line 2: not valid YAML: mapping values are not allowed"),
     ],
 )
@@ -208,28 +169,6 @@ def test_installed_scene_fits_the_8x8_layout_and_says_what_it_shows(name):
     assert scene.name == name
     text = (SCENES / f"{name}.yaml").read_text()
     assert text.startswith("# ") and max(map(len, text.splitlines())) <= 110
-
-
-def test_scenes_of_every_kind_are_installed():
-    assert {
-        "default", "idle", "defects", "wide", "l-shape", "two-points",
-        "experiment-centre", "experiment-side", "experiment-corner",
-    } <= set(NAMES)  # fmt: skip
-
-
-def test_default_contacts_stay_inside_and_apart_for_a_minute():
-    scene = load_scene("default")
-    for t in np.linspace(0, 60, 121):
-        first, second = scene.truth(t)
-        assert np.hypot(first["x"] - second["x"], first["y"] - second["y"]) > 0.05
-        assert max(abs(c[axis]) for c in (first, second) for axis in "xy") < 0.075
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_contacts_of_installed_scenes_stay_on_their_sheet(name):
-    scene = load_scene(name)
-    places = [(c["x"], c["y"]) for t in np.arange(0, 600, 0.37) for c in scene.truth(t)]
-    assert not places or np.abs(places).max() <= 0.1
 
 
 @pytest.mark.parametrize("name", ["experiment-centre", "experiment-side", "experiment-corner"])

@@ -99,18 +99,6 @@ def test_cut_in_two_the_half_that_is_touched_is_a_sheet_of_its_own():
     assert rms(EVEN[np.ix_(left, left)] - alone) > 0.05 * DRIVE
 
 
-def test_a_tear_may_end_anywhere_and_meet_an_electrode():
-    electrode = GRID.positions[5]
-    whole, split = (
-        simulated(SheetField(tears=(Tear((electrode - [reach, 0], electrode + [0.02, 0]), 1e-4),)))
-        for reach in (1e-3, 0.02)
-    )
-    for voltages in (whole, split):
-        assert np.isfinite(voltages[OFF]).all() and voltages[OFF].min() >= 0
-        assert voltages[OFF].max() <= DRIVE
-    assert rms(whole - split) > 1e-3
-
-
 def test_lines_alone_change_nothing():
     """Elements that follow lines of an even sheet: as far as another mesh goes."""
     field = SheetField(tears=(Tear(((-0.02, 0.0), (0.03, 0.013)), 1e-4),))
@@ -232,18 +220,6 @@ def test_mistakes_get_one_line(tmp_path, old, new, expected):
         load_scene(tmp_path / "scene.yaml")
     line = str(caught.value).replace(f"{tmp_path}/", "")
     assert line.startswith("scene.yaml: defects.") and expected in line and "\n" not in line
-
-
-def test_a_tear_outside_the_sheet():
-    tear = Tear(((0.06, 0.0), (0.08, 0.0)), 0.001)
-    with pytest.raises(InputError, match=r"^scene any: defects.tears\[0\]: lies outside"):
-        simulated(SheetField(tears=(tear,)))
-
-
-def test_the_closed_form_refuses_anisotropy():
-    scene = Scene("any", DRIVE, defects=Defects(sheet=SheetField(anisotropy=Anisotropy(2.0))))
-    with pytest.raises(InputError, match="needs a uniform sheet resistance"):
-        Simulator(GRID, scene, "closed_form")
 
 
 def test_a_sheet_that_was_made_otherwise_reads_as_one_whose_layout_has_it(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
+from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet import make_sheet
@@ -56,22 +56,6 @@ def test_any_contacts(model, contacts):
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", Doubt)  # of a sheet resistance of 1 ohm/sq
         check(press(sheet_of(model), contacts), over=0.05)
-
-
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("power", [-3, 0, 4, 9])
-def test_sheet_resistance(model, power):
-    """Bare contacts: no voltage depends on it."""
-    bare = [(Contact("disc", center=(0.03, 0.05), radius=0.006), np.inf)]
-    plain = press(sheet_of(model), bare)
-    np.testing.assert_allclose(press(sheet_of(model, 4, 10.0**power), bare), plain, atol=1e-8)
-
-
-@pytest.mark.parametrize("rows", [2, 3, 12])
-@pytest.mark.parametrize("model", MODELS)
-def test_numbers_of_electrodes(model, rows):
-    contact = Contact("disc", center=(0.013, 0.007), radius=0.002)
-    check(press(sheet_of(model, rows), [(contact, 3.0)]))
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -140,8 +124,3 @@ def test_a_mesh_too_coarse_for_the_outline_is_refused():
         make_sheet(layout, h=0.05)
     mesh = make_sheet(layout, h=0.01).mesh
     assert layout.outline.contains(mesh.points[mesh.triangles].mean(axis=1)).all()
-
-
-def test_nodes_on_a_line_make_no_triangle():
-    """Between neighbours on the rim of this layout they would be as flat as rounding makes them."""
-    make_sheet(load_layout("optimized-8x8"), "fem", h=0.2 / 56)

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.mesh import make_mesh
-from tomotactile_ros.sheet.solved_on_demand import KeptGreen
 
 ANGLE = 2 * np.pi * np.arange(24) / 24
 CIRCLE = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
@@ -40,13 +38,6 @@ def test_triangles_are_counter_clockwise_and_fill_the_outline(kind):
     assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
 
 
-def test_a_regular_lattice_has_the_same_triangles_each_time():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    first, second = make_mesh(layout, 0.005), make_mesh(layout, 0.005)
-    np.testing.assert_array_equal(first.triangles, second.triangles)
-    np.testing.assert_array_equal(first.points, second.points)
-
-
 @pytest.mark.parametrize("kind", OUTLINES)
 def test_points_are_found_in_their_triangle(kind):
     """Whatever lies between: a hole, a slit narrower than an element."""
@@ -68,64 +59,6 @@ def test_points_beside_the_mesh_take_a_corner_of_the_nearest_triangle():
     corner = mesh.points[mesh.triangles[element, weights.argmax(axis=1)]]
     apart = np.linalg.norm(mesh.points[:, None] - points, axis=2).min(axis=0)
     assert (np.linalg.norm(corner - points, axis=1) < apart + 0.005).all()
-
-
-def test_a_matrix_that_is_not_positive_definite_is_refused():
-    from scipy import sparse
-
-    matrix = sparse.csr_matrix([[1.0, 2.0], [2.0, 1.0]])
-    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
-        LevelFactor(matrix, [0])
-
-
-def test_columns_that_were_solved_are_kept_until_there_are_too_many():
-    random = np.random.default_rng(0)
-    matrix = random.random((4000, 4000))
-    matrix += matrix.T
-    solved = []
-
-    def solve(feed):
-        which = feed.argmax(axis=0)
-        solved.extend(which)
-        return matrix[:, which]
-
-    def among(which):
-        return matrix[np.ix_(which, which)]
-
-    kept = KeptGreen(solve, among, lambda rows, columns: np.zeros((len(rows), len(columns))), 4000)
-    for count in 5, 1500, 1000, 2900:
-        chosen = random.permutation(4000)[:count]
-        np.testing.assert_array_equal(kept.among(chosen), matrix[np.ix_(chosen, chosen)])
-        before = len(solved)
-        np.testing.assert_array_equal(
-            kept.among(chosen[::-1]), matrix[np.ix_(chosen, chosen)][::-1, ::-1]
-        )
-        assert len(solved) == before
-
-
-def test_unknowns_for_which_nothing_was_prepared_are_not_kept():
-    matrix = np.arange(10000.0).reshape(100, 100)
-    matrix += matrix.T
-    solved = []
-
-    def solve(feed):
-        solved.extend(feed.argmax(axis=0))
-        return matrix[:, feed.argmax(axis=0)] - 1
-
-    def among(which):
-        return matrix[np.ix_(which, which)] - 1
-
-    kept = KeptGreen(solve, among, lambda rows, columns: np.ones((len(rows), len(columns))), 100)
-    kept.prepare(np.arange(50))
-    assert solved == [*range(50)]
-    for repeated in [[1, 60, 2, 60]], [[70, 80, 90], [70, 1, 2]], [[3, 4, 5]]:
-        repeated = np.array(repeated)
-        blocks = matrix[repeated[:, :, None], repeated[:, None, :]]
-        np.testing.assert_array_equal(kept.blocks(repeated), blocks)
-    assert solved == [*range(50)]
-    few = np.append(np.arange(40), 99)
-    np.testing.assert_array_equal(kept.among(few), matrix[np.ix_(few, few)])
-    assert solved == [*range(50), 99]
 
 
 def test_points_beyond_a_slanted_outline_are_found_too():

@@ -81,11 +81,6 @@ def test_hum_follows_the_rows_and_drift_the_electrodes():
     np.testing.assert_allclose(drifting.frame(100.0)[OFF], drifting.frame(0.0)[OFF], atol=1e-9)
 
 
-def test_switch_resistance_is_in_series():
-    frame = simulator(defects=Defects(switch_resistance=500.0)).frame(0.0)
-    assert (frame > IDEAL)[OFF].all()
-
-
 def test_contacts_come_go_and_move():
     timed = Contact("disc", center=(-0.05, 0.0), radius=0.005, pressure=1e4, start=1.0, end=2.0)
     moving = Contact(
@@ -100,12 +95,6 @@ def test_contacts_come_go_and_move():
             simulator(moving, model=model, row_period=0.0).frame(3.0),
             simulator(there, model=model).frame(0.0),
         )
-
-
-def test_bare_contacts_where_there_is_no_law():
-    scene = Scene("bare", 5.0, (CONTACT,))
-    bare = Simulator(LAYOUT, scene, "closed_form").frame(0.0)
-    assert (bare / 5.0 > IDEAL / 3.3)[OFF].all()
 
 
 def test_variation_of_the_sheet():

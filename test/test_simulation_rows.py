@@ -7,7 +7,7 @@ import pytest
 
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Defects, Noise, SheetVariation
+from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import Anisotropy, SheetField, Tear, Temperature
 from tomotactile_ros.sheet.contact_points import contact_points
@@ -79,12 +79,6 @@ def test_a_frame_is_made_of_rows_that_are_each_solved_at_their_own_time(contacts
     assert np.nanmax(np.abs(got - simulator(*contacts, law=law, row_period=0).frame(0.0))) > 0.1
 
 
-def test_rows_of_an_uneven_sheet_behind_a_switch():
-    uneven = Defects(sheet_variation=SheetVariation(0.2, 0.05, seed=1), switch_resistance=300.0)
-    rows = simulator(*MOVING["two apart"], defects=uneven)
-    np.testing.assert_allclose(rows.frame(0.0), one_by_one(rows, 0.0), atol=ROUNDED)
-
-
 @pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
 def test_rows_of_an_anisotropic_torn_sheet(contacts):
     """Distances that count are those in stretched coordinates, with electrodes as ellipses
@@ -128,24 +122,6 @@ def test_rows_of_slow_contacts_are_interpolated_to_half_a_millivolt(speed):
         assert np.abs(error).max() < 5e-4 and np.sqrt(np.mean(error**2)) < 2e-5
 
 
-def test_another_model_agrees_within_a_hundredth_at_a_metre_per_second():
-    fast = disc(-0.03, 0.01, velocity=(1.0, 0.2)), disc(0.07, -0.06, velocity=(-0.8, 0.6))
-    closed_form = one_by_one(simulator(*fast, model="closed_form"), 0.01)
-    got = simulator(*fast).frame(0.01)
-    assert np.abs(got - closed_form)[OFF].max() < 0.01 * DRIVE
-    frozen = simulator(*fast, row_period=0).frame(0.01)
-    assert np.abs(frozen - closed_form)[OFF].max() > 0.03 * DRIVE
-
-
-@pytest.mark.parametrize("model", ["fem", "closed_form"])
-def test_where_nothing_moves_a_frame_is_the_frozen_one(model):
-    contacts = disc(0.03, 0.02), disc(-0.05, 0.0, velocity=(0.01, 0.0), start=1.0, end=2.0)
-    settings = {"model": model, "noise": Noise(1e-3)}
-    first, second = (simulator(*contacts, row_period=p, **settings) for p in (ROW_PERIOD, 0.0))
-    np.testing.assert_array_equal(first.frame(0.0, 3), second.frame(0.0, 3))
-    np.testing.assert_array_equal(first.frame(2.0, 4), second.frame(2.0, 4))
-
-
 def test_a_touch_begins_and_ends_between_two_rows():
     pressed, free = simulator(disc(0.03, 0.02)).frame(0.0), np.where(OFF, 0.0, np.nan)
     begins = simulator(disc(0.03, 0.02, start=1.0055)).frame(1.0)
@@ -166,18 +142,6 @@ def test_any_order_of_electrodes():
     np.testing.assert_array_equal(resting, simulator(disc(0.03, 0.02)).frame(0.0)[order])
 
 
-def test_single_rows_are_the_rows_of_a_frame():
-    rows = simulator(disc(-0.03, 0.02, velocity=(1.0, 0.0)), disc(0.05, 0.0))
-    whole = rows.frame(0.0)
-    for i in (0, 5, 15):
-        np.testing.assert_allclose(rows.row(i * ROW_PERIOD, i), whole[i], atol=ROUNDED)
-    noisy = simulator(disc(0.05, 0.0), noise=Noise(0.01, seed=2))
-    np.testing.assert_array_equal(noisy.row(0.0, 3, 7), noisy.row(0.0, 3, 7))
-    assert np.nanmax(np.abs(noisy.row(0.0, 3, 7) - noisy.row(0.0, 3, 8))) > 1e-3
-    with pytest.raises(InputError, match="electrode 16 does not exist"):
-        rows.row(0.0, 16)
-
-
 @pytest.mark.parametrize(
     "settings, complaint",
     [
@@ -193,20 +157,3 @@ def test_single_rows_are_the_rows_of_a_frame():
 def test_impossible_scans_are_refused(settings, complaint):
     with pytest.raises(InputError, match=complaint):
         simulator(disc(0.0, 0.0), **settings)
-
-
-def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):
-    rows = simulator(disc(0.03, 0.02, velocity=(1.0, 0.0)))
-    monkeypatch.setattr("tomotactile_ros.support.memory.free_bytes", lambda: 1e3)
-    monkeypatch.setattr("tomotactile_ros.sheet.moving_rows._LITTLE", 0.0)
-    with pytest.raises(InputError, match="^contacts: 1, in .* patches that change, would take"):
-        rows.frame(0.0)
-
-
-def test_contacts_on_every_electrode_and_none():
-    """Rows whose own electrode is under a contact, and rows with nothing on the sheet at all."""
-    strip = Contact("rectangle", center=(-0.1, 0.1), size=(0.3, 0.012), velocity=(0.0, -4.0))
-    rows = simulator(strip, law=None)
-    np.testing.assert_allclose(rows.frame(0.0), one_by_one(rows, 0.0), atol=ROUNDED)
-    gone = simulator(replace(strip, velocity=(0.0, 20.0)), law=None)
-    assert np.nanmax(np.abs(gone.frame(0.012))) == 0.0

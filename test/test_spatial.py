@@ -64,8 +64,3 @@ def test_moved_contacts_have_the_moved_wrench():
     np.testing.assert_allclose(moved[0], rotated)
     expected = pose.rotation.apply(torque) + np.cross(pose.translation, rotated)
     np.testing.assert_allclose(moved[1], expected)
-
-
-def test_without_contacts_there_is_no_force():
-    force, torque = in_space(Flat(), []).wrench()
-    assert not force.any() and not torque.any()

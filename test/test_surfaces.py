@@ -122,24 +122,6 @@ def test_a_sheet_on_a_ball_keeps_the_lengths_from_its_centre(tmp_path):
     np.testing.assert_allclose(mesh.normals(POINTS), places / 0.3, atol=0.03)
 
 
-@pytest.mark.parametrize(
-    "changes, complaint",
-    [
-        ({"file": "none.stl"}, "none.stl: cannot be read"),
-        ({"file": "package://none/x.stl"}, "mesh.file: package://none/x.stl: no such file"),
-        ({"file": "notes.txt"}, "notes.txt: meshes are .stl, .obj, .ply, .off"),
-        ({"scale": 1e30}, "a corner has no finite lengths"),
-        ({"x_axis": (0.0, 1.0, 0.0)}, "mesh.x_axis: points out of the surface"),
-        ({"scale": -1.0}, "mesh.scale: -1.0 is not a positive number"),
-        ({"size": (0.2, 2.5)}, "the sheet ends beyond the rim of the mesh"),
-    ],
-)
-def test_a_mesh_that_does_not_do_is_refused(tmp_path, changes, complaint):
-    (tmp_path / "notes.txt").write_text("nothing")
-    with pytest.raises(InputError, match=complaint):
-        on_tube(tmp_path, **{"size": (0.2, 0.0018), **changes})
-
-
 def stl(*corners: float, count: int | None = None) -> bytes:
     """A binary STL of triangles; nine numbers each."""
     triangles = np.reshape(corners, (-1, 9))

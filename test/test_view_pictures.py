@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.view import display as display_module
@@ -17,10 +17,8 @@ from tomotactile_ros.view.colours import (
     Overlay,
     SteadyScale,
     colour,
-    full_scale,
     palette,
     round_up,
-    scale_bar,
 )
 from tomotactile_ros.view.contact_lines import contact_lines, pair
 from tomotactile_ros.view.display import Display, Shot
@@ -40,21 +38,10 @@ def pressed(contact) -> np.ndarray:
     return GRID.fill(np.where(near, 1e4, 0.0))
 
 
-def test_the_palette_grows_evenly_lighter():
-    lightness = palette() @ (0.2126, 0.7152, 0.0722)
-    assert (np.diff(lightness) > -1).all() and lightness[-1] > 4 * lightness[0]
-
-
 def test_colours_run_from_nothing_to_full_scale():
     rgb = colour(np.array([[0.0, 500.0, 1000.0, 5000.0, -3.0, np.nan]]), 1000.0)[0].tolist()
     first, middle, last = (palette()[i].tolist() for i in (0, 128, 255))
     assert rgb == [first, middle, last, last, first, list(OUTSIDE)]
-
-
-def test_the_automatic_range_follows_the_peak_but_not_the_noise():
-    assert full_scale(np.array([np.nan, 5e3]), 0.0, 1e3) == 5e3
-    assert full_scale(np.array([1.0, 2.0]), 0.0, 1e3) == 1e3
-    assert full_scale(np.array([1.0, 5e3]), 2e3, 1e3) == 2e3
 
 
 def test_a_contact_is_drawn_in_the_upper_right_and_electrodes_at_their_places():
@@ -70,14 +57,6 @@ def test_a_contact_is_drawn_in_the_upper_right_and_electrodes_at_their_places():
     white = (drawn == 255).all(axis=2)
     assert white[0, 0] and white[-1, -1] and not white[40, 30]
     assert not (overlay.draw(np.zeros((40, 40, 3), np.uint8), [], electrodes=False)).any()
-
-
-def test_a_contact_on_the_rim_is_drawn_as_far_as_it_is_inside():
-    rim = SimpleNamespace(**{**vars(UPPER_RIGHT), "x": 0.1, "y": -0.1})
-    overlay = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius)
-    drawn = overlay.draw(np.zeros((40, 40, 3), np.uint8), [rim], electrodes=False)
-    rows, columns = np.nonzero(drawn.any(axis=2))
-    assert rows.min() > 140 and columns.min() > 140
 
 
 def test_the_terminal_shows_a_contact_in_the_upper_right():
@@ -133,16 +112,6 @@ def test_contacts_are_paired_with_the_nearest_truth():
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
 
 
-def test_lines_end_between_words_and_never_within_a_number():
-    truth = [{"x": 0.04, "y": 0.07, "force": 2.5, "pressure": 1e5}]
-    (whole,) = contact_lines([UPPER_RIGHT], truth)
-    for width in range(20, len(whole) + 1):
-        (line,) = contact_lines([UPPER_RIGHT], truth, width=width)
-        assert len(line) <= width and whole.startswith(line)
-        assert not whole[len(line) :] or whole[len(line)] in " ,"
-    assert contact_lines([UPPER_RIGHT], truth, width=79)[0].endswith("true 2.50 N")
-
-
 def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
     contact = SimpleNamespace(**{**vars(UPPER_RIGHT), "x": 0.0, "y": 0.0})
     display = Display(LAYOUT, load_scene("experiment-centre"))
@@ -189,64 +158,6 @@ def test_a_plot_beside_bare_conductors_has_no_newtons(force):
     assert ("no contact law" in below) == (force is None)
 
 
-def test_an_idle_picture_is_dark_and_its_scale_begins_at_nothing(tmp_path):
-    from PIL import Image
-
-    save_pressure(tmp_path / "idle.png", GRID.fill(np.zeros(len(GRID.pixels))), LAYOUT)
-    with Image.open(tmp_path / "idle.png") as figure:
-        pixels = np.array(figure.convert("RGB"), dtype=int)
-    height, width = pixels.shape[:2]
-    middle = pixels[height // 3 : height // 2, width // 3 : width // 2]
-    dark = (abs(middle - palette()[0]) < 3).all(axis=2)
-    assert dark.mean() > 0.9
-
-
-@pytest.mark.parametrize(("rows", "cols", "size"), [(6, 10, (0.3, 0.18)), (3, 9, (0.6, 0.1))])
-def test_the_colour_bar_of_a_wide_sheet_is_as_high_as_its_map(tmp_path, rows, cols, size):
-    from PIL import Image
-
-    wide = equal_grid(rows, cols, size, 0.002, 1e4)
-    grid = Grid.for_outline(wide.outline, 40)
-    values = grid.fill(np.full(len(grid.pixels), 1e4))
-    values[:, : values.shape[1] // 2] = 0.0
-    save_pressure(tmp_path / "wide.png", values, wide)
-    with Image.open(tmp_path / "wide.png") as figure:
-        pixels = np.array(figure.convert("RGB"), dtype=int)
-    violet = (abs(pixels - palette()[0]) < 3).all(axis=2)
-    column = int(violet.sum(axis=0).argmax())
-    map_rows = np.flatnonzero(violet[:, column])
-    middle = abs(pixels - palette()[128]).max(axis=2) < 8  # a colour of the bar alone
-    rows_, columns_ = np.nonzero(middle)
-    assert rows_.mean() == pytest.approx(map_rows.mean(), abs=3)
-    drawn = np.flatnonzero((pixels[:, int(np.median(columns_))] < 250).any(axis=1))
-    assert np.ptp(drawn) == pytest.approx(np.ptp(map_rows), abs=8)  # and its frame
-
-
-def test_electrodes_are_marked_in_the_terminal_picture_where_they_are():
-    grid = equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4)
-    image = np.zeros((20, 40))
-    lines = picture(image, grid.outline.bounds, 1e3, 80, 24, grid.positions)
-    plain = picture(image, grid.outline.bounds, 1e3, 80, 24)
-    changed = [i for i, (one, other) in enumerate(zip(lines, plain)) if one != other]
-    assert changed == [0, 9]
-    light = ";".join(str(c // 2 + 128) for c in palette()[0])
-    assert lines[0].count(f"38;2;{light}") == 3 and lines[9].count(f"48;2;{light}") == 3
-
-
-def test_trails_and_names_are_written_into_the_terminal_picture():
-    grid = equal_grid(2, 3, (0.2, 0.1), 0.002, 1e4)
-    image, bounds = np.zeros((20, 40)), grid.outline.bounds
-    trail = np.array([[-0.0475, 0.0025], [0.0475, 0.0025]])  # of 20 cells, in one row of them
-    named = [(trail[1], "17"), (np.array([0.099, -0.05]), "205")]
-    lines = picture(image, bounds, 1e3, 80, 24, trails=[trail], names=named)
-    plain = picture(image, bounds, 1e3, 80, 24)
-    assert [i for i, (one, other) in enumerate(zip(lines, plain)) if one != other] == [4, 9]
-    reddish = ";".join(str(c // 2 + s) for c, s in zip(palette()[0].tolist(), (128, 32, 32)))
-    assert lines[4].count(f"48;2;{reddish}") == 19  # its last cell has a letter
-    text = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in lines]
-    assert text[4].index("17") - 5 == 29 and text[9].index("205") - 5 == 37
-
-
 def test_a_trail_is_where_a_contact_was_within_a_second_and_outlasts_it():
     trails = Trails()
     contact, unnamed = SimpleNamespace(id=3), SimpleNamespace(id=0)
@@ -270,43 +181,6 @@ def test_the_trail_of_a_contact_that_rests_stays_short_and_a_clock_set_back_ends
     np.testing.assert_array_equal(trails.items()[0][1], [[0.05, 0.0]])
 
 
-def test_contacts_are_called_by_their_ids():
-    first, second = (SimpleNamespace(**{**vars(UPPER_RIGHT), "id": number}) for number in (12, 7))
-    lines = contact_lines([first, second])
-    assert [line.split(":")[0] for line in lines] == ["contact 12", "contact 7"]
-
-
-def test_axes_of_a_flat_terminal_picture_name_its_ends():
-    """A sheet ten times as wide as high has two lines; the upper one was named 0 mm, not +30."""
-    lines = picture(np.zeros((4, 40)), (-0.3, -0.03, 0.3, 0.03), 5e4, 80, 20)
-    text = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in lines]
-    assert [(line[:4].strip(), line.split()[-2]) for line in text[:2]] == [
-        ("+30", "50"),
-        ("-30", "0"),
-    ]
-
-
-@pytest.mark.parametrize("place", [(0.1, 0.1), (-0.1, 0.1), (0.1, -0.1), (0.0, 0.0)])
-def test_the_number_of_a_contact_stands_on_the_sheet_and_has_a_halo(place):
-    contact = SimpleNamespace(**{**vars(UPPER_RIGHT), "id": 123, "x": place[0], "y": place[1]})
-    result = Result(pressed(contact), pressed(contact), [contact], (), False, 0.0)
-    figure = plot(result, LAYOUT)
-    figure.canvas.draw()
-    (number,) = [text for text in figure.axes[0].texts if text.get_text() == "123"]
-    box, sheet = number.get_window_extent(), figure.axes[0].get_window_extent()
-    assert sheet.x0 <= box.x0 and box.x1 <= sheet.x1 and sheet.y0 <= box.y0 and box.y1 <= sheet.y1
-    assert number.get_path_effects()
-
-
-def test_the_scale_beside_a_picture_has_its_colours_and_its_values():
-    bar, other = scale_bar(320, 1e3), scale_bar(320, 5e4)
-    assert bar.shape == other.shape == (320, 77, 3) and (bar != other).any()
-    column = bar[26:-26, 15].astype(int)  # within the bar: brightest at the top
-    assert abs(column[1] - palette()[255]).max() < 20 and abs(column[-2] - palette()[0]).max() < 20
-    letters = (bar[:, 30:] > 200).all(axis=2)
-    assert letters[:40].any() and letters[140:180].any() and letters[280:].any()
-
-
 def test_the_scale_of_a_live_picture_is_steady():
     assert [round_up(x) for x in (0.0, 1.0, 1.01, 4.9, 5.0, 5.1, 2e3)] == [0, 1, 2, 5, 5, 10, 2e3]
     scale = SteadyScale(1e3, hold=5.0)
@@ -314,14 +188,6 @@ def test_the_scale_of_a_live_picture_is_steady():
     assert scale(3.2e3, 1.0) == 5e3  # grows at once
     assert [scale(p, t) for p, t in ((4e3, 2.0), (1.2e3, 3.0), (4.9e3, 4.0))] == [5e3] * 3
     assert [scale(1.2e3, t) for t in (5.0, 6.5, 12.0)] == [5e3, 5e3, 2e3]  # and falls later
-
-
-def test_the_terminal_ends_with_the_picture_that_is_saved(monkeypatch, capsys):
-    display = Display(LAYOUT, load_scene("idle"))
-    for number in range(3):
-        display.show(Shot(np.zeros((8, 8)), [], scene_time=float(number), rate=15.0, age=0.01))
-    display.close()
-    assert capsys.readouterr().out.splitlines()[-1].startswith("  2.00 s")
 
 
 def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(
@@ -360,19 +226,6 @@ def test_a_line_tells_at_once_that_contacts_come_to_be_known(monkeypatch, capsys
         "contacts a",
     ]
     assert first.endswith("not yet")
-
-
-def test_more_contacts_than_lines_leave_room_for_the_picture(monkeypatch):
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    for key, value in (("TERM", "xterm"), ("COLUMNS", "60"), ("LINES", "20")):
-        monkeypatch.setenv(key, value)
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stdout", terminal)
-    display = Display(LAYOUT, load_scene("idle"))
-    display.show(Shot(np.zeros((40, 40)), [UPPER_RIGHT] * 50, scene_time=1.0, rate=15.0, age=0.01))
-    terminal.flush()
-    shown = terminal.buffer.getvalue().decode()
-    assert shown.count("\n") < 20 and shown.count("contact") == 10 and "mm\x1b" in shown
 
 
 class Terminal(io.TextIOWrapper):
