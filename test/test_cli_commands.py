@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
@@ -152,17 +151,13 @@ SIMULATE = "simulate --layout equal-4x4"
     ("words", "said"),
     [
         ("simulate --layout nowhere --scene default --frames 1", "nowhere"),
-        (f"{SIMULATE} --scene nowhere --frames 1", "nowhere"),
         (f"{SIMULATE} --scene defects --frames 1", "equal-4x4"),
         (f"{SIMULATE} --scene idle --frames 0", "--frames"),
-        (f"{SIMULATE} --scene idle --frames x", "--frames"),
-        (f"{SIMULATE} --scene idle --frames 1 --rate -1", "--rate"),
         (f"{SIMULATE} --scene idle --frames 1 --rate 0", "--rate"),
         ("evaluate --layout equal-4x4 --profile fast --model fem", "--model"),
         ("optimize --layout equal-4x4 --rows 4 --method free --out x", "--rows"),
         ("dance", "dance"),
         ("", "COMMAND"),
-        ("inspect nowhere", "nowhere"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
@@ -179,12 +174,8 @@ def test_bad_input_is_one_line_and_exit_2(words, said, tmp_path):
     [
         ({"layout_id": "equal-8x8"}, "layout_id"),
         ({"contact_law": ["a", "b"]}, "contact_law"),
-        ({"contact_law": [-1.0, 1.0]}, "contact_law"),
-        ({"drive_voltage": [3.3, 3.3]}, "drive_voltage"),
         ({"voltages": np.full((3, 16, 16), np.inf)}, "voltages: one of frame 0 is infinite"),
-        ({"voltages": np.empty((0, 16, 16))}, "voltages"),
         ({"grounded": np.zeros(3, int)}, "grounded"),
-        ({"grounded": np.arange(16) + 1}, "grounded"),
     ],
 )
 def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said):
@@ -196,44 +187,12 @@ def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said):
     assert done.stderr.count("\n") == 1 and f"bad.npz: {said}" in done.stderr
 
 
-@pytest.mark.parametrize("name", ["zip", "npy", "text", "truth", "contacts"])
-def test_inspect_refuses_what_it_cannot_show(tmp_path, name):
-    path = tmp_path / "file.npz"
-    if name == "zip":
-        with zipfile.ZipFile(path, "w") as file:
-            file.writestr("letter.txt", "hello")
-    elif name == "npy":
-        with path.open("wb") as file:
-            np.save(file, np.zeros((1, 2, 2)))
-    elif name == "text":
-        path.write_text("hello")
-    else:
-        np.savez(path, **{name: '{"a": 1}'})
-    done = run("inspect", path)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and "file.npz: " in done.stderr
-
-
 def test_a_reader_that_has_enough_ends_the_command_quietly():
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as closed:
         done = python("-m", "tomotactile_ros.cli", "inspect", "equal-8x8", stdout=closed)
     assert done.returncode == 128 + signal.SIGPIPE and done.stderr == ""
-
-
-def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
-    """What the variable says when the first command, and with it numpy, is imported."""
-    code = (
-        "import os, sys; from tomotactile_ros import cli\n"
-        "assert 'numpy' not in sys.modules\n"
-        "cli.main(['inspect', 'equal-4x4'])\n"
-        "print(os.environ['OMP_NUM_THREADS'])"
-    )
-    for given, seen in ((None, "1"), ("2", "2")):
-        environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
-        environment |= {"OMP_NUM_THREADS": given} if given else {}
-        assert python("-c", code, env=environment).stdout.splitlines()[-1] == seen
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -43,28 +43,6 @@ def test_frames_arrive_whole_in_order_and_stamped(make_port):
     assert frame.row_period == pytest.approx(1 / (100.0 * E), rel=3e-3)  # whole µs, clock drift
 
 
-def test_closing_does_not_wait_for_a_port_that_is_still_being_opened():
-    asked, answered, closed = (threading.Event() for _ in range(3))
-
-    class LateLine:
-        def close(self) -> None:
-            closed.set()
-
-    def opener(path, baud):
-        asked.set()
-        answered.wait(PATIENCE)
-        return LateLine()
-
-    device = SerialDevice("socket://far.away:1", E, opener=opener)
-    device.open(lambda frame: None)
-    assert asked.wait(PATIENCE)
-    device.close()
-    assert device.status().state == "closed"
-    assert not closed.is_set()
-    answered.set()
-    assert closed.wait(PATIENCE)
-
-
 class Unmodem(serial.Serial):
     """A pseudo-terminal has no modem lines; a server of ports asks for them."""
 

@@ -119,20 +119,6 @@ def test_the_fake_device_pauses_resumes_and_changes_its_rate():
     assert np.diff([f.stamp for f in frames]).min() >= 0.019
 
 
-def test_an_error_in_the_simulation_is_a_state_and_no_traceback():
-    simulator = Simulator(LAYOUT, SCENE)
-
-    def broken(t, sequence):
-        raise ValueError("no such sheet")
-
-    simulator.frame = broken
-    device = FakeDevice(simulator, rate=100.0)
-    device.open(Collector())
-    wait_for_state(device, "failed")
-    assert device.status().message == "ValueError: no such sheet"
-    device.close()
-
-
 def a_recording(number: int = 5) -> dict[str, np.ndarray]:
     """Arrays of frames.npz with readings that tell their frame."""
     voltages = np.arange(number * E * E, dtype=np.float32).reshape(number, E, E) / 100

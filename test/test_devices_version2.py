@@ -1,17 +1,15 @@
 """Version 2 of the wire protocol: device and host, alone and together."""
 
-import itertools
 import math
 import time
 
 import numpy as np
 import pytest
-from devices_support import E, connected, counted, plugged, sensor
+from devices_support import E, connected, counted, sensor
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 from tomotactile_ros.devices.emulator import EmulatedDevice
-from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.support.errors import InputError
 
 
@@ -213,26 +211,3 @@ def test_a_device_on_a_bus_is_asked_for_frames_one_by_one():
     starts = [p for p in protocol.Parser().feed(device.heard) if isinstance(p, protocol.Start)]
     assert len(starts) > 40
     assert {(start.frames, start.address) for start in starts} == {(1, 7)}
-
-
-def test_rows_are_handed_on_while_their_frame_is_under_way():
-    runs = []
-    with plugged(sensor(rate=20.0)) as port:
-        device = SerialDevice(port.path, E, rate=20.0)
-        device.run_length = 4
-        frames = []
-        device.open(frames.append, runs.append)
-        deadline = time.monotonic() + 30.0
-        while len(frames) < 5 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        device.close()
-    assert len(frames) >= 5
-    whole = frames[2]
-    (first, second) = [run for run in runs if run.sequence == whole.sequence]
-    assert [len(first.grounded), len(second.grounded)] == [4, 2]
-    together = np.concatenate([first.voltages, second.voltages])
-    assert np.array_equal(together, whole.voltages, equal_nan=True)
-    assert first.stamp == pytest.approx(whole.stamp, abs=1e-3)
-    assert second.stamp - first.stamp == pytest.approx(4 / (20.0 * E), abs=1e-3)
-    assert first.row_period == pytest.approx(whole.row_period, rel=1e-2)
-    assert all(a.stamp < b.stamp for a, b in itertools.pairwise(runs))

@@ -54,22 +54,6 @@ def test_points_are_where_small_contacts_are(name, count):
         assert nearest.max() < NEAR * pitch
 
 
-def test_six_contacts_of_unequal_force_are_six_points():
-    layout = LAYOUTS["8x8"]()
-    places = apart(layout, 6, 3)
-    pressures = np.geomspace(1e4, 4e4, 6)
-    discs = [(x, y, RADIUS, p) for (x, y), p in zip(places, pressures)]
-    points = look("8x8", discs).points(RADIUS)
-    assert len(points) == 6
-    found = np.array([place for place, _ in points])
-    nearest = np.hypot(*(found - places[:, None]).transpose(2, 0, 1))
-    assert nearest.min(axis=1).max() < NEAR * 0.0286
-    # strongest first, and the strong ones conduct more
-    strengths = np.array([strength for _, strength in points])
-    assert (np.diff(strengths) <= 0).all()
-    assert nearest[:, 0].argmin() == 5
-
-
 def test_slopes_of_shares_are_their_derivatives():
     operator = search("8x8").operator
     places, step = np.array([[0.013, 0.007], [-0.051, 0.09]]), 1e-6

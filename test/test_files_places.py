@@ -14,7 +14,7 @@ from tomotactile_ros.frames_file import load_arrays
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support import files
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.yamlio import MAX_BYTES, read_mapping
+from tomotactile_ros.support.yamlio import read_mapping
 
 
 def test_installed_file_is_found_in_a_ros_prefix_first(tmp_path, monkeypatch):
@@ -98,39 +98,6 @@ def test_a_file_that_grows_while_it_is_read_or_takes_too_long_is_given_up(tmp_pa
         files.read_limited(path, 5)
     with pytest.raises(InputError, match="larger than"):  # says that it holds nothing
         files.read_limited("/proc/self/maps", 100)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a: [" + ",".join(["1"] * (MAX_BYTES // 2 - 10)) + "]",
-        "[" * (MAX_BYTES // 2),
-        "- " * (MAX_BYTES // 4),
-        "a: " + "1:1" * (MAX_BYTES // 4),
-        "{" + ",".join(f"k{i}: {{}}" for i in range(MAX_BYTES // 12)) + "}",
-    ],
-    ids=["flat", "deep", "deep block", "sexagesimal", "wide"],
-)
-def test_a_small_file_is_no_long_work(tmp_path, text, monkeypatch):
-    """What is limited is the work, not the time, which depends on the machine."""
-    from tomotactile_ros.support import yamlio
-
-    monkeypatch.setattr(yamlio, "MAX_VALUES", 10_000)
-    built = []
-    node = yamlio.yaml.composer.Composer.compose_node
-
-    def counted(self, *place):
-        built.append(1)
-        return node(self, *place)
-
-    monkeypatch.setattr(yamlio.yaml.composer.Composer, "compose_node", counted)
-    path = tmp_path / "file.yaml"
-    path.write_text(text)
-    try:
-        read_mapping(path)
-    except InputError as error:
-        assert "not valid YAML" in str(error) and "\n" not in str(error)
-    assert len(built) <= yamlio.MAX_VALUES
 
 
 SECRET = "c0rrect-h0rse"

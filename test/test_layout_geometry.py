@@ -35,11 +35,8 @@ def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspe
     ("bad", "line"),
     [
         ({"rows": 1}, "rows: 1 is not a whole number from 2 to 256"),
-        ({"cols": 2.5}, "cols: 2.5 is not"),
         ({"size": (0.2, -1)}, r"rectangle\[1\]: -1.0 is not a positive length in m"),
-        ({"size": 0.2}, "size: 0.2 is not a pair"),
         ({"inset": 0.1}, "inset: 0.1 leaves no room"),
-        ({"inset": -0.1}, "inset: -0.1 is negative"),
         ({"radius": 0.1}, "overlap: 200 mm apart, they need more than 200 mm"),
         ({"radius": float("nan")}, "electrodes.radius: nan is not a finite length"),
     ],

@@ -1,17 +1,13 @@
 """A sensor learned from touches of unknown place and force: against the truth and against its own
 covariance."""
 
-import base64
-import zlib
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-import yaml
 
 from tomotactile_ros.cli import main
-from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.disc import unit_patches
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
@@ -428,26 +424,6 @@ def test_electrodes_that_lie_aside_are_learned_and_kept(tmp_path):
     assert back["aside_x"] == pytest.approx(found.state["aside_x"], rel=1e-6)
 
 
-def test_a_sensor_file_of_before_says_nothing_of_where_electrodes_lie(tmp_path):
-    """And has as resistances what explains readings."""
-    state, path = learned().state, tmp_path / "sensor.yaml"
-    save_sensor(path, layout(), operator(), state)
-    content = yaml.safe_load(path.read_text())
-    for end in ("", "_deviation"):
-        content[f"resistance{end}"] = content.pop(f"excess{end}")
-    for part in ("aside_x", "aside_y"):
-        del content[part], content[f"{part}_deviation"], content["expected"][part]
-    count = len(state.mean) - 2 * 16
-    correlation = (state.covariance / np.outer(state.deviation, state.deviation))[:count, :count]
-    packed = zlib.compress(correlation[np.triu_indices(count, 1)].astype("<f4").tobytes())
-    content["correlation"] = base64.b64encode(packed).decode()
-    path.write_text(yaml.safe_dump(content))
-    back = load_sensor(path, layout())
-    assert back["gain"] == pytest.approx(state["gain"]) and not back["aside_x"].any()
-    assert back["resistance"] == pytest.approx(state["resistance"])
-    assert back.std("aside_y") == pytest.approx(ChannelPrior().deviations(operator(), 1.0)[4])
-
-
 def test_sensor_file_holds_for_other_signs_and_order_of_modes(tmp_path):
     """Eigenvectors differ between machines."""
     state, path = learned().state, tmp_path / "sensor.yaml"
@@ -537,17 +513,6 @@ def test_numbers_that_are_no_readings_of_a_sheet_are_left_out():
     assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(found.state)
     assert np.abs(found.state["offset"]).max() < 0.02
     assert "is anything grounded" in "\n".join(findings.lines(found))
-
-
-def test_touches_that_move_while_rows_are_read_teach_nothing():
-    """They were learned from as if they rested: resistances of -246 ohm, known to 25."""
-    slide = Contact("disc", center=(0.0, -0.05), radius=0.006, pressure=2e4, velocity=(0.05, 0.3))
-    sensor = Simulator(layout(), replace(simulator().scene, contacts=(slide,)))
-    read = np.array([sensor.frame(t, i) for i, t in enumerate((0.02, 0.06, 0.1, 0.14))])
-    found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
-    assert (found.moved, found.state.touches) == (4, 0)
-    assert found.state.known("gain").max() < 1e-9
-    assert "hold each touch still" in "\n".join(findings.lines(found))
 
 
 def test_two_touches_at_once_are_not_one_on_a_sensor_that_nobody_would_believe():

@@ -2,7 +2,6 @@
 
 import itertools
 import re
-import threading
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,19 +15,16 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_support import LIMIT, ends_cleanly, ros_arguments
+from ros_support import ends_cleanly
 from sensor_msgs.msg import Image
-from std_msgs.msg import Bool, Header, String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import check_frame, frame_to_message, make_header
-from tomotactile_ros.nodes.running import PlainNode
-from tomotactile_ros.nodes.tactile import DirectReconstruction
 from tomotactile_ros.nodes.watch import FrameWatch
-from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -111,30 +107,6 @@ def test_without_a_publisher_it_says_so(probe, start):
     )
     answer = probe.call(Trigger, "/reconstruction/tare")
     assert not answer.success and "nobody publishes /voltage_frame" in answer.message
-
-
-def test_frames_that_wait_for_a_long_image_are_not_kept(domain, monkeypatch):
-    """Hundreds waited while nothing explained one for 20 s: 16 kB and more each."""
-    begun, enough, seen = threading.Event(), threading.Event(), []
-
-    def process(self, frame, numbered, deadline):
-        seen.append(frame.stamp)
-        begun.set()
-        enough.wait()
-        raise InputError("stopped by the test")
-
-    monkeypatch.setattr(Pipeline, "process", process)
-    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
-    node = PlainNode(DirectReconstruction)
-    node.part.hand_over(a_frame(1.0), "equal-4x4", Header())
-    assert begun.wait(LIMIT)
-    for stamp in range(2, 300):
-        node.part.hand_over(a_frame(float(stamp)), "equal-4x4", Header())
-    waiting = node.part._queue.qsize()
-    enough.set()
-    node.destroy_node()
-    rclpy.shutdown()
-    assert waiting == 1 and seen[0] == 1.0 and set(seen[1:]) <= {299.0}
 
 
 def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):

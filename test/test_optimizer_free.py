@@ -268,28 +268,3 @@ def test_descent_goes_on_beyond_jumps_and_along_what_is_forbidden():
         scores.append(descent.score)
     assert scores == sorted(scores, reverse=True) and looked <= 60
     assert descent.score < 0.05 and descent.best[0] <= 0.3
-
-
-def rough(p):
-    """With jumps, and nothing feasible on one side."""
-    return (p, np.inf) if p[0] > 0.3 else (p, float(np.round(10 * ((p - 0.25) ** 2).sum(), 2)))
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_probing_in_parts_is_probing_at_once(seed):
-    """Wherever it is left, and sent to another process meanwhile."""
-    whole = Probing(np.zeros(4), 9.0, step=0.02, reach=8.0, seed=seed)
-    whole.run(rough, 60)
-    parts = Probing(np.zeros(4), 9.0, step=0.02, reach=8.0, seed=seed)
-    looked = []
-
-    def look(p):
-        looked.append(p)
-        return rough(p)
-
-    for count in (1, 2, 7, 20, 30):
-        before = len(looked)
-        parts.run(look, count)
-        assert len(looked) == before + count
-        parts = pickle.loads(pickle.dumps(parts))
-    assert np.array_equal(parts.best, whole.best) and parts.score == whole.score < 1.0

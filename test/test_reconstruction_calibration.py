@@ -59,28 +59,6 @@ def test_presses_that_say_nothing_are_refused(forces, conductances, message):
         fit_contact_law(forces, conductances, np.full(len(forces), 1e-4))
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("a: 1", "is missing"),
-        (
-            "/**/reconstruction: {ros__parameters: {contact_coefficient: 1.0}}",
-            "contact_exponent: is missing",
-        ),
-        (
-            "/**/reconstruction: {ros__parameters: {contact_coefficient: x, contact_exponent: 1}}",
-            "finite",
-        ),
-        ("/**/reconstruction: 3", "is missing"),
-    ],
-)
-def test_other_files_are_refused(tmp_path, text, message):
-    path = tmp_path / "calibration.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        load_calibration(path)
-
-
 @pytest.fixture(scope="module")
 def presses(tmp_path_factory):
     """Files of simulated presses with 1 and 4 N under the law TRUE."""

@@ -117,24 +117,6 @@ def test_sample_moves_rigidly_with_the_contact(shape):
     np.testing.assert_allclose(moved, np.tile([0.1, -0.05], (len(moved), 1)))
 
 
-@pytest.mark.parametrize("shape", ["disc", "rectangle"])
-@pytest.mark.parametrize(
-    ("spacing", "line"),
-    [
-        (1e-5, "cuts a contact into more than 1000000 cells"),
-        (1e-300, "spacing: 1e-300 is no length in m from 1e-30 to"),
-        (0.0, "spacing: 0.0 is not a positive length in m"),
-        (-1.0, "spacing: -1.0 is not a positive length in m"),
-        (float("nan"), "spacing: nan is not a finite length in m"),
-    ],
-)
-def test_impossible_spacing_is_refused(shape, spacing, line):
-    form = {"disc": {"radius": 1}, "rectangle": {"size": (1, 1)}}[shape]
-    contact = Contact(shape, (0, 0), **form)
-    with pytest.raises(InputError, match=line):
-        contact.sample(spacing)
-
-
 def test_contact_is_there_from_start_until_just_before_end():
     contact = Contact("disc", (0, 0), radius=1, start=1.0, end=2.0)
     there = [contact.at(t) is not None for t in (0.999, 1.0, 1.999, 2.0)]
@@ -190,33 +172,6 @@ def test_truth_is_what_touches_now():
     assert bare["area"] == pytest.approx(2e-4)
     assert np.pi * bare["radius"] ** 2 == pytest.approx(2e-4)
     assert len(scene.truth(3.0)) == 2 and scene.truth(-1.0) == []
-
-
-@pytest.mark.parametrize(
-    ("wrong", "line"),
-    [
-        ({"shape": "disc", "center": (0, 0)}, "radius: is missing, a disc needs it"),
-        ({"shape": "disc", "radius": 1.0}, "center: is missing, a disc needs it"),
-        ({"shape": "polygon"}, "points: is missing, a polygon needs it"),
-        ({"shape": "disc", "center": (0, 0), "radius": 1, "size": (1, 1)}, "size: a disc has none"),
-        ({"shape": "blob"}, "shape: 'blob' is none of disc, rectangle, polygon"),
-        (
-            {"shape": "disc", "center": (0, np.nan), "radius": 1},
-            r"center\[1\]: nan is not a finite",
-        ),
-        (
-            {"shape": "disc", "center": (0, 0), "radius": 1, "end": "x"},
-            "to: 'x' is not a finite time",
-        ),
-        (
-            {"shape": "disc", "center": (0, 0), "radius": 1, "start": np.inf},
-            "from: inf is not a finite",
-        ),
-    ],
-)
-def test_contacts_made_in_python_are_checked_too(wrong, line):
-    with pytest.raises(InputError, match=line):
-        Contact(**wrong)
 
 
 @settings(deadline=None)

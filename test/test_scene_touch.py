@@ -282,26 +282,6 @@ def test_mistakes_in_files_get_one_line_with_file_and_key(tmp_path, keys, line):
     assert str(error.value).startswith(f"{tmp_path / 's.yaml'}: {line}")
 
 
-@pytest.mark.parametrize(
-    ("law", "line"),
-    [
-        ("hysteresis: 0.1", "contact_law.hysteresis: 0.1 is not a mapping"),
-        ("hysteresis: {relative: -1}", "contact_law.hysteresis.relative: -1.0 is negative"),
-        ("creep: {relative: 0.1}", "contact_law.creep.times: is empty"),
-        ("creep: {relative: 0.1, times: [1, 0]}", "contact_law.creep.times[1]: 0.0 is not a pos"),
-        ("creep: {relative: 0.1, times: [a]}", "contact_law.creep.times[0]: 'a' is not a number"),
-        ("crepe: 1", "contact_law.crepe: unknown key; did you mean 'creep'?"),
-    ],
-)
-def test_mistakes_in_the_law_get_one_line_with_file_and_key(tmp_path, law, line):
-    text = "format: tomotactile-scene/1\ndrive_voltage: 3.3\n"
-    text += f"contact_law: {{coefficient: 1e-4, exponent: 1, {law}}}\n"
-    (tmp_path / "s.yaml").write_text(text)
-    with pytest.raises(InputError) as error:
-        load_scene(tmp_path / "s.yaml")
-    assert str(error.value).startswith(f"{tmp_path / 's.yaml'}: {line}")
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_scenes_never_leave_the_sheet(name):
     """At 10,000 times of ten hours: every contact wholly on the sheet; none further than it

@@ -7,7 +7,6 @@ from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
-from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
 from tomotactile_ros.support.errors import InputError
@@ -246,26 +245,3 @@ def test_a_sheet_of_two_halves():
     drop = np.diff(potential)
     assert drop[0] == pytest.approx(0.1 / 0.02, rel=1e-3)
     assert drop[2] / drop[0] == pytest.approx(3.0, rel=1e-3)
-
-
-def test_level_factorisation_solves_and_inverts():
-    from scipy import sparse
-
-    random = np.random.default_rng(3)
-    links = sparse.random(60, 60, 0.05, random_state=4)
-    chain = sparse.diags([np.ones(59)], [1])
-    links = links + links.T + chain + chain.T
-    matrix = (sparse.diags(np.asarray(links.sum(axis=0)).ravel() + 0.1) - links).tocsr()
-    factor = LevelFactor(matrix, [0])
-    right = random.random((60, 3))
-    np.testing.assert_allclose(factor.solve(right), np.linalg.solve(matrix.toarray(), right))
-    rows, columns = matrix.nonzero()
-    inverse = np.linalg.inv(matrix.toarray())
-    np.testing.assert_allclose(factor.inverse_entries(rows, columns), inverse[rows, columns])
-    for some in (
-        random.permutation(60),
-        random.permutation(60)[:7],
-        np.array([3]),
-        np.array([], int),
-    ):
-        np.testing.assert_allclose(factor.inverse_among(some), inverse[np.ix_(some, some)])

@@ -212,22 +212,6 @@ def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(
     assert "contact 1:" in lines[0] and lines[0].endswith("; late 3 of 100 rows")
 
 
-def test_a_line_tells_at_once_that_contacts_come_to_be_known(monkeypatch, capsys):
-    now = [100.0]
-    monkeypatch.setattr(display_module.time, "monotonic", lambda: now[0])
-    display = Display(LAYOUT, load_scene("idle"))
-    for reason in ("not yet", "not yet", "", "", "torn"):
-        display.show(Shot(None, [], now[0] - 100.0, rate=0.0, age=0.0, reason=reason))
-        now[0] += 1.0
-    first, *_ = said = capsys.readouterr().out.splitlines()
-    assert [line.split("s  ")[1][:10] for line in said] == [
-        "contacts a",
-        "no contact",
-        "contacts a",
-    ]
-    assert first.endswith("not yet")
-
-
 class Terminal(io.TextIOWrapper):
     def __init__(self, encoding="utf-8"):
         super().__init__(io.BytesIO(), encoding=encoding)
