@@ -24,7 +24,7 @@ class ChannelPrior:
     offset : V; the input offset of common converters and amplifiers
     resistance : ohm; an analogue switch has some tens to hundreds
     aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.1 mm at
-        8 x 8 on 200 mm, as well as they can be made
+        8 x 8 on 200 mm; twice as much makes places on exact sensors worse
     radius : of an electrode, relative: screen prints and cut foil; a smaller one acts as a resistance to
         ground, a larger one as a negative one
 

@@ -22,7 +22,8 @@ def unit_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 PATCH = 0.447
 
 
-_OVER = 3  # patches to the width of a rectangle, at most
+# patches to the width of a bar: with 2 to 9 lines leave the same (0.92 to 0.97 times the noise)
+_OVER = 3
 
 
 def cut(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

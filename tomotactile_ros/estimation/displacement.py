@@ -28,7 +28,9 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 
 _RING = 8  # points around an electrode
-_AT = 2.0  # radii of the electrode, of that ring: the charges of its rim are far enough
+# electrode radii: ring on which the field at an electrode is read: near enough to the rim of the
+# sheet, and not so near that charges of its own rim matter
+_AT = 2.0
 _COMPLEX = np.array([1, 1j])  # x, y as x + i y
 
 

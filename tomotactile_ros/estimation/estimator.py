@@ -66,12 +66,17 @@ _IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
-# the least of it where the noise is what readings showed: twice what may be left when it is taken from them
+# chi^2: the least from which on nothing is said where the noise is what readings showed: `_REFUSED`
+# is of the noise that was said, in V the same with more. Twice what `_MOST_OF_IT` leaves. With an
+# open ground, swapped wires and 10 mV of noise, 41 was a ghost 20 mm off
 _BESIDE_NOISE = 4.0
 # variance in parts of what was expected, from which on noise is larger; and the part of chi-squared that
 # it then is: what the model lacks is not noise
 _NOISIER, _MOST_OF_IT = 1.5, 0.5
-# of the drive voltage, of the mean of all readings: beyond, two contacts a spacing apart look like a wide one
+# of V0 of the mean of all readings, 13 mV with 16 electrodes and 52 mV with 64 at 3.3 V: frames
+# that scatter more are withheld. Without it, of random frames of 16 electrodes with one to three
+# contacts, a contact was missed or beyond 3.7 of its deviations in 1 of 60 at 10 mV, 4 of 60 at 12
+# mV, 8 of 90 at 15 mV, 11 of 60 at 30 mV
 _MOST_NOISE = 2.5e-4
 _FEWEST = 2  # rows that contacts are found from
 _FEWEST_READINGS = 8  # a contact has four unknowns
@@ -79,23 +84,35 @@ _FEWEST_READINGS = 8  # a contact has four unknowns
 # each other, else of twice as many, again and again
 _WINDOW = 4
 _SAME_TIME = 1e-6  # s
-# chi-squared per reading that contacts which go on leave over, from which on readings may not have settled
+# chi^2 a reading that contacts which go on leave over, from which on it is asked whether readings
+# have settled: with 3 %, contacts 1.3 mm off went on
 _UNEXPLAINED = 1.3
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
-# of the readings at an end of the converter's range, and chi-squared per reading that the others leave then
-# at the most (400 N on a sheet of 200 mm: 0.69, and 1 of 5 frames said 263 +- 17 N; 200 N: 0.54 and 1.3)
+# of the readings: at an end of the converter's range: nothing is told unless the others are
+# explained. With 400 N on a sheet of 200 mm, 0.69 of them are, and 1 of 5 frames said 263 ± 17 N;
+# with 200 N 0.54, and forces are right to 2 %; chi^2: what those others leave at the most: with 200
+# N 1.3
 _MOSTLY_AT_END, _LEFT_AT_END = 0.6, 1.5
-_DRIFTED = 0.05  # spacings that a contact which rested has moved in a frame, as rows say
+# spacings that what rested has moved by what rows say, from which on the search is asked: on 4 x 4
+# electrodes, a soft touch beside looks like motion
+_DRIFTED = 0.05
 # steps and patches of a fit of contacts that go on moving: if these do not do, the motion has changed,
 # which rows show
 _GOES_ON = 2, 300
-_MOVED = 1.25  # chi-squared of those that did, in parts of the last, with the share of the sensor: 1.0 to 1.2
+# chi^2 a reading of those that did, in parts of what the last explained frame left, the sensor's
+# share included: 1.0 to 1.2 where they are right. With twice the last frame's, two fingers that
+# were taken for one crept on as one
+_MOVED = 1.25
 SLIDING = 0.02  # m/s: the way within a frame is a part of a contact's width
 RESTING = 0.005  # m/s: slower contacts are taken for resting ones at first
-_STEADY = 1.0  # of ln c in a second: what changes faster in one frame is expected to in the next
+# ln c in a second: what changes faster in one frame is fitted with its rates in the next from the
+# start: at rest, a finger pressed 0.16 N harder in each frame was taken for one with another, 37 mm
+# away
+_STEADY = 1.0
 _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
-# the same of a reading, in parts of the drive voltage
+# of V0: error of the model in one reading; without it a sensor whose noise is said to be below 0.1
+# mV is withheld (part `stability`, row noise)
 READING_FLOOR = 3e-5
 
 

@@ -11,11 +11,15 @@ from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 
-_LEFT = 3e-3  # of the sum of squares: what points leave of small contacts, all together
+# of the squares: what points leave of small contacts, all together: 3e-4 to 3e-3 in part `crowd`,
+# 1e-2 of wide ones
+_LEFT = 3e-3
 _DISTINCT = 0.7  # spacings between points that are contacts each, not parts of one
 _ADJACENT = 2.2  # pixels: those nearer are taken for one contact at first
 _WEAK = 0.03  # of the strongest; weaker ones wait until the strong ones are fitted
-_STRONG = 0.3  # of the strongest: what an uneven sheet looks like beside a contact is weaker
+# of the strongest: what an uneven sheet looks like beside a contact is weaker; what is weaker than
+# that is found beside those that are fitted
+_STRONG = 0.3
 
 Seen = list[tuple[np.ndarray, float]]  # place (2,), m, and conductance, S, strongest first
 

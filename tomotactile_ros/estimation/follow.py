@@ -39,7 +39,7 @@ _SURPRISING = 0.01  # probability of a chi-squared as large: such rows are looke
 _CONFUSING = 1e-5  # the same of rows that are counted: noise makes two in ten once in two weeks
 _UNEXPLAINED = 1e-9  # the same of a row that nothing explains: one in 12 days at 1 kHz
 _EVENT = 1e-3  # probability that a contact begins or ends in a given row: one event a second
-_COST = -2 * float(np.log(_EVENT))
+_COST = -2 * float(np.log(_EVENT))  # of such an event, in units of chi-squared
 _CALMING = 0.9  # part of the surprises that the next row remembers: ten rows
 _CONFUSED = (
     2.8  # surprises of late: one touch or its end makes two; more, and rows are not believed
@@ -57,9 +57,18 @@ _PART, _PATTERN = (
     0.6180339887,
 )  # of other rows that do; golden section: all electrodes' in turn
 _MOST_DISTRUSTED = 0.25  # of the channels: if rows contradict so many, they are not believed
-_TOGETHER = 2  # contacts that begin in one row, at most: fingers of a gripper
-_SURE = 3  # rows for which all others must have been there
-_AT_ONCE = 3  # contacts that begin or end in one row and readings that are wrong, together
+# contacts that may begin in one row. Of 16 scenes in which two touches of 1 N begin in the same
+# row beside a resting one, all rows were withheld until the frame with 1, and 24 of 1,024 are with
+# 2; 3 are no better
+_TOGETHER = 2
+# rows that all contacts must have been there for that. Of 16 scenes each with two and three
+# touches of 1 N that begin in the same row on an untouched sheet, 200 of 2,048 rows show a contact
+# that is none, and 449 would from 0 rows on
+_SURE = 3
+# events in one row, at most: contacts that begin or end, and readings that are wrong (two
+# exchanged wires, and another). With more, a touch on a sensor of which only four channels of 16
+# read anything was two others
+_AT_ONCE = 3
 _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
 

@@ -33,7 +33,9 @@ from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, X, Y
 from tomotactile_ros.estimation.tracks import REACH, has_moved
 
-_GOES_ON = 2.0  # times the time between two frames, for which what moves is taken to go on
+# times the time between frames for which what moves is taken to go on: a frame is told up to half
+# a frame late
+_GOES_ON = 2.0
 _CARRIED = (
     0.05  # spacings that wide contacts go until rows are linear about them where they are by then
 )

@@ -29,12 +29,12 @@ _PRESSED, _CLEAR = 0.01, 20.0
 # of the mean reading: what the grounded electrode changes at least; and what noise may hide of it,
 # half of what the widest contact leaves, times what is missing to the drive voltage
 _CHANGES, _HIDDEN = 0.005, 0.2
-_NOISES = 3.0
+_NOISES = 3.0  # noises: what noise may hide
 # What the nearest electrodes read less than the others, in parts of how rows differ: 0.38 and more
 # under one or two contacts on the sheets of config/layouts, 0.2 on 3 x 3 electrodes. It is to be
 # known to a twentieth.
 _LOWERED, _KNOWN_TO = 0.1, 0.05
-_NEAREST = 4
+_NEAREST = 4  # electrodes that are beside the grounded one
 _ROUNDS = 8  # of taking means off, where some readings are missing
 _PLAIN = 10.0  # times the noise: rows that differ by more are judged before anything is fitted
 _FEWEST = 12  # electrodes: of fewer, too many are near each other

@@ -19,7 +19,9 @@ import numpy as np
 # radii from the centre of an electrode: patches on it are moved here and have no weight
 RIM = 1.001
 CLOSE = 0.8, 1.3  # spacings: induced charges of electrodes are told one by one up to here
-_SERIES = 0.15  # |z|^2: of larger ones the logarithm is taken as it is
+# |z|^2: electrodes beyond 2.6 of their radii: eight terms of the series of the logarithm; nearer
+# ones one by one
+_SERIES = 0.15
 _EXACT = 1e-6  # how much of the sum the terms left away are
 
 

@@ -52,7 +52,9 @@ _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # from frame to frame between this model and finite elements
 _INEXACT = 2e-3
 _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouched
-_NEAR = 0.03  # of a coefficient: second order is a part in a thousand
+# of a coefficient: distance from the field of the last expansion that asks for a new one; second
+# order is then 1e-3
+_NEAR = 0.03
 # spacings between contacts beyond which D between them is nothing: electrodes take all
 SCREENED = 2.0
 _ROUND = 64  # points around an electrode, of which it is asked whether they are on the sheet

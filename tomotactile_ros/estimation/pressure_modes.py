@@ -15,7 +15,9 @@ import numpy as np
 
 from tomotactile_ros.estimation.disc import cut
 
-ORDER = 4  # highest radial degree: 14 modes
+# radial degree of the modes of pressure; 2, 4, 5 and 6 were tried: a resting disc of 30 mm over an
+# electrode moves the sheet by 12.8 deviations with 2, 9.0 with 4; more than 4 changes little
+ORDER = 4
 
 
 @lru_cache(maxsize=32)

@@ -33,7 +33,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
-_STEPS = 30
+_STEPS = 30  # steps: most of a fit of gains and offsets
 _HALVINGS = 12  # of a step that does not lower the cost
 _SETTLED = 0.01  # of the cost, in units of the noise: a hundredth of a standard deviation squared
 _LOOSE = 1e-6  # of a row's weight: holds the common factor of a frame's N

@@ -19,9 +19,15 @@ IN_TURN = (
     "that is loose, the supply, the electronics)"
 )
 OVERDRIVEN = "most readings of some of the last rows are at the end of the converter's range"
-_BACK = 3  # rows within which nothing that presses leaves and comes again
-_OFTEN, _REMEMBERED = 3, 20  # returns, and frames within which so many are the electronics'
-_MOST_CLIPPED = 0.5  # of the readings of a row
+# rows within which no contact goes and comes again: after a return, rows are withheld for as long
+# as a frame lasts, and until a frame tells
+_BACK = 3
+# returns: so many are no bounce of a contact: some rows are not read; frames: within which they
+# are: one row in a hundred that is not read is noticed at 4 x 4 and larger
+_OFTEN, _REMEMBERED = 3, 20
+# of the readings of a row: with more at the end of the range, the row is not followed: at 4 x 4
+# fewer readings are left than two contacts have unknowns
+_MOST_CLIPPED = 0.5
 # of the drive voltage: below, untouched channels may all read the same; above, it is what is true under
 # a conductor, or nearly
 _ENDS = 0.02, 0.98

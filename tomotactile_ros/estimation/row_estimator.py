@@ -52,11 +52,17 @@ from tomotactile_ros.estimation.touch import PARAMETERS, Touches, conductance, p
 from tomotactile_ros.estimation.tracks import REACH
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
-# spacings that a contact may go without rows, standard deviation, or while the clock is set back: from
-# there on a row does not find it again; 0.44 s with electrodes 25 mm apart
+# spacings that a contact may go without rows (`row_state._ENDURING`), 0.44 s with spacings of 25
+# mm, 0.69 s with 50 mm: what was there before is not known any more. In `slide`, first row after a
+# pause, all contacts were within 5 mm after 0.3 s without rows (38 times), 3 of 38 times not after
+# 0.6 s, 15 of 38 after 0.8 s. With 1 s for all, single stamps 0.9 s ahead gave valid contacts 10 to
+# 25 mm off
 _UNSEEN = 2.0
 _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted is too old
-_KEPT, _EACH = 128, 0.05  # rows that are kept for a frame that is told late; s from one to the next
+# rows: kept for a frame that is told late: of 6 s, as long as one takes on a busy machine; s: from
+# one of them to the next: what slides at 0.2 m/s goes 10 mm in it, less than half the distance of
+# electrodes
+_KEPT, _EACH = 128, 0.05
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show

@@ -12,11 +12,16 @@ import numpy as np
 STUCK = "its reading never changes"  # why a channel is left out
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
-# of the channels in use: with a half left, electrodes lie 1.4 spacings apart; of two contacts, wrong by
-# more than 10 mm, in 2 of 20 frames with 14 of 64 left, in 7 with 8 left
+# of the channels in use: with more that give no readings or never change the frame is withheld:
+# electrodes lie too far apart. Of 20 frames of two contacts on 8 x 8, 2 had one more than 10 mm off
+# with 14 channels left, 3 with 12, 5 with 10, 7 with 8
 _MOST_BAD = 0.5
-_ENOUGH = 9  # channels, which an image needs: with half of 16 left, 3 of 20 frames of two contacts were wrong
-_RAISED = 0.02  # V: offsets of converters and amplifiers are a few mV, and where learned, taken off
+# channels: with fewer left, also with exactly half that tell nothing: of 20 frames of two contacts
+# on 4 x 4, 3 had one more than 10 mm off with 8 channels left
+_ENOUGH = 9
+# V: a channel that reads more than that, always the same, while nothing drives the others is stuck:
+# offsets are a few mV
+_RAISED = 0.02
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
 # of the largest share of the drive voltage that is typically left at an electrode in a row

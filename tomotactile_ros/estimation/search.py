@@ -61,29 +61,44 @@ _FORM = 4  # parameters of a disc
 # mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
 # negative half
 CUT_OFF = (2 * np.pi) ** -0.5
-_OFFSETS = 5.0  # standard deviations of offsets: larger readings come from contacts
+# deviations of offsets: smaller readings may be offsets alone, which are then fitted first. A
+# converter that begins at 0 V cuts off the lower half of the noise, whose mean is (2 pi)^-1/2 of
+# its deviation then: learned offsets may be off by as much here. Without that an untouched frame of
+# a learned 8 x 8 sensor took 500 ms instead of 16
+_OFFSETS = 5.0
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
 _NEAR = 1.5
-_DEAR = 0.5  # spacings: wider discs take longer to fit than a shape
+# spacings: radius: a single smaller disc is always fitted beside a shape, which takes less time
+# than the shape
+_DEAR = 0.5
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
 _MOSTLY = 0.75
 _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
-_FEW = 3  # discs beside each other that may be fingertips where one contact explains as much
-_SEVERAL = 8  # picks: what shows more in a first look is one wide thing, or several
+# discs: beside each other that may be fingertips, where one contact explains as much; a disc of 30
+# mm as six of them took 2.6 s instead of 0.1
+_FEW = 3
+# pixels: up to which discs are fitted beside a shape: palms show 10 and more, six fingertips on
+# `equal-4x4` 8; all would take three times the time
+_SEVERAL = 8
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
-# of what one whole step from discs in the place of a shape's parts leaves over, the best fit leaves
+# of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
+# much: 0.6 to 0.9 where one step leaves less than three times the noise, and where it leaves more a
+# twentieth would do (parts `wide`, `wide-channels`)
 _AT_LEAST = 0.25
-# the same from which on other numbers and forms of new contacts are tried, and what right ones leave, in
-# parts of the least
+# chi^2: above it other numbers and shapes of new contacts are tried: right ones leave at most 1.05
+# where electrodes may be misplaced; at 3, two contacts 25 mm apart were one in 1 of 40 crowds;
+# chi^2, in parts of what reciprocity says that any contacts leave: what right ones leave
 _LEFT_OVER, _RIGHT = 1.1, 1.05
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
-BOUNDED = 8  # patches to the width of a contact, where `MOST_ACROSS` take too long
+# patches to the width of a contact at most, in `balanced`, and in `fast` for frames that it hands
+# on
+BOUNDED = 8
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000

@@ -32,12 +32,16 @@ from tomotactile_ros.layouts.grid import Grid
 
 # chi-squared a reading, the sensor's part included: what cells leave on an even sheet is 1 to 6
 BELIEVED = 12.0
-_PER_PITCH = 4, 3, 2  # cells a spacing: the most with which no more than `_MANY` are fitted
-_MANY = 160
+# cells a spacing: the most with which no more than `_MANY` are fitted; with 3, rings of 8 mm and
+# lines of 5 mm left 1.7 to 15 chi^2, with 4 they leave 1.1 to 2.6
+_PER_PITCH = 4, 3, 2
+_MANY = 160  # cells: cost: a step goes with their cube
 _MOST = 1000  # cells of a sheet
 _ACROSS = 2  # patches to the width of a cell
 _ALIKE = 0.5  # spacings: l, within which conductances are alike
-_LEVEL = 10.0  # deviation of a cell's conductance, in parts of their mean
+# times the mean c: deviation of a cell; with 2, plates of 189 N came out 28 to 60 % too weak, as
+# the prior pulls to 0 where little is explained yet
+_LEVEL = 10.0
 _SHOWN = 0.02  # of the strongest cell of a linear image: what may be touched
 _BESIDE = 0.5  # spacings around that, which may be, too
 _LEAST = 1e-6  # of the strongest: as good as nothing
@@ -45,12 +49,17 @@ _MORE = 1.2  # conductance of a cell in parts of one over its mean D, at the mos
 _STEPS, _WHOLE = 15, 6  # of the cells alone, and of sheet and channels as well
 _HALVINGS = 6  # of a step that does not lower the cost
 _LACKING = 1.1  # the same of what conducted by itself, from which on all cells are asked again
-_POOR = 1.05  # chi-squared a reading, from which on sheet and channels are fitted
+# chi^2 from which on sheet and channels are fitted: on even sheets cells alone leave 1.0 to 1.2,
+# and with 1.25 discs on a bent sheet were likelier than one ring of five
+_POOR = 1.05
 _SETTLED = 1.0  # of the cost: a step that gains less is the last
 _ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
 _SADDLE = 0.5  # of the lower of two peaks: what presses at least between parts of one contact
-_SURE = 3.0  # standard deviations: what costs more is not there
-_REGION = 2.0  # the same with the sensor free: what lies in the region of 95 % may be
+# deviations: what costs more is not there, the sensor held: parts that a search begins with
+_SURE = 3.0
+# deviations: the same with the sensor free: what is reported as one contact. With 3, fingers beside
+# a palm were joined with it in 2 of 6 hands
+_REGION = 2.0
 _ABOVE = 1e-3  # of the strongest: cells that conduct more are not at their bound
 
 

@@ -24,11 +24,15 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
 REACH = 0.6  # spacings between where a contact is and where it was expected
-_FASTEST = 1.0  # m/s: how much farther it may be, the longer nothing tells its velocity
+# m/s: how much farther, the longer it was not seen; no longer than a frame takes where frames tell
+# velocities: two taps 90 mm apart, 0.3 s between the frames looked at, were one contact
+_FASTEST = 1.0
 _RESTS = 1e-3  # probability of a way as long between two frames of a contact that rests
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
-_GOES_ON = 1.0  # s for which a velocity tells where a contact has gone, as `row_state` has it
+# s: for which a velocity tells where a contact went while nothing was told of it
+# (`row_state._WITHIN`); no time without frames or rows ends a contact
+_GOES_ON = 1.0
 # s: how much earlier than the last one a frame may be, or a row: of a clock that was set back if more
 _DISORDER = 0.3
 # s: the same of a frame told after rows that went on meanwhile, or of a row after frames

@@ -32,7 +32,7 @@ from tomotactile_ros.support.yamlio import Reader, write_mapping
 FORMAT = "tomotactile-sensor/1"
 MAX_BYTES = 16_000_000  # 256 electrodes have 2 MB
 _MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up to 256 cells
-_DIGITS = 9
+_DIGITS = 9  # of a number in the file: more than float32 has
 _ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was known of them
 _RIM = "outline"  # how far out and askew its sides are; lacking in earlier files, as `_ASIDE`
 _EXCESS = "excess"  # earlier files have it as `resistance`

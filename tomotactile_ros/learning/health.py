@@ -32,7 +32,8 @@ _GAIN = 3e-3  # relative change: resistors of 100 ppm / K make it in 30 K
 _WHOLE = 0.1  # change of all resistances by one factor, logarithm
 _EXPLAINED = 1.5  # chi-squared a reading of the last touches: with more, it is not channels alone
 _LAST = 5  # touches
-# of the logarithm of conductance, deviation: what modes of the field cannot show
+# ln conductance: deviation: what the modes of the field cannot show. There is no other limit to the
+# loss at a place, which so is 10 % at the least
 _SHEET_FLOOR = 0.02
 
 

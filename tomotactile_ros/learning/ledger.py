@@ -18,7 +18,8 @@ import numpy as np
 
 from tomotactile_ros.estimation.touch import CONDUCTANCE, X, Y
 
-_MODEL = 0.25  # m where the fit shows no more than noise
+# noise variances: share of what is left over that a touch in the same place shows again
+_MODEL = 0.25
 _APART = 0.2  # spacings from which on a touch is another one
 _HARDER = 0.4  # of ln c, likewise
 _FADING = 3600.0  # s in which what was counted falls to 1/e

@@ -14,8 +14,8 @@ from tomotactile_ros.estimation.screening import clipped
 
 _EVEN = 1.2  # variance over the rows in parts of the noise's, up to which nothing touches
 _FLOOR = 1e-4  # V, standard deviation: hum and drift of what is averaged
-# deviations of an offset that nobody expects: rows of which none is grounded read the same as well, but
-# the whole drive voltage
+# deviations expected of offsets (50 mV): beyond, in most channels, what reads the same in all rows
+# is no untouched sheet: nothing is grounded, or the converter is at its end
 _FAR_OFF = 10.0
 _GRID = 801  # values of an offset
 _WIDTH = 6.0  # standard deviations that they span

@@ -29,7 +29,7 @@ ASIDE_WALK = 2e-5  # m per root hour: fabric that is worn
 # V, of offsets from one touch to the next, beyond what was learned: amplifiers warm up, mains hum. A touch
 # tells its own offsets to a tenth of that
 OFFSET_WANDER = 1e-3
-_HOUR = 3600.0
+_HOUR = 3600.0  # s
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from scipy.linalg import blas, lapack
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 
 _STEPS = 4  # of the power iteration at least; each gains about a digit where contacts are small
-_MOST_STEPS = 10
+_MOST_STEPS = 10  # of it at most
 _CLOSE = 1e-4  # relative change of f in the last step up to which they suffice
 _COUPLED = 0.03  # electrodes are neighbours from this coupling coefficient on
 _SINGLE = lapack.spotrf, blas.strsm, blas.ssyrk, blas.ssymv

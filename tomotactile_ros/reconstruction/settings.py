@@ -20,7 +20,7 @@ PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 DEFAULT_LAW = ContactLaw(coefficient=1.0e-4, exponent=1.0)
 NOISY = 2.0  # times what was said: so much more scatter is worth telling
 UNSETTLED = 1e-3  # part of the row before that a reading keeps, which is worth telling
-LARGEST_REGULARIZATION = 1e30
+LARGEST_REGULARIZATION = 1e30  # of a profile: its square still is a number
 
 
 @dataclass(frozen=True)
