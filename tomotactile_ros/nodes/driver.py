@@ -8,8 +8,6 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -33,6 +31,7 @@ from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.node_time import NodeTime, is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
+from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
 from tomotactile_ros.nodes.touches import TouchListener
@@ -147,9 +146,9 @@ class Driver:
         self._paces: dict[str, Pace] = defaultdict(Pace)  # of lines about each state
         self._simulated: dict[str, SimulatedTime] = {}
         self._temperature_stamp = 0.0
-        self._publisher = self._create_publisher(VoltageFrame, "voltage_frame", 2)
-        self._rows_publisher = self._create_publisher(VoltageFrame, "voltage_rows", ROWS_DEPTH)
-        self._temperature_publisher = self._create_publisher(Temperature, "temperature", 2)
+        self._publisher = publisher(node, VoltageFrame, "voltage_frame", 2)
+        self._rows_publisher = publisher(node, VoltageFrame, "voltage_rows", ROWS_DEPTH)
+        self._temperature_publisher = publisher(node, Temperature, "temperature", 2)
         self._touches = TouchListener(
             node, self.parameters["frame_id"], lambda touches: self._device.press(touches)
         )
@@ -158,14 +157,6 @@ class Driver:
         hardware_id = self.parameters["hardware_id"] or self.parameters["frame_id"]
         self._diagnostics = Diagnostics(node, "device", lambda: hardware_id, self.report)
         self.parameters.warn_of_typos()
-
-    def _create_publisher(self, message: type, topic: str, depth: int):
-        return self._node.create_publisher(
-            message,
-            topic,
-            QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
 
     def configure(self) -> None:
         """Read the layout and make the device."""

@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
@@ -26,6 +24,7 @@ from tomotactile_ros.learning.live import KINDS, OFF, LiveLearner
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.msg import SensorState as SensorMessage
 from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.sensor_messages import sensor_to_message
 from tomotactile_ros.support.errors import InputError
 
@@ -74,16 +73,7 @@ class Learning:
         self._unsaved, self._saved, self._complaint = False, -math.inf, ""
         self._publisher = None
         if values()["sensor"] or values()["learn"] != OFF:
-            self._publisher = node.create_publisher(
-                SensorMessage,
-                "sensor_state",
-                QoSProfile(
-                    depth=1,
-                    reliability=ReliabilityPolicy.RELIABLE,
-                    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-                ),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
+            self._publisher = publisher(node, SensorMessage, "sensor_state", latched=True)
 
     @property
     def known(self) -> SensorState | None:

@@ -9,8 +9,6 @@ import threading
 
 import rclpy
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -18,6 +16,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import BAD_INPUT, PlainNode, run
 from tomotactile_ros.optimizer.jobs import Job, Stage, job_of
 from tomotactile_ros.optimizer.options import EXPLORE, OPTIONS, Option
@@ -67,16 +66,7 @@ class Optimizer:
         self._thread = threading.Thread(target=self._work, name="optimizer", daemon=True)
         self._lock = threading.Lock()  # nothing is shown or written after the end
         self._at_work = self._stopped = False
-        self._publisher = node.create_publisher(
-            Image,
-            "resolution_map",
-            QoSProfile(
-                depth=1,
-                reliability=ReliabilityPolicy.RELIABLE,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL,
-            ),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._publisher = publisher(node, Image, "resolution_map", latched=True)
         start = self.parameters["layout"] or "equal grid"
         self._diagnostics = Diagnostics(node, "optimization", lambda: start, self.report)
         self.parameters.warn_of_typos()

@@ -11,8 +11,6 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Bool, Header
 from visualization_msgs.msg import MarkerArray
@@ -29,6 +27,7 @@ from tomotactile_ros.nodes.contact_messages import (
 from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message, stamp_of
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
+from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.spatial import in_space
 from tomotactile_ros.view.colours import (
     LEAST_PRESSURE,
@@ -47,15 +46,15 @@ class Outputs:
 
     def __init__(self, node: Node):
         self._node = node
-        self._pressure = self._publisher(Image, "pressure")
-        self._view = self._publisher(Image, "pressure_view")
-        self._contacts = self._publisher(ContactArray, "contacts")
-        self._touched = self._publisher(Bool, "touched", latched=True)
+        self._pressure = publisher(node, Image, "pressure")
+        self._view = publisher(node, Image, "pressure_view")
+        self._contacts = publisher(node, ContactArray, "contacts")
+        self._touched = publisher(node, Bool, "touched", latched=True)
         self._touched_before: bool | None = None
-        self._wrench = self._publisher(WrenchStamped, "wrench")
-        self._layout_message = self._publisher(SensorLayout, "layout", latched=True)
-        self._markers = self._publisher(MarkerArray, "contact_markers")
-        self._layout_markers = self._publisher(MarkerArray, "layout_markers", latched=True)
+        self._wrench = publisher(node, WrenchStamped, "wrench")
+        self._layout_message = publisher(node, SensorLayout, "layout", latched=True)
+        self._markers = publisher(node, MarkerArray, "contact_markers")
+        self._layout_markers = publisher(node, MarkerArray, "layout_markers", latched=True)
         self._surface: Publisher | None = None
         self.frame_id = "tactile_link"
         self._layout: Layout | None = None
@@ -80,7 +79,7 @@ class Outputs:
             self._show_layout(frame_id)
         if layout.surface.kind != "flat":
             if self._surface is None:
-                self._surface = self._publisher(PointCloud2, "surface")
+                self._surface = publisher(self._node, PointCloud2, "surface")
             self._points = layout.surface.to_3d(grid.pixels)
 
     def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
@@ -181,19 +180,6 @@ class Outputs:
         rgb = colour(pressure, scale)
         drawn = self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
         return np.hstack([drawn, scale_bar(len(drawn), scale)])
-
-    def _publisher(self, kind: type, topic: str, latched: bool = False) -> Publisher:
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        return self._node.create_publisher(
-            kind,
-            topic,
-            QoSProfile(
-                depth=1 if latched else 2,
-                reliability=ReliabilityPolicy.RELIABLE,
-                durability=durability,
-            ),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
 
 
 def _strongest_first(contacts: list) -> list:

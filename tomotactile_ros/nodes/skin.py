@@ -26,6 +26,7 @@ from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.skin import Skin
@@ -74,13 +75,8 @@ class SkinPart:
         self._topics: dict[str, str] = {}
         self._active = False
         self._published = 0.0
-        overrides = QoSOverridingOptions.with_default_policies()
-        self._contacts = node.create_publisher(
-            ContactArray, "~/contacts", _QOS, qos_overriding_options=overrides
-        )
-        self._wrench = node.create_publisher(
-            WrenchStamped, "~/wrench", _QOS, qos_overriding_options=overrides
-        )
+        self._contacts = publisher(node, ContactArray, "~/contacts")
+        self._wrench = publisher(node, WrenchStamped, "~/wrench")
         frame_id = self.parameters["frame_id"]
         self._diagnostics = Diagnostics(node, "sensors", lambda: frame_id, self.report)
         self.parameters.warn_of_typos()

@@ -1,0 +1,37 @@
+"""Publishers of the nodes: all reliable, and none listens to events.
+
+An executor of rclpy asks everything that it waits for, one after the other, whenever a message comes. What rclpy
+adds to each publisher by default only says in the log that somebody subscribes with another quality of service,
+which the subscriber says as well; it is half of what the reconstruction node would wait for, and rows come 125
+times a second.
+"""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+try:
+    from rclpy.event_handler import PublisherEventCallbacks
+except ImportError:  # Humble
+    from rclpy.qos_event import PublisherEventCallbacks
+
+
+def publisher(
+    node: Node, kind: type, topic: str, depth: int = 2, latched: bool = False
+) -> Publisher:
+    """A publisher of messages of a `kind`; `latched`: who comes later gets the last one."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return node.create_publisher(
+        kind,
+        topic,
+        QoSProfile(
+            depth=1 if latched else depth,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=durability,
+        ),
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+    )
