@@ -1,7 +1,7 @@
 """The time of a node: that of this machine, or simulated time from /clock with `use_sim_time`.
 
 `NodeTime` is what a simulated sensor lives in. `PassingTime` is what ages and timeouts are measured with.
-docs/topics.md lists who uses which clock, and why.
+docs/topics.md lists who uses which clock.
 """
 
 from __future__ import annotations
