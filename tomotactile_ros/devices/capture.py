@@ -1,6 +1,8 @@
 """Raw capture: all that a serial device learns from outside, in a file, and the way back.
 
-The format is that of docs/protocol.md, section 7.  The device decides from what the file holds
+The format is that of docs/hardware.md.  Kinds of records: O, a port was opened; F, it could not be, or
+was lost; G, the number behind which tags begin; R, bytes read; W, bytes written; S, settings; N, the
+clock; U, the Unix time of a moment; Q, the end.  The device decides from what the file holds
 alone (devices/world.py): living it again gives the same frames, to the bit.
 """
 

@@ -1,4 +1,4 @@
-"""Frames from the lines that first prototypes print: docs/protocol.md, section 8.
+"""Frames from the lines that first prototypes print: docs/hardware.md.
 
 Lines have neither checksum nor frame number.  So a frame is taken only where something beside the
 readings says which row is which: a number or a blank in each row, or the empty lines before and
