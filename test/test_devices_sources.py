@@ -267,6 +267,22 @@ def test_a_recording_without_distances_in_time_is_played_at_a_thousand_rows_a_se
     assert np.diff([f.stamp for f in frames]).min() == pytest.approx(0.001 * E, abs=1e-4)
 
 
+def test_a_replay_pauses_and_does_not_wait_for_an_old_rate(npz):
+    device, collector = ReplayDevice(npz, E, rate=0.001, loop=True), Collector()
+    device.BEHIND = PATIENCE
+    device.open(collector)
+    collector.wait_for(1)
+    device.set_rate(500.0)
+    frames = collector.wait_for(8)
+    device.set_streaming(False)
+    wait_for_state(device, "stopped")
+    before = len(collector.frames)
+    device.set_streaming(True)
+    collector.wait_for(before + 3)
+    device.close()
+    assert np.diff([f.stamp for f in frames[1:7]]) == pytest.approx(0.002, abs=1e-3)
+
+
 def test_replay_of_a_bag(tmp_path):
     frames = collect(ReplayDevice(write_bag(tmp_path / "bag", "mcap"), E), 5)
     assert np.array_equal(frames[3].voltages, a_recording()["voltages"][3], equal_nan=True)

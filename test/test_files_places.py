@@ -156,6 +156,18 @@ def test_an_array_that_declares_more_than_is_there_is_refused(tmp_path, shape):
         load_arrays(path)
 
 
+def test_what_is_written_has_the_permissions_that_the_umask_leaves(tmp_path):
+    before = os.umask(0o027)
+    try:
+        files.write_atomic(tmp_path / "new", b"1")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
+    (tmp_path / "new").chmod(0o600)
+    files.write_atomic(tmp_path / "new", b"2")
+    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o600
+
+
 def test_a_link_stays_and_its_target_is_written(tmp_path):
     (tmp_path / "far").mkdir()
     target, link = tmp_path / "far" / "target", tmp_path / "link"

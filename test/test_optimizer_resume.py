@@ -31,14 +31,8 @@ def touch_at_few_places(checkpoint):
 SEARCHES = {
     "touch": touch_at_few_places,
     "free, two rounds and three probes": Request(GRID, "free", steps=3, **SMALL),
-    "free, without the symmetries": Request(GRID, "free", symmetric=False, **SMALL),
-    "free, from a start that is not allowed": Request(GRID, "free", margin=0.01, **SMALL),
     "free, finite elements": Request(ROUND, "free", steps=4, **SMALL),
     "equalize": Request(GRID, "equalize", steps=3, resolution=16),
-    "equalize, discs": Request(GRID, "equalize", model="fem", steps=2, resolution=16),
-    "equalize, single nodes": Request(
-        GRID, "equalize", model="point-nodes", steps=2, resolution=16
-    ),
 }
 
 
