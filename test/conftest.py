@@ -37,10 +37,10 @@ os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 # a shell ignores it for what runs in its background, and all children would
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
-# an example may take as long as it takes: a busy machine is no defect. Half of the usual number of
+# an example may take as long as it takes: a busy machine is no defect. A quarter of the usual number of
 # them, as every run draws others
 settings.register_profile(
-    "slow", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+    "slow", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("slow")
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-LIMIT = 90.0  # s; a machine that is busy takes long to start a process
+LIMIT = 240.0  # s; a machine that is busy takes long to start a process, or to estimate a frame
 ASK_AGAIN = 10.0  # s
 
 
