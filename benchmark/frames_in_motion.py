@@ -10,10 +10,8 @@ evenly, from 15 mm inside the rim on. Each scene is a tap or a slide alone, or b
 rests; it begins 128 to 256 ms after the first row. --every: frames that are looked at, each Kth. --rows:
 not frames, but results after every row, which frames correct as soon as they are complete.
 
-A result counts as of the time that it holds for. A ghost is 10 mm or more from every true contact,
-of which one that has ended counts as true for 3 rows; missed is a true one of more than 0.1 N that
-began 3 rows ago at least. Forces beside 0.1 N are not judged. "held": true places and forces within
-what covers 95 % of the stated distribution.
+A result counts as of the time that it holds for. What began or ended less than 3 rows before may be
+reported or not, nor is one missed that presses with less than 0.1 N; forces of these are not judged.
 """
 
 from __future__ import annotations
@@ -27,23 +25,22 @@ from collections.abc import Iterator
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from scipy.special import chdtri
 
-from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import PROFILES
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
 from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
-DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)
-NEAR, GRACE, FROM_RIM, APART = 0.010, 3, 0.015, 0.045  # m, rows, m, m
+GRACE, FROM_RIM, APART = 3, 0.015, 0.045  # rows, m, m
 RESTED = 0.128  # s: nothing changes for so long, from the first row on
 LEAST = 0.1  # N that is missed if it is not found, and whose force is judged
-SURE, TWO_SIDED = float(chdtri(2, 0.05)), 1.96
 KINDS = ("tap", "tap beside one", "slide", "slide beside one")
 
 
@@ -80,72 +77,19 @@ def scene_of(kind: str, layout: Layout, draw: np.random.Generator, lasts: float)
     )
 
 
-class Scores:
-    """What became of the results of one kind of scene and one profile."""
-
-    def __init__(self):
-        self.results = self.withheld = self.ghosts = self.missed = self.true = 0
-        self.places, self.forces, self.times, self.held = [], [], [], []
-
-    def judge(self, result, scene: Scene, at: float, took: float) -> None:
-        self.results += 1
-        self.times.append(1e3 * took)
-        if result.reason:
-            self.withheld += 1
-            return
-        there, before = scene.truth(at), scene.truth(at - GRACE * ROW_PERIOD)
-        found = np.array([(c.x, c.y) for c in result.contacts]).reshape(-1, 2)
-        self.ghosts += bool((_nearest(found, there + before) > NEAR).any())
-        strong = [each for each in there if each["force"] > LEAST and _is_in(each, before)]
-        self.true += len(strong)
-        self.missed += int((_nearest(_places(strong), result.contacts) > NEAR).sum())
-        for contact in result.contacts:
-            apart = _nearest(_places(there), [contact])
-            if not len(apart) or apart.min() > NEAR:
-                continue
-            true = there[int(apart.argmin())]
-            self.places.append(1e3 * apart.min())
-            way = np.array([contact.x - true["x"], contact.y - true["y"]])
-            spread = np.reshape(contact.position_covariance, (2, 2))
-            self.held.append(way @ np.linalg.solve(spread, way) < SURE)
-            if true["force"] > LEAST:
-                self.forces.append(100 * abs(contact.force / true["force"] - 1))
-                off = true["force"] - contact.force
-                lower = np.isinf(contact.force_std) and off > -0.05 * contact.force
-                self.held.append(lower or abs(off) < TWO_SIDED * contact.force_std)
-
-    def row(self) -> list[str]:
-        """Cells of a table."""
-        three = [_quantiles(each) for each in (self.places, self.forces)]
-        times = (np.median(self.times), np.quantile(self.times, 0.95), max(self.times))
-        return [
-            str(self.results), str(self.ghosts), f"{self.missed} of {self.true}", str(self.withheld),
-            *three, f"{100 * np.mean(self.held):.0f}", " / ".join(f"{t:.0f}" if t > 10 else f"{t:.2g}" for t in times),
-        ]  # fmt: skip
+def judged(result, scene: Scene, at: float) -> scoring.FrameScore:
+    """Of a result that holds for the time `at`, s."""
+    there, before = scene.truth(at), scene.truth(at - GRACE * ROW_PERIOD)
+    truth = [
+        each | {scoring.PART: each["force"] <= LEAST or not _is_in(each, before)} for each in there
+    ]
+    truth += [each | {scoring.PART: True} for each in before if not _is_in(each, there)]
+    return scoring.score_frame(result.contacts, truth)
 
 
-def _places(contacts) -> np.ndarray:
-    return np.array([(each["x"], each["y"]) for each in contacts]).reshape(-1, 2)
-
-
-def _nearest(places: np.ndarray, contacts) -> np.ndarray:
-    """(k,) m from each of `places` (k, 2) to the nearest of contacts, found or true."""
-    others = np.array([(c["x"], c["y"]) if isinstance(c, dict) else (c.x, c.y) for c in contacts])
-    if not len(others):
-        return np.full(len(places), np.inf)
-    return np.hypot(*(places[:, None] - others).transpose(2, 0, 1)).min(axis=1)
-
-
-def _is_in(contact: dict, others) -> bool:
-    return bool(_nearest(_places([contact]), others)[0] < NEAR)
-
-
-def _quantiles(values) -> str:
-    if not values:
-        return "-"
-    return " / ".join(
-        f"{v:.0f}" if v > 10 else f"{v:.2g}" for v in np.quantile(values, (0.5, 0.95, 1.0))
-    )
+def _is_in(contact: dict, others: list[dict]) -> bool:
+    apart = [np.hypot(contact["x"] - each["x"], contact["y"] - each["y"]) for each in others]
+    return min(apart, default=np.inf) < scoring.REACH
 
 
 def _by_frames(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
@@ -178,9 +122,11 @@ def main() -> None:
     layout = load_layout(given.layout)
     lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
     settings = [Settings(each, noise=NOISE, contact_law=LAW) for each in given.profiles]
-    lines = []
+    follow, rows = _by_rows if given.rows else _by_frames, []
     for kind in KINDS:
-        scores = {each: Scores() for each in given.profiles}
+        scores: dict[str, list] = {each: [] for each in given.profiles}
+        times: dict[str, list[float]] = {each: [] for each in given.profiles}
+        withheld = dict.fromkeys(given.profiles, 0)
         for number in range(given.scenes):
             draw = np.random.default_rng([given.draw, KINDS.index(kind), number])
             scene = scene_of(kind, layout, draw, lasts)
@@ -192,17 +138,22 @@ def main() -> None:
                 (i * lasts, simulator.frame(i * lasts, i)) for i in range(0, count, given.every)
             ]
             for each in settings:
-                pipeline = Pipeline(layout, each)
-                results = _by_rows if given.rows else _by_frames
-                for result, at, took in results(pipeline, frames, grounded):
-                    scores[each.profile].judge(result, scene, at, took)
+                for result, at, took in follow(Pipeline(layout, each), frames, grounded):
+                    times[each.profile].append(1e3 * took)
+                    if result.reason:
+                        withheld[each.profile] += 1
+                    else:
+                        scores[each.profile].append(judged(result, scene, at))
             print(f"{kind} {number}", end="\r", file=sys.stderr, flush=True)
-        lines += [[kind, name, *each.row()] for name, each in scores.items()]
-    header = (
-        "scene", "profile", "results", "with ghosts", "missed", "withheld", "place mm: median / p95 / worst",
-        "force %", "held %", "ms of processor: median / p95 / worst",
-    )  # fmt: skip
-    print("\n".join(markdown(header, lines)))
+        for name in given.profiles:
+            found = scoring.summary(scores[name], withheld[name])
+            covered = [tables.percent(found["coverage"][key]) for key in ("place", "force")]
+            took = (*np.quantile(times[name], (0.5, 0.95)), max(times[name]))
+            spread = " / ".join(f"{each:.3g}" for each in took)
+            rows.append([kind, name, *scoring.cells(found), *covered, spread])
+    header = ("scene", "profile", *scoring.HEADER, "95 % regions: place %", "force %")
+    header += ("ms of processor: median / p95 / worst",)
+    print("\n".join(tables.markdown(header, rows)))
 
 
 if __name__ == "__main__":

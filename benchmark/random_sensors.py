@@ -8,7 +8,8 @@ reconstruction is told the noise, the contact law and a typical radius.
 
     scripts/setup python3 benchmark/random_sensors.py [--first 0] [--count 40] [--profile accurate]
 
-A ghost is a contact more than 0.4 spacings from every true one, or a second one at the same.
+A ghost is a contact of 0.02 N or more that is farther than 0.4 spacings from every true one, or a second one
+at the same.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 import tomotactile_ros as tt
+from tomotactile_ros.evaluation.scoring import FrameScore, score_frame
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -92,36 +94,14 @@ class Sensor:
         return found
 
 
-class Score:
-    """Sums over frames."""
-
-    def __init__(self):
-        self.frames = self.withheld = self.ghosts = self.missed = 0
-        self.places, self.forces, self.times = [], [], []
-
-    def add(self, sensor: Sensor, result, when: float) -> str:
-        """Judges the result of a frame, which holds for the time `when`, s; says it in a word."""
-        self.frames += 1
-        if result.reason:
-            self.withheld += 1
-            return "withheld"
-        true = [c for c in sensor.contacts if c.start <= when]
-        places = np.array([c.center for c in true]).reshape(-1, 2)
-        taken, ghosts = set(), 0
-        for contact in result.contacts:
-            apart = np.hypot(*(places - [contact.x, contact.y]).T) / sensor.pitch
-            nearest = int(apart.argmin()) if len(apart) else -1
-            if nearest < 0 or apart[nearest] > REACH or nearest in taken:
-                ghosts += 1
-                continue
-            taken.add(nearest)
-            force = true[nearest].pressure * np.pi * true[nearest].radius ** 2
-            self.places.append(float(apart[nearest]))
-            self.forces.append(abs(contact.force / force - 1))
-        missed = len(true) - len(taken)
-        self.ghosts, self.missed = self.ghosts + ghosts, self.missed + missed
-        wrong = f" {ghosts} ghosts" * (ghosts > 0) + f" {missed} missed" * (missed > 0)
-        return f"{len(result.contacts)}/{len(true)}{wrong}"
+def judged(sensor: Sensor, result, when: float) -> FrameScore:
+    """Of the result of a frame, which holds for the time `when`, s."""
+    truth = [
+        {"x": c.center[0], "y": c.center[1], "force": c.pressure * np.pi * c.radius**2}
+        for c in sensor.contacts
+        if c.start <= when
+    ]
+    return score_frame(result.contacts, truth, reach=REACH * sensor.pitch)
 
 
 def main():
@@ -130,34 +110,46 @@ def main():
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--profile", default="accurate")
     asked = parser.parse_args()
-    score = Score()
+    scores, withheld, places, times = [], 0, [], []
     for number in range(asked.first, asked.first + asked.count):
-        sensor = Sensor(number)
+        sensor, said = Sensor(number), []
         simulator = Simulator(sensor.layout, sensor.scene, model="fem")
-        pipeline = tt.Pipeline(
-            sensor.layout,
-            tt.Settings(
-                asked.profile,
-                noise=sensor.drive * NOISE,
-                contact_law=sensor.law,
-                contact_radius=0.25 * sensor.pitch,
-            ),
+        settings = tt.Settings(
+            asked.profile,
+            noise=sensor.drive * NOISE,
+            contact_law=sensor.law,
+            contact_radius=0.25 * sensor.pitch,
         )
-        said = []
-        for n in range(FRAMES):
-            begun = n * sensor.period
-            frame, start = simulator.frame(begun, n), time.process_time()
-            result = pipeline.process(frame, simulator.grounded, sensor.drive, ROW_PERIOD, begun)
-            score.times.append(time.process_time() - start)
-            said.append(score.add(sensor, result, begun + result.holds))
+        pipeline = tt.Pipeline(sensor.layout, settings)
+        for i in range(FRAMES):
+            start = i * sensor.period
+            frame = simulator.frame(start, i)
+            begun = time.process_time()
+            result = pipeline.process(frame, simulator.grounded, sensor.drive, ROW_PERIOD, start)
+            times.append(1e3 * (time.process_time() - begun))
+            if result.reason:
+                withheld += 1
+                said.append("withheld")
+                continue
+            score = judged(sensor, result, start + result.holds)
+            scores.append(score)
+            places += (score.place / sensor.pitch).tolist()
+            ghosts = score.ghosts + score.doubled
+            wrong = f" {ghosts} ghosts" * (ghosts > 0) + f" {score.missed} missed" * (
+                score.missed > 0
+            )
+            said.append(f"{len(result.contacts)}/{score.true}{wrong}")
         print(f"{sensor.text} | {', '.join(said)}", flush=True)
-    quantile = [50, 95]
+    forces = 100 * np.concatenate([score.force for score in scores])
+    spread = (
+        " / ".join(f"{value:.{digits}f}" for value in np.percentile(values, (50, 95)))
+        for values, digits in ((places, 3), (forces, 1), (times, 0))
+    )
     print(
-        f"\n{score.frames} frames of {asked.count} sensors, {asked.profile}: {score.ghosts} ghosts, "
-        f"{score.missed} missed, {score.withheld} withheld\n"
-        f"place, median and p95: {np.percentile(score.places, quantile).round(3)} spacings; "
-        f"force: {(100 * np.percentile(score.forces, quantile)).round(1)} %; "
-        f"time: {(1e3 * np.percentile(score.times, quantile)).round()} ms of processor"
+        f"\n{len(scores) + withheld} frames of {asked.count} sensors, {asked.profile}: "
+        f"{sum(score.ghosts + score.doubled for score in scores)} ghosts, "
+        f"{sum(score.missed for score in scores)} missed, {withheld} withheld; median / p95: "
+        "place {} spacings, force {} %, time {} ms of processor".format(*spread)
     )
 
 

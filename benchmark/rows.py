@@ -20,26 +20,26 @@ import argparse
 import os
 import sys
 import time
+from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.layouts.scan_order import AdaptiveOrder
-from tomotactile_ros.layouts.scan_order import spread as far_apart
+from tomotactile_ros.layouts.scan_order import AdaptiveOrder, spread
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import SheetVariation
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
-DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)
 RADIUS, FORCE = 0.005, 1.0  # m, N
 NEAR, APART, GRACE = 0.010, 0.045, 3  # m, m, rows
 FROM_RIM = 0.015  # m: centres are at least so far from the rim
@@ -60,24 +60,42 @@ class Row:
     true: list[Contact]
 
 
-@dataclass
-class Tally:
-    """Sums over the touches of a case."""
+COUNTS = (
+    "touches",
+    "results",
+    "with a ghost",
+    "touches with ghosts",
+    "withheld",
+    "missed",
+    "renamed",
+)
+SPREADS = {  # what has a median and a p95: unit, digits
+    "known after rows": (1, 0),
+    **{f"mm after {n}": (1e3, 1) for n in AFTER},
+    "gone after rows": (1, 0),
+    "mm moving": (1e3, 1),
+    "velocity off %": (100, 0),
+    "mm resting": (1e3, 2),
+}
+COSTS = "ms to follow a row: median / p99", "ms to say so"
 
-    touches: int = 0
-    results: int = 0
-    ghosts: int = 0
-    touches_with_ghosts: int = 0
-    withheld: int = 0
-    missed: int = 0
-    known: list[int] = field(default_factory=list)
-    gone: list[int] = field(default_factory=list)
-    places: dict[int, list[float]] = field(default_factory=lambda: {n: [] for n in AFTER})
-    moving: list[float] = field(default_factory=list)
-    velocities: list[float] = field(default_factory=list)
-    resting: list[float] = field(default_factory=list)
-    renamed: int = 0
-    costs: list[tuple[float, float]] = field(default_factory=list)
+
+class Tally:
+    """Sums over the touches of a case: `COUNTS`, values of `SPREADS`, s that each row took."""
+
+    def __init__(self):
+        self.counts, self.values = Counter(), defaultdict(list)
+        self.costs: list[tuple[float, float]] = []
+
+    def line(self, name: str) -> list[str]:
+        """Of the table."""
+        cells = [name, *(str(self.counts[key]) for key in COUNTS)]
+        for key, (unit, digits) in SPREADS.items():
+            values = unit * np.array(self.values[key])
+            spread = np.quantile(values, (0.5, 0.95)) if len(values) else ()
+            cells.append(" / ".join(f"{each:.{digits}f}" for each in spread) or "-")
+        costs = np.quantile(1e3 * np.array(self.costs), (0.5, 0.99), axis=0).T
+        return [*cells, *(f"{median:.2f} / {high:.2f}" for median, high in costs)]
 
 
 @dataclass(frozen=True)
@@ -138,7 +156,7 @@ class Sensor:
         self.late, self.order, self.wrong = late, order, SENSORS[wrong]
         self.layout = load_layout(layout)
         self.electrodes = self.layout.electrodes
-        self._jumping = far_apart(self.layout.positions, range(self.electrodes))
+        self._jumping = spread(self.layout.positions, range(self.electrodes))
         self.pipeline = Pipeline(self.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
         self._clock = 0.0  # s, at which a scene begins
 
@@ -230,11 +248,11 @@ def judge(rows: list[Row], tally: Tally) -> None:
         ended = [(at, each) for at, each in ended if row.time - at < (GRACE - 0.5) * ROW_PERIOD]
         there = [*row.true, *(each for _, each in ended)]
         ghosts += any(all(apart(c, t) >= NEAR for t in there) for c in row.contacts)
-        tally.withheld += row.withheld
-    tally.results += len(rows)
-    tally.ghosts += ghosts
-    tally.touches_with_ghosts += ghosts > 0
-    tally.touches += 1
+        tally.counts["withheld"] += row.withheld
+    tally.counts["results"] += len(rows)
+    tally.counts["with a ghost"] += ghosts
+    tally.counts["touches with ghosts"] += ghosts > 0
+    tally.counts["touches"] += 1
 
 
 def same(one: Contact, other: Contact) -> bool:
@@ -269,20 +287,22 @@ def onset(sensor: Sensor, touches: int, beside: bool, draw: int) -> Tally:
         far = [nearest(row, place) for row in rows]
         found = [i for i in range(first, last) if far[i] < NEAR]
         if not found:
-            tally.missed += 1
+            tally.counts["missed"] += 1
             continue
-        tally.known.append(found[0] - first + 1)
+        tally.values["known after rows"].append(found[0] - first + 1)
         for count in AFTER:
-            tally.places[count].append(far[first + count - 1])
+            tally.values[f"mm after {count}"].append(far[first + count - 1])
         left = [i for i in range(last, len(rows)) if far[i] < NEAR]
-        tally.gone.append((left[-1] if left else last - 1) - last + 1)
+        tally.values["gone after rows"].append((left[-1] if left else last - 1) - last + 1)
         if beside:
             numbers = set()
             for row in rows[12:]:
                 own = [c for c in row.contacts if np.hypot(c.x - held[0], c.y - held[1]) < NEAR]
                 numbers |= {c.id for c in own}
-                tally.resting += [float(np.hypot(c.x - held[0], c.y - held[1])) for c in own]
-            tally.renamed += len(numbers) != 1
+                tally.values["mm resting"] += [
+                    float(np.hypot(c.x - held[0], c.y - held[1])) for c in own
+                ]
+            tally.counts["renamed"] += len(numbers) != 1
     return tally
 
 
@@ -306,10 +326,12 @@ def moving(sensor: Sensor, touches: int, speed: float) -> Tally:
             (true,) = row.true
             best = min(row.contacts, key=lambda c: apart(c, true), default=None)
             if best is None:
-                tally.missed += 1
+                tally.counts["missed"] += 1
                 continue
-            tally.moving.append(apart(best, true))
-            tally.velocities.append(float(np.hypot(*(best.velocity - speed * way))) / speed)
+            tally.values["mm moving"].append(apart(best, true))
+            tally.values["velocity off %"].append(
+                float(np.hypot(*(best.velocity - speed * way))) / speed
+            )
     return tally
 
 
@@ -331,7 +353,7 @@ def crossing(sensor: Sensor, pairs: int) -> Tally:
         rows = list(sensor.rows(contacts, frames, pair, tally.costs))
         judge(rows, tally)
         numbers = [_numbers(rows[2 * sensor.electrodes - 1]), _numbers(rows[-1])]
-        tally.renamed += None in numbers or numbers[0] != numbers[1]
+        tally.counts["renamed"] += None in numbers or numbers[0] != numbers[1]
     return tally
 
 
@@ -351,8 +373,10 @@ def still(sensor: Sensor, rows: int, load: bool) -> Tally:
         contacts = [disc(sensor.anywhere(random))] * load
         said = list(sensor.rows(contacts, run, part, tally.costs))
         judge(said, tally)
-        tally.missed += sum(len(row.contacts) < load and not row.withheld for row in said[GRACE:])
-        tally.renamed += (
+        tally.counts["missed"] += sum(
+            len(row.contacts) < load and not row.withheld for row in said[GRACE:]
+        )
+        tally.counts["renamed"] += (
             len({c.id for row in said[sensor.electrodes :] for c in row.contacts}) > load
         )
     return tally
@@ -370,44 +394,6 @@ def several(sensor: Sensor, rows: int, count: int) -> Tally:
     judge(said, tally)
     tally.costs = tally.costs[2 * sensor.electrodes :]
     return tally
-
-
-def spread(values, scale=1.0, digits=1) -> str:
-    """Median and p95."""
-    if not len(values):
-        return "-"
-    median, high = np.quantile(np.array(values) * scale, (0.5, 0.95))
-    return f"{median:.{digits}f} / {high:.{digits}f}"
-
-
-def line(name: str, tally: Tally) -> list[str]:
-    places = [spread(tally.places[n], 1e3) for n in AFTER]
-    costs = np.quantile(1e3 * np.array(tally.costs), (0.5, 0.99), axis=0).T
-    return [
-        name,
-        str(tally.touches),
-        str(tally.results),
-        str(tally.ghosts),
-        str(tally.touches_with_ghosts),
-        str(tally.withheld),
-        str(tally.missed),
-        spread(tally.known, digits=0),
-        *places,
-        spread(tally.gone, digits=0),
-        spread(tally.moving, 1e3),
-        spread(tally.velocities, 100, 0),
-        spread(tally.resting, 1e3, 2),
-        str(tally.renamed),
-        *(f"{median:.2f} / {high:.2f}" for median, high in costs),
-    ]
-
-
-HEAD = [
-    "case", "touches", "results", "with a ghost", "touches with ghosts", "withheld", "missed",
-    "known after rows", *(f"mm after {n}" for n in AFTER), "gone after rows", "mm moving",
-    "velocity off %", "mm resting", "renamed", "ms to follow a row: median / p99",
-    "ms to say so",
-]  # fmt: skip
 
 
 def main() -> None:
@@ -433,9 +419,9 @@ def main() -> None:
     sensor, table = Sensor(args.late, args.order, args.layout, args.sensor), []
     for name in args.cases:
         begun = time.monotonic()
-        table.append(line(name, cases[name](sensor, args.touches)))
+        table.append(cases[name](sensor, args.touches).line(name))
         print(f"{name}: {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
-    print("\n".join(markdown(HEAD, table)))
+    print("\n".join(markdown(["case", *COUNTS, *SPREADS, *COSTS], table)))
 
 
 if __name__ == "__main__":

@@ -36,6 +36,125 @@ BEYOND = 3.5  # stated deviations; 0.2 % of right places (two dimensions), 0.05 
 MOST = 1000.0  # deviations that are told apart; also where a covariance claims no area
 _RADIUS = 0.005  # of a contact, m
 _CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
+VOLTAGE = "voltage / drive"
+CONTACTS = "contacts"  # place / side and force, of every profile
+_RESISTANCES = tuple(10.0**n for n in range(-3, 10, 2))
+_CONDUCTANCES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf)
+_LAMBDAS = (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30)
+_NOISES = (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_UNSAID = (1e-5, 3e-3, 1e-2, 3e-2, 0.1)
+_BITS = (1, 2, 4, 8, 12, 16, 24)
+_DEAD = (0, 1, 4, 16, 32, 48, 60, 62, 63)
+_ELECTRODES = (1, 4, 6, 9, 16, 64, 2500)
+_RADII = (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0)
+_INSIDE = (2.0, 1.0, 0.5, 0.0, -0.5)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An extreme: `error(value)` is the error of what `measure` says, for each of `values`.
+
+    Of `CONTACTS` it is a list with profile, place, force, ghosts, refusal, None where one has none.
+    """
+
+    what: str
+    measure: str
+    values: tuple
+    error: Callable[..., float | list[dict]]
+
+
+def trials() -> tuple[Trial, ...]:
+    """All extremes."""
+    return (
+        Trial("sheet resistance, ohm/sq", VOLTAGE, _RESISTANCES, voltage_by_resistance),
+        Trial(
+            "sheet resistance, ohm/sq",
+            CONTACTS,
+            _RESISTANCES,
+            lambda each: _contacts(grid(resistance=each)),
+        ),
+        Trial(
+            "contact conductance, S/m2",
+            VOLTAGE,
+            _CONDUCTANCES,
+            lambda each: _models_apart(grid(), each),
+        ),
+        Trial("contact conductance, S/m2", CONTACTS, _CONDUCTANCES, contacts_by_conductance),
+        Trial("lambda^2, eq. 1", CONTACTS, _LAMBDAS, lambda each: _contacts(grid(), level=each)),
+        Trial("noise, V", CONTACTS, _NOISES, lambda each: _contacts(grid(), noise=each)),
+        Trial(
+            "noise, V; 1 mV said",
+            CONTACTS,
+            _UNSAID,
+            lambda each: _contacts(grid(), noise=each, said=NOISE),
+        ),
+        Trial("converter, bits", CONTACTS, _BITS, lambda each: _contacts(grid(), bits=each)),
+        Trial("dead channels of 64", CONTACTS, _DEAD, contacts_by_dead),
+        Trial(
+            "side, m",
+            CONTACTS,
+            (1e-3, 0.02, 0.2, 1.0, 10.0),
+            lambda each: _contacts(grid(side=each)),
+        ),
+        Trial(
+            "aspect ratio",
+            VOLTAGE,
+            (1, 3, 10, 30, 100),
+            lambda each: _models_apart(grid(size=(0.2, 0.2 / each))),
+        ),
+        Trial("electrodes", CONTACTS, _ELECTRODES, contacts_by_electrodes),
+        Trial(
+            "radius of the contact, m",
+            CONTACTS,
+            _RADII,
+            lambda each: _contacts(grid(), radius=each),
+        ),
+        Trial("centre inside the rim, radii", CONTACTS, _INSIDE, contacts_by_rim),
+        Trial("contacts", CONTACTS, (1, 16, 49, 200), contacts_by_number),
+        Trial("gap of electrodes, radii", VOLTAGE, (0, 1e-6, 0.01, 1), voltage_by_gap),
+        Trial("electrodes from rim, radii", VOLTAGE, (0, 0.02, 0.5, 1), voltage_by_rim),
+    )
+
+
+def run(step: int = 1, tick: Callable[[float], None] = lambda fraction: None) -> Iterator[dict]:
+    """Rows: what, value, measure, error (None where refused), refusal, warnings; see `Trial`.
+
+    Every `step`-th value of each extreme, and the last; `tick` is told which fraction is done.
+    """
+    todo = [(trial, value) for trial in trials() for value in values(trial, step)]
+    for number, each in enumerate(todo, 1):
+        yield row(*each)
+        tick(number / len(todo))
+
+
+def values(trial: Trial, step: int) -> tuple:
+    """Every `step`-th value, and the last."""
+    return tuple(dict.fromkeys([*trial.values[::step], trial.values[-1]]))
+
+
+def row(trial: Trial, value: float) -> dict:
+    """What comes out at one value."""
+    error, refusal = None, None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            error = trial.error(value)
+            error = error if trial.measure == CONTACTS else _finite(error)
+        except InputError as refused:
+            refusal = str(refused)
+    return {
+        "what": trial.what,
+        "value": _finite(value),
+        "measure": trial.measure,
+        "error": error,
+        "refusal": refusal,
+        "warnings": sorted({str(w.message) for w in caught if not issubclass(w.category, Doubt)}),
+    }
+
+
+def _finite(number):
+    """The number, as text where JSON knows none."""
+    return float(number) if np.isfinite(number) else str(number)
 
 
 def grid(side=0.2, count=8, resistance=1e4, size=None) -> Layout:

@@ -20,7 +20,7 @@ class States:
 
     def every(self, step: int) -> States:
         """Every `step`-th of them."""
-        return States(self.layout, self.seen[::step], self.truths[::step])
+        return States(self.layout, self.seen[::step], self.truths[::step], self.cases[::step])
 
 
 def states(family: str, case: str | None = None, most: int | None = None) -> States:

@@ -1,0 +1,131 @@
+"""Frames by what they show: how long they take, and how often they show a contact that is none.
+
+    scripts/setup python3 benchmark/frames.py [--profiles accurate ...] [--cases NAME ...] [--states N]
+    scripts/setup python3 benchmark/frames.py --idle 100000 --pressed 12000
+
+States of the reference model on 8 x 8 electrodes, 1 mV, 12 bits, no times of rows. Times: of each state two
+frames of the untouched sheet, one of the touch, three more of it; ms of processor, one thread. The first
+line is the product of a float32 matrix of 1600 x 4032 with the readings, the least that an image takes.
+
+Alarms: idle frames are of an untouched sheet; after each 100 another sensor, every other one with offsets of
+3 mV rms and gains off by 2 %. Pressed frames: single contacts, each with new noise in 100 frames after one of
+the untouched sheet.
+"""
+
+import argparse
+import os
+import time
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from tomotactile_ros.bench.cases import PROFILES
+from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
+from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
+from tomotactile_ros.bench.sensor.states import states
+from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.evaluation.scoring import score_frame
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.channels import Channels, Rms
+
+CASES = {  # family, case and wiring
+    "one contact": ("textbook-8x8", None, "textbook"),
+    "gains off by 2 %": ("textbook-8x8", None, "gains 2 %"),
+    "uneven by 20 %": ("sheets-8x8", "random 20%", "textbook"),
+    "worn and uneven by 20 %": ("sheets-8x8", "random 20%", "worn"),
+    "two contacts": ("beside-8x8", "two", "textbook"),
+    "three contacts": ("crowd-8x8", "3 contacts", "textbook"),
+    "six contacts": ("crowd-8x8", "6 contacts", "textbook"),
+    "disc of 30 mm": ("wide-8x8", "disc of 30 mm", "textbook"),
+    "rectangle of 80 x 50 mm": ("wide-8x8", "rectangle 80 x 50", "textbook"),
+    "hand": ("wide-8x8", "hand", "textbook"),
+    "plate of 100 mm": ("wide-8x8", "plate of 100 mm", "textbook"),
+    "whole sheet, 100 N": ("wide-8x8", "whole sheet, 100 N", "textbook"),
+}
+KINDS = "untouched", "new", "at rest"
+SAME = 100  # frames of one sensor, or of one contact
+
+
+def dense() -> float:
+    """ms that the least of an image takes, matrices not in the caches."""
+    matrices = np.ones((8, 1600, 4032), np.float32)
+    frame, times = matrices[0, 0].copy(), []
+    for _ in range(3):
+        for matrix in matrices:
+            start = time.process_time()
+            matrix @ frame
+            times.append(1e3 * (time.process_time() - start))
+    return float(np.median(times))
+
+
+def times(family: str, case: str | None, wiring: str, profile: str, most: int):
+    """ms of frames of each of `KINDS`."""
+    pressed, wires = states(family, case, most), (WIRINGS | {"worn": WORN})[wiring]
+    layout = pressed.layout
+    pipeline = Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
+    nothing, found = untouched(layout.electrodes), [[] for _ in KINDS]
+    for number, seen in enumerate(pressed.seen):
+        touched = potentials(seen, wires)
+        for k, kind in enumerate((0, 0, 1, 2, 2, 2)):
+            frame = readings(touched if kind else nothing, wires, (number, k))
+            start = time.process_time()
+            pipeline.process(frame, layout.grounded, DRIVE)
+            found[kind].append(1e3 * (time.process_time() - start))
+    return found
+
+
+def alarms(idle: int, pressed: int, profile: str):
+    """Rows of frames, those with false contacts, with missed ones, and withheld."""
+    touched = states("textbook-8x8")
+    layout, nothing = touched.layout, untouched(touched.layout.electrodes)
+    pipeline = Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
+    tally = {"idle": np.zeros(4, int), "pressed": np.zeros(4, int)}
+
+    def judge(kind, frame, truth):
+        result = pipeline.process(frame, layout.grounded, DRIVE)
+        withheld = result.state != "valid"
+        score = score_frame([] if withheld else result.contacts, truth)
+        missed = not withheld and score.missed > 0
+        tally[kind] += [1, score.ghosts + score.doubled + score.weak > 0, missed, withheld]
+
+    for first in range(0, idle, SAME):
+        wrong = Wiring(Channels(gain=Rms(0.02, first), offset=Rms(0.003, first)))
+        wiring = wrong if first % (2 * SAME) else Wiring()
+        for number in range(first, min(first + SAME, idle)):
+            judge("idle", readings(nothing, wiring, (1, number)), [])
+    for first in range(0, pressed, SAME):
+        which = first // SAME % len(touched.seen)
+        seen = potentials(touched.seen[which])
+        pipeline.process(readings(nothing, seed=(2, first)), layout.grounded, DRIVE)
+        for number in range(first, min(first + SAME, pressed)):
+            judge("pressed", readings(seen, seed=(3, number)), touched.truths[which])
+    return [(name, *map(str, counts)) for name, counts in tally.items()]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--profiles", nargs="+", default=["accurate"], choices=PROFILES)
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES, metavar="NAME")
+    parser.add_argument("--states", type=int, default=24, metavar="N", help="of each case, at most")
+    parser.add_argument("--idle", type=int, default=0, metavar="FRAMES", help="for alarms")
+    parser.add_argument("--pressed", type=int, default=0, metavar="FRAMES", help="for alarms")
+    asked = parser.parse_args()
+    if asked.idle or asked.pressed:
+        rows = alarms(asked.idle, asked.pressed, asked.profiles[0])
+        heads = "", "frames", "with false contacts", "with missed ones", "withheld"
+    else:
+        print(f"product of 1600 x 4032, float32: {dense():.2f} ms\n")
+        rows = []
+        for case in asked.cases:
+            for profile in asked.profiles:
+                found = times(*CASES[case], profile, asked.states)
+                cells = (f"{np.median(t):.1f} / {np.percentile(t, 95):.1f}" for t in found)
+                rows.append((case, profile, *cells))
+        heads = "case", "profile", *(f"{kind}, ms: median / p95" for kind in KINDS)
+    print(*markdown(heads, rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
