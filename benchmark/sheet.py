@@ -1,96 +1,185 @@
-"""Speed of the sheet models: transfer objects, frames, and how their cost grows.
+"""Models of the sheet: how far their voltages are off, and what they cost.
 
-    OMP_NUM_THREADS=1 python3 benchmark/sheet.py [--plot out/sheet.png]
+    scripts/setup python3 benchmark/sheet.py [--parts accuracy reference speed] [--contacts 20]
 
-Transfer objects go to all nodes of a square lattice: 41 x 41 unless said otherwise. scikit-fem
-(where it is installed) assembles and factorises the untouched sheet on the same lattice and solves
-for all electrodes, which are nodes there. All is measured in turn: the median, the interquartile
-range, and the shortest time, which is what a busy machine disturbs least.
+accuracy   largest error of any reading of a frame, mV of 3.3 V, median (maximum) over random places: the
+           closed form against finite elements of side/160 with 32 nodes to an electrode, finite elements
+           against the closed form with 12 charges to an electrode; twice as many patches to a contact
+reference  errors of the readings of a frame, mV of 3.3 V, root mean square (maximum): the reference model
+           against elements of half the size, the other two against these. Needs Gmsh and scikit-fem
+speed      ms of transfer objects to 41 x 41 nodes, beside scikit-fem, which assembles and factorises the
+           untouched sheet there; and of frames. All in turn: median, interquartile range, shortest
 """
 
 import argparse
+import os
 from dataclasses import replace
-from functools import partial
+from itertools import count
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from tomotactile_ros.bench import machine, tables, timing
-from tomotactile_ros.bench.cases import find_layout
-from tomotactile_ros.bench.growth import exponent
+from tomotactile_ros.bench import tables, timing
 from tomotactile_ros.bench.libraries import lattice, scikit_fem_solver
+from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
+from tomotactile_ros.bench.reference_mesh import default_size
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import Touch, Touches
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
+from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.voltages import frame
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.simulation import Simulator, patches_across
 
-PLACES = (-0.071, 0.048), (0.069, -0.052), (0.012, 0.017)  # m
+SIDE, DRIVE, CELLS = 0.2, 3.3, 40
+LAYOUT = equal_grid(8, 8, (SIDE, SIDE), 0.0025, 1e4)
+ANYWHERE = {  # radius m, conductance S/m^2
+    "disc 5 mm, 20 kPa": (0.005, 2.0),
+    "disc 5 mm, 200 kPa": (0.005, 20.0),
+    "disc 15 mm, 20 kPa": (0.015, 2.0),
+    "bare disc 2.5 mm": (0.0025, np.inf),
+    "bare disc 1 mm": (0.001, np.inf),
+}
 SPEEDS, WAY = (0.002, 0.01, 0.05, 0.2, 1.0), 0.12  # m/s; s
-ELECTRODES, CELLS = (4, 6, 8, 12, 16), (20, 40, 80, 160)
 
 
-def transfer(model, layout, cells):
-    nodes = lattice(layout, cells)[0]
-    side = max(layout.outline.size)
-    sheet = FemSheet(layout, h=side / cells) if model == "fem" else ClosedFormSheet(layout)
-    return sheet.transfer(nodes, side / cells / 4)
+def disc(x, y, radius, **more):
+    return Contact("disc", center=(x, y), radius=radius, **more)
 
 
-def compare_transfers(layout):
-    calls = {
-        model: lambda model=model: transfer(model, layout, 40) for model in ("fem", "closed_form")
+PLACED = {  # contact, conductance S/m^2
+    "disc 4 mm, 5 kPa": (disc(0.0, 0.01, 0.004), 0.5),
+    "disc 5 mm, 20 kPa": (disc(0.013, 0.021, 0.005), 2.0),
+    "disc 5 mm, 400 kPa": (disc(0.013, 0.021, 0.005), 40.0),
+    "disc 5 mm beside an electrode, 20 kPa": (disc(0.0193, 0.0143, 0.005), 2.0),
+    "disc 8 mm over an electrode, 20 kPa": (disc(0.0143, 0.0153, 0.008), 2.0),
+    "disc 12 mm over a corner, 20 kPa": (disc(0.095, 0.095, 0.012), 2.0),
+    "line 100 x 5 mm, 20 kPa": (
+        Contact("rectangle", center=(0.013, 0.021), size=(0.1, 0.005), angle=37.0),
+        2.0,
+    ),
+    "disc 60 mm, 5 kPa": (disc(0.003, 0.001, 0.06), 0.5),
+    "bare disc 5 mm": (disc(0.0, 0.0, 0.005), np.inf),
+}
+
+
+def readings(sheet, contact, conductance, across):
+    return frame(*contact_points(sheet, [(contact.patches(across), conductance)]), DRIVE)
+
+
+def accuracy(places):
+    fine_fem, fine_closed = (
+        FemSheet(LAYOUT, h=SIDE / 160, ring=32),
+        ClosedFormSheet(LAYOUT, ring=12),
+    )
+    models = {
+        "closed form": (ClosedFormSheet(LAYOUT), fine_fem),
+        "closed form, no shunting": (ClosedFormSheet(LAYOUT, shunting=False), fine_fem),
+        "FEM, h = side/40": (FemSheet(LAYOUT, h=SIDE / 40), fine_closed),
+        "FEM, h = side/80": (FemSheet(LAYOUT, h=SIDE / 80), fine_closed),
     }
-    solve = scikit_fem_solver(layout, 40)
-    if solve is None:
-        print("scikit-fem is not installed: python3 -m pip install scikit-fem")
-    else:
-        calls["scikit-fem, without transfer object"] = solve
-    return _times(calls, turn=0.2)
+    random, rows = np.random.default_rng(0), []
+    for words, (radius, conductance) in ANYWHERE.items():
+        errors = []
+        while len(errors) < places:
+            centre = (random.random(2) - 0.5) * (SIDE - 2 * radius)
+            gap = np.linalg.norm(LAYOUT.positions - centre, axis=1).min() - radius - LAYOUT.radius
+            if conductance == np.inf and gap < 1e-3:
+                continue  # on an electrode's rim a bare contact is a switch, not a sample
+            contact = disc(*centre, radius)
+            across = patches_across(contact, SIDE)
+            exact = {
+                fine: readings(fine, contact, conductance, 2 * across)
+                for fine in (fine_fem, fine_closed)
+            }
+            errors.append(
+                [
+                    1e3
+                    * np.nanmax(np.abs(readings(model, contact, conductance, across) - exact[fine]))
+                    for model, fine in models.values()
+                ]
+            )
+        cells = zip(np.median(errors, axis=0), np.max(errors, axis=0))
+        rows.append((words, *(f"{median:.1f} ({most:.1f})" for median, most in cells)))
+    return ("contact", *models), rows
 
 
-def frames(layout):
-    """Durations of frames: contacts at rest solved anew; with noise and conversion, resting and
-    moving."""
-    scene = load_scene("default")
-    resting = replace(scene, contacts=tuple(_disc(place) for place in PLACES))
-    simulators = {
-        f"two contacts at {1e3 * speed:g} mm/s, each row at its time": Simulator(
-            layout, replace(scene, contacts=_two(speed))
+def reference(places):
+    h = default_size(LAYOUT)
+    coarse, fine = ReferenceSheet(LAYOUT, h=h), ReferenceSheet(LAYOUT, h=h / 2)
+    models, rows = (ClosedFormSheet(LAYOUT), FemSheet(LAYOUT, h=SIDE / 80)), []
+    for words, (contact, conductance) in PLACED.items():
+        expected, *found = (
+            reference_frame(sheet.solve([(contact, conductance)]), DRIVE)
+            for sheet in (fine, coarse)
         )
-        for speed in SPEEDS
-    }
-    simulators |= {
-        "two moving contacts, all rows at once": Simulator(
-            layout, replace(scene, contacts=_two(SPEEDS[0])), row_period=0.0
-        ),
-        "three contacts at rest": Simulator(layout, resting),
-    }
-    points = FemSheet(layout, h=0.0025).transfer(np.array(PLACES), 0.003)
-    resistance = np.array([1e4, 2e4, 5e3])
-    calls = {
-        "three contacts as discs, all ground conditions": lambda: frame(points, resistance, 3.3)
-    }
-    for name, simulator in simulators.items():
-        clock = iter(range(10**9))
-        calls[name] = lambda simulator=simulator, clock=clock: _next(simulator, next(clock))
-    calls["two live touches that slide 2 mm a frame"] = _live(layout, _slide)
-    calls["two live touches, each frame anywhere"] = _live(layout, _jump)
-    return _times(calls, turn=0.02)
+        found += [readings(model, contact, conductance, 12) for model in models]
+        errors = (1e3 * np.abs(each - expected) for each in found)
+        cells = ((np.sqrt(np.nanmean(each**2)), np.nanmax(each)) for each in errors)
+        rows.append((words, *("{:.2f} ({:.1f})".format(*each) for each in cells)))
+    return ("contact", "reference", "closed form", "FEM, h = side/80"), rows
 
 
-def _live(layout, places):
+def speed(places):
+    nodes, calls = lattice(LAYOUT, CELLS)[0], {}
+    for words, make in (
+        ("finite elements", lambda: FemSheet(LAYOUT, h=SIDE / CELLS)),
+        ("closed form", lambda: ClosedFormSheet(LAYOUT)),
+    ):
+        calls[f"transfer object, {words}"] = lambda make=make: make().transfer(
+            nodes, SIDE / CELLS / 4
+        )
+    solve = scikit_fem_solver(LAYOUT, CELLS)
+    if solve is not None:
+        calls["scikit-fem, without transfer object"] = solve
+    scene = load_scene("default")
+    at_rest = [
+        disc(*place, 0.005, pressure=2e4)
+        for place in ((-0.071, 0.048), (0.069, -0.052), (0.012, 0.017))
+    ]
+    calls |= {
+        "two moving contacts, all rows at once": _frames(scene, _two(SPEEDS[0]), row_period=0.0),
+        "three contacts at rest": _frames(scene, at_rest),
+    }
+    for velocity in SPEEDS:
+        words = f"two contacts at {1e3 * velocity:g} mm/s, each row at its time"
+        calls[words] = _frames(scene, _two(velocity))
+    calls["two live touches that slide 2 mm a frame"] = _live(_slide)
+    calls["two live touches, each frame anywhere"] = _live(_jump)
+    times = timing.in_turn({name: [call] for name, call in calls.items()}, seconds=20, turn=0.05)
+    rows = []
+    for name, seconds in times.items():
+        summary = timing.summary(seconds)
+        figures = summary["median"], summary["spread"], timing.undisturbed(seconds)
+        rows.append((name, *map(tables.milliseconds, figures)))
+    return ("8 x 8 electrodes, 41 x 41 nodes", "ms", "spread ms", "shortest ms"), rows
+
+
+def _frames(scene, contacts, **how):
+    """Makes one frame after the other, again and again."""
+    simulator, clock = Simulator(LAYOUT, replace(scene, contacts=tuple(contacts)), **how), count()
+    return lambda: simulator.frame(0.064 * (number := next(clock)) % WAY, number)
+
+
+def _two(velocity):
+    """Discs that stay on the sheet for `WAY` s at the highest of `SPEEDS`."""
+    larger = disc(-0.07, 0.05, 0.008, pressure=2e4, velocity=(velocity, -velocity / 5))
+    return larger, disc(0.07, -0.05, 0.005, pressure=2e4, velocity=(-velocity, velocity / 5))
+
+
+def _live(places):
     """Makes a frame of two live touches at `places` (number of the frame), new in every frame."""
-    simulator = Simulator(layout, load_scene("live"))
-    simulator.live = Touches(layout)
-    clock = iter(range(10**9))
+    simulator, clock = Simulator(LAYOUT, load_scene("live")), count()
+    simulator.live = Touches(LAYOUT)
 
     def call():
         number = next(clock)
-        time = 0.064 * number
-        simulator.live.press([Touch(*place, 2.0, 0.006) for place in places(number)], time)
-        return simulator.frame(time, number)
+        touches = [Touch(*place, 2.0, 0.006) for place in places(number)]
+        simulator.live.press(touches, 0.064 * number)
+        return simulator.frame(0.064 * number, number)
 
     return call
 
@@ -105,93 +194,16 @@ def _jump(number):
     return np.random.default_rng(number).uniform(-0.09, 0.09, (2, 2)).tolist()
 
 
-def _times(calls, turn):
-    return timing.in_turn({name: [call] for name, call in calls.items()}, seconds=10, turn=turn)
-
-
-def _next(simulator: Simulator, number: int):
-    return simulator.frame(0.064 * number % WAY, number)
-
-
-def _two(speed):
-    """Discs of 5 mm and 8 mm that stay on the sheet for `WAY` s at the highest of `SPEEDS`."""
-    larger = Contact("disc", (-0.07, 0.05), 0.008, pressure=20000.0, velocity=(speed, -speed / 5))
-    return larger, _disc((0.07, -0.05), (-speed, speed / 5))
-
-
-def _disc(place, velocity=(0.0, 0.0)):
-    return Contact("disc", center=place, radius=0.005, pressure=20000.0, velocity=velocity)
-
-
-def grow():
-    """Set-up (s) and memory (bytes) of transfer objects by electrodes and by lattice."""
-    cases = [("electrodes", n, 40) for n in ELECTRODES] + [("nodes", 8, cells) for cells in CELLS]
-    for model in ("fem", "closed_form"):
-        for by, side, cells in cases:
-            layout = find_layout(f"equal-{side}x{side}")
-            make = partial(transfer, model, layout, cells)
-            seconds = [timing.timed(make)[1] for _ in range(3)]
-            peak = timing.memory(make)[1]["peak"]
-            size = side**2 if by == "electrodes" else (cells + 1) ** 2
-            yield model, by, size, float(np.median(seconds)), peak
-
-
-def print_growth(rows):
-    cells = [(*row[:2], str(row[2]), f"{row[3]:.3f}", tables.megabytes(row[4])) for row in rows]
-    print("\n".join(tables.markdown(("model", "by", "n", "set-up s", "peak MB"), cells)))
-    for model, by in dict.fromkeys(row[:2] for row in rows):
-        chosen = np.array([row[2:] for row in rows if row[:2] == (model, by)])
-        time, memory = (exponent(chosen[:, 0], chosen[:, i]) for i in (1, 2))
-        print(f"{model}, n {by}: set-up n^{time:.2f}, memory n^{memory:.2f}")
-
-
-def plot(path, rows):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 4), layout="constrained")
-    for i, by in enumerate(("electrodes", "nodes")):
-        axes = figure.add_subplot(1, 2, i + 1)
-        for model in ("fem", "closed_form"):
-            size, seconds, peak = zip(*(row[2:] for row in rows if row[:2] == (model, by)))
-            line = axes.loglog(size, seconds, "o-", label=f"{model}, set-up / s")[0]
-            megabytes = np.divide(peak, 1e6)
-            axes.loglog(size, megabytes, "o--", color=line.get_color(), label=f"{model}, peak / MB")
-        axes.set_xticks(size, [str(each) for each in size])
-        axes.minorticks_off()
-        axes.set(xlabel=f"number of {by}")
-        axes.grid(color="0.9")
-        axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=110)
+PARTS = {"accuracy": accuracy, "reference": reference, "speed": speed}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plot", help="file for the growth of cost (.png)")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--contacts", type=int, default=20, help="random places (20)")
     args = parser.parse_args()
-    machine.use_one_thread()
-    found = machine.describe()
-    print(
-        f"{found['processor']}, numpy {found['libraries']['numpy']}, {found['date']}, one thread\n"
-    )
-    layout = find_layout("equal-8x8")
-    times = compare_transfers(layout) | frames(layout)
-    rows = []
-    for name, seconds in times.items():
-        summary = timing.summary(seconds)
-        figures = summary["median"], summary["spread"], timing.undisturbed(seconds)
-        rows.append((name, *map(tables.milliseconds, figures)))
-    head = "8 x 8 electrodes, 41 x 41 nodes", "ms", "spread ms", "shortest ms"
-    print("\n".join(tables.markdown(head, rows)))
-    large = find_layout("equal-16x16")
-    for model in ("fem", "closed_form"):
-        make = partial(transfer, model, large, 160)
-        seconds, peak = timing.timed(make)[1], timing.memory(make)[1]["peak"]
-        print(f"\n16 x 16 on 161 x 161, {model}: {seconds:.2f} s, {peak / 1e6:.0f} MB at most")
-    print()
-    growth = list(grow())
-    print_growth(growth)
-    if args.plot:
-        plot(args.plot, growth)
+    for name in args.parts:
+        print("\n".join([*tables.markdown(*PARTS[name](args.contacts)), ""]), flush=True)
 
 
 if __name__ == "__main__":
