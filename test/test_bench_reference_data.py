@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from tomotactile_ros.bench import reference_data, reference_slides
+from tomotactile_ros.bench.reference import reference_frame
 from tomotactile_ros.bench.reference_cases import families, truth
+from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import Scene
@@ -14,27 +16,25 @@ from tomotactile_ros.support.errors import InputError
 FAMILIES = families()
 
 
-@pytest.mark.parametrize("name", reference_data.names())
+@pytest.mark.parametrize("name", FAMILIES)
 def test_a_file_holds_its_family(name):
-    """States, layout and sheets as their maker says them, and physical admittances."""
-    data, family = reference_data.load(name), FAMILIES[name]()
-    assert len(data) == len(data.states) == len(family.states) == len(data.sheet)
+    """States and layout as their maker says them, and physical admittances."""
+    data, family = states(name), FAMILIES[name]()
+    assert len(data.seen) == len(family.states)
     np.testing.assert_allclose(data.layout.positions, family.layout.positions)
     assert data.layout.outline.area == pytest.approx(family.layout.outline.area)
-    assert len(data.sheets) == len(data.untouched) == len(family.sheets)
-    for found, state in zip(data.states, family.states):
-        assert found["case"] == state.case
-        for contact, press in zip(found["contacts"], state.contacts, strict=True):
+    assert data.cases == [state.case for state in family.states]
+    for contacts, state in zip(data.truths, family.states, strict=True):
+        for contact, press in zip(contacts, state.contacts, strict=True):
             expected = truth(press, family.layout.outline)
-            assert contact.pop("shape") == expected.pop("shape")
-            assert contact.keys() == expected.keys()
-            for key, value in expected.items():
-                np.testing.assert_allclose(contact[key], value, rtol=1e-9, atol=1e-12)
-    for number in (0, len(data) - 1):
+            assert contact.keys() == expected.keys() and contact["shape"] == expected["shape"]
+            for key in expected.keys() - {"shape"}:
+                np.testing.assert_allclose(contact[key], expected[key], rtol=1e-9, atol=1e-12)
+    for number in (0, -1):
         # through the contacts flows no more than their area passes
-        most = sum(each["area"] * each["conductance"] for each in data.states[number]["contacts"])
-        assert 0 < data.state(number).drive.sum() <= most * (1 + 1e-3)
-        frame = data.frame(number, 3.3)
+        most = sum(each["area"] * each["conductance"] for each in data.truths[number])
+        assert 0 < data.seen[number].drive.sum() <= most * (1 + 1e-3)
+        frame = reference_frame(data.seen[number], 3.3)
         off = ~np.eye(len(frame), dtype=bool)
         assert (frame[off] > 0).all() and (frame[off] < 3.3).all()
 
@@ -58,22 +58,20 @@ def test_made_again_and_through_a_file(tmp_path):
     from dataclasses import replace
 
     family = FAMILIES["textbook-4x4"]()
-    made = reference_data.make(replace(family, states=family.states[:2]))
-    reference_data.save(made, tmp_path / "two.npz")
-    data = reference_data.load(tmp_path / "two.npz")
-    kept = reference_data.load("textbook-4x4")
-    for number in range(2):
-        difference = data.frame(number, 3.3) - kept.frame(number, 3.3)
+    reference_data.make(replace(family, states=family.states[:2]), tmp_path / "two.npz")
+    made, kept = states(tmp_path / "two.npz"), states("textbook-4x4", most=2)
+    for one, other in zip(made.seen, kept.seen, strict=True):
+        difference = reference_frame(one, 3.3) - reference_frame(other, 3.3)
         assert np.nanmax(np.abs(difference)) < 1e-3
-    assert data.states == kept.states[:2]
+    assert (made.truths, made.cases) == (kept.truths, kept.cases)
 
 
 def test_what_is_no_data(tmp_path):
     with pytest.raises(InputError, match="no such file of reference data, and none of "):
-        reference_data.load("nothing")
+        states("nothing")
     (tmp_path / "bad.npz").write_bytes(b"no archive")
     with pytest.raises(InputError, match="is not a file of reference data"):
-        reference_data.load(tmp_path / "bad.npz")
+        states(tmp_path / "bad.npz")
 
 
 @pytest.fixture(scope="module")
@@ -131,11 +129,9 @@ def test_slides_made_again_and_through_a_file(tmp_path, monkeypatch):
         pytest.skip(f"no Gmsh: {error}")
     monkeypatch.setattr(reference_slides, "SCANS", 1)
     monkeypatch.setattr(reference_slides, "SPEEDS", (0.5, 1.0))
-    made = reference_slides.make("equal-4x4", h=0.02, most=1)
-    reference_slides.save(made, tmp_path / "one.npz")
+    reference_slides.make("equal-4x4", tmp_path / "one.npz", h=0.02, most=1)
     data = reference_slides.load(tmp_path / "one.npz")
-    np.testing.assert_array_equal(data.rows, made.rows)
-    assert data.slides == made.slides and data.speeds == [0.5, 1.0]
+    assert data.rows.shape == (1, 2, 16, 16) and data.speeds == [0.5, 1.0]
     slow, fast = data.rows[0]
     np.testing.assert_array_equal(slow[0], fast[0])
     assert np.nanmax(np.abs(slow[15] - fast[15])) > 0.01

@@ -12,7 +12,7 @@ from tomotactile_ros.bench.bound import Bounds
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance
 from tomotactile_ros.bench.reference_slides import SlideData
-from tomotactile_ros.bench.sensor import changes, parts, run, tables, trial
+from tomotactile_ros.bench.sensor import changes, parts, tables, trial
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
@@ -281,7 +281,7 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
     assert [row["method"] for row in rows] == ["fast", "balanced", "accurate", "silent"]
     assert all(row["missed"] == row["true"] == 2 for row in rows)
     assert "silent" in capsys.readouterr().out
-    assert run.run("crowd")[0]["case"] == "two"
+    assert parts.measure("crowd")[0]["case"] == "two"
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
         ("--parts crowd --methods nowhere:none", "'nowhere:none' is no module:function"),
         ("--parts crowd --methods json", "'json' is no module:function"),
         ("--methods json:loads", "--methods: belongs to --parts"),
-        ("--quick --parts crowd", "not allowed"),
+        ("--from x.json --parts crowd", "not allowed"),
     ],
 )
 def test_what_cannot_be_measured_is_one_line(words, said, tmp_path, capsys, monkeypatch):

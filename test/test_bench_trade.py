@@ -14,14 +14,13 @@ from tomotactile_ros.bench import (
     cases,
     compare,
     deadlines,
+    extremes,
     growth,
     libraries,
-    pace,
     peers,
     readme,
     report,
     run,
-    stability,
     store,
     tables,
     timing,
@@ -40,7 +39,7 @@ from tomotactile_ros.support.yamlio import plain
 
 CASE = cases.Case("equal-4x4", resolution=20)
 SIZE = trials.Size(side=3, pairs=2)
-EFFORT = trade.Effort(SIZE, SIZE, frames=1, rounds=2, seconds=0.0, most=0.0)
+EFFORT = trade.Effort(SIZE, frames=1, rounds=2, seconds=0.0, most=0.0)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -57,9 +56,7 @@ def made():
 
 @pytest.fixture(scope="module")
 def row():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pace, "frame_seconds", lambda profile: 0.01)
-        (found,) = trade.Trade(EFFORT).measure([CASE], lambda work: None)
+    (found,) = trade.measure([CASE], EFFORT)
     return found
 
 
@@ -118,17 +115,6 @@ def test_a_perfect_result_has_no_error():
     assert accuracy._force_error([Perfect(positions[0])], recording).tolist() == [0.0, 0.5]
 
 
-def test_a_part_of_the_trials_is_spread_over_all(made):
-    part = made.few(trials.Size(side=2, pairs=1))
-    assert (len(part.singles), len(part.worn)) == (4, 4)
-    assert (len(part.pairs), len(part.worn_pairs)) == (3, 3)
-    apart = [np.linalg.norm(one - other) for one, other in part.pairs.positions]
-    assert apart == pytest.approx(made.separations)
-    for kind in ("singles", "worn"):
-        frames = getattr(made, kind).frames[[0, 2, 5, 8]]
-        assert np.array_equal(getattr(part, kind).frames, frames, equal_nan=True)
-
-
 def test_a_scan_of_fewer_conditions_is_one_of_its_own(made):
     """What a reading keeps is of the row before in this scan."""
     chosen = np.array([1, 4, 9, 15])
@@ -145,30 +131,6 @@ def test_ground_conditions_are_those_of_the_optimizer(count):
     chosen = cases.grounded(cases.Case("equal-4x4", conditions=count))
     (scan,) = scans(cases.find_layout("equal-4x4"), [count])
     assert np.array_equal(chosen, scan.grounded)
-
-
-def test_full_mode_covers_every_choice():
-    full = cases.full_cases()
-    assert {case.profile for case in full} == set(cases.PROFILES)
-    assert {case.resolution for case in full} == set(cases.RESOLUTIONS)
-    assert {case.conditions for case in full} == set(cases.CONDITIONS)
-    assert {"equal-4x4", "equal-8x8", "equal-16x16", "optimized-16x16"} <= {
-        case.layout for case in full
-    }
-    assert set(cases.quick_cases()) <= set(full)
-    measured = {part.name for part in run.parts("full")}
-    assert {"trade equal-16x16 80²", "peers", "growth", "stability"} <= measured
-    assert {"time", "channels", "sheets", "layouts", "crowd"} <= measured
-
-
-def test_what_is_left_out_is_said(monkeypatch):
-    monkeypatch.setattr(cases, "FAMILIES", ("equal", "other"))
-    lines = cases.left_out([cases.Case("equal-4x4"), cases.Case("equal-8x8")])
-    assert (
-        "equal-4x4: not measured with 32 and 16 ground conditions, 16 are all that it has" in lines
-    )
-    assert "other-16x16: not measured, no such layout is installed" in lines
-    assert not any("equal-8x8" in line for line in lines)
 
 
 def test_the_front_leaves_out_what_is_slower_and_worse():
@@ -357,21 +319,6 @@ def test_slow_calls_are_measured_twice_and_leave_the_others_their_rounds():
     assert {key: len(each) for key, each in times.items()} == {"a": 2, "b": 2}
 
 
-def test_the_pace_is_that_of_frames_with_new_contacts(monkeypatch):
-    monkeypatch.setattr(pace, "DEFAULT_LAYOUT", CASE.layout)
-    processed = []
-    process = Pipeline.process
-    monkeypatch.setattr(
-        Pipeline, "process", lambda *given: processed.append(given) or process(*given)
-    )
-    pace.frame_seconds.cache_clear()
-    pace._frames.cache_clear()
-    assert pace.frame_seconds("fast") == pace.frame_seconds("fast") > 0
-    assert len(processed) == 4
-    pace.frame_seconds.cache_clear()
-    pace._frames.cache_clear()
-
-
 def test_ratios_do_not_see_a_machine_that_slows_down():
     slower = [_round(speed * np.ones(4)) for speed in (1.0, 1.5, 2.0)]
     found = timing.ratio([8 * each for each in slower], slower)
@@ -465,23 +412,23 @@ def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path, monkeypatch):
     done = []
 
     def part(name, found):
-        return run.Part(name, lambda: 1.0, lambda tick: done.append(name) or found)
+        return run.Part(name, 1.0, lambda tick: done.append(name) or found)
 
-    names = ["trade a", "deadlines", "peers", "growth", "stability"]
+    names = ["trade", "deadlines", "peers", "growth", "stability"]
     todo = [part(name, [name]) for name in names]
-    path = tmp_path / "bench.quick.part.json"
-    stopped = [*todo[:3], run.Part("growth", lambda: 1.0, _stopped), todo[4]]
-    monkeypatch.setattr(run, "parts", lambda mode: stopped)
+    path = tmp_path / "bench.part.json"
+    stopped = [*todo[:3], run.Part("growth", 1.0, _stopped), todo[4]]
+    monkeypatch.setattr(run, "parts", lambda: stopped)
     with pytest.raises(KeyboardInterrupt):
-        run.measure("quick", store.Store(path))
-    monkeypatch.setattr(run, "parts", lambda mode: todo)
-    result = run.measure("quick", store.Store(path))
+        run.measure(store.Store(path))
+    monkeypatch.setattr(run, "parts", lambda: todo)
+    result = run.measure(store.Store(path))
     assert done == names
-    assert (result["trade"], result["growth"]) == (["trade a"], ["growth"])
+    assert (result["trade"], result["growth"]) == (["trade"], ["growth"])
 
 
 def test_parts_count_on_the_same_machine_with_the_same_code_only(tmp_path, monkeypatch):
-    path = tmp_path / "bench.quick.part.json"
+    path = tmp_path / "bench.part.json"
     store.Store(path).add("peers", [1.0])
     described = store.machine.describe()
     monkeypatch.setattr(store.machine, "describe", lambda: described | {"date": "2001-01-01"})
@@ -495,7 +442,7 @@ def test_parts_count_on_the_same_machine_with_the_same_code_only(tmp_path, monke
 
 @pytest.mark.parametrize("content", ['{"made by"', "[]", "{}", "1"])
 def test_a_broken_store_is_begun_anew(tmp_path, content):
-    path = tmp_path / "bench.quick.part.json"
+    path = tmp_path / "bench.part.json"
     path.write_text(content)
     assert not store.Store(path).parts
 
@@ -534,17 +481,16 @@ def _not_installed(*_):
 
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     small = cases.Case("equal-4x4")
-    monkeypatch.setattr(pace, "frame_seconds", lambda profile: 0.01)
     for module in (cases, run):
         monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
     monkeypatch.setattr(deadlines, "FRAMES", 1)
     monkeypatch.setattr(deadlines, "DEADLINES", (0.1,))
     monkeypatch.setattr(deadlines, "SENSORS", {"4 x 4": deadlines.SENSORS["4 x 4"]})
-    monkeypatch.setattr(trade, "REFERENCE", small)
-    monkeypatch.setattr(run, "quick_cases", lambda: [small])
-    monkeypatch.setattr(run, "QUICK", replace(EFFORT, size=trials.Size(2, 1)))
+    monkeypatch.setattr(run, "CASES", [small])
+    monkeypatch.setattr(run, "EFFORT", replace(EFFORT, size=trials.Size(2, 1)))
     monkeypatch.setattr(trials, "SEPARATIONS", (0.3, 0.4))
-    monkeypatch.setattr(run, "QUICK_GROWTH", ((3, 4), (20, 30)))
+    monkeypatch.setattr(growth, "ELECTRODES", (3, 4))
+    monkeypatch.setattr(growth, "RESOLUTIONS", (20, 30))
     monkeypatch.setattr(growth, "_DEFAULT", (4, 20))
     monkeypatch.setattr(libraries, "PyeitOneStep", _not_installed)
     monkeypatch.setenv("COLUMNS", "1000")
@@ -553,24 +499,23 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run, "SENSOR", ("crowd",))
     nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])
     monkeypatch.setitem(PARTS, "crowd", lambda step: iter([nothing]))
-    some = [replace(each, values=each.values[-1:]) for each in stability.trials()[-3:]]
-    monkeypatch.setattr(stability, "trials", lambda: some)
+    some = [replace(each, values=each.values[-1:]) for each in extremes.trials()[-3:]]
+    monkeypatch.setattr(extremes, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
     text.write_text("<!-- bench:profiles -->\n<!-- /bench:profiles -->\n")
     assert run_command("--out", out, "--readme", text) == 0
     result = json.loads(out.read_text())
     assert set(result) == {
-        "format", "mode", "machine", "seconds", "peak_memory", "trade", "left_out", "deadlines",
+        "format", "machine", "seconds", "peak_memory", "trade", "deadlines",
         "peers",
         "growth", "stability", "sensor",
     }  # fmt: skip
     assert {row["method"] for row in result["sensor"]["crowd"]} == set(cases.PROFILES)
     assert result["machine"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert {path.name for path in out.parent.iterdir()} == {
-        "bench.json", "bench-front.png", "bench-growth.png",
+        "bench.json", "bench-front.png",
     }  # fmt: skip
     assert (out.parent / "bench-front.png").read_bytes()[:4] == b"\x89PNG"
-    assert (out.parent / "bench-growth.png").read_bytes()[:4] == b"\x89PNG"
     assert "| `fast` |" in text.read_text()
     shown = capsys.readouterr().out
     assert "\n".join(report.lines(result)) in shown

@@ -35,12 +35,7 @@ SENSORS: dict[str, tuple[str, Callable[[Layout], Scene]]] = {
 }
 
 
-def work() -> float:
-    """s that `measure` takes, roughly."""
-    return 0.1 * FRAMES * len(SENSORS) * len(DEADLINES)
-
-
-def measure(tick: Callable[[float], None] = lambda work: None) -> list[dict]:
+def measure(tick: Callable[[float], None] = lambda fraction: None) -> list[dict]:
     """A row for each sensor and deadline of profile `auto`: mean OSPA distance, m, ghosts, missed,
     median relative error of forces (None without any), withheld, complete, of so many frames; median and
     worst time, s."""
@@ -56,7 +51,7 @@ def measure(tick: Callable[[float], None] = lambda work: None) -> list[dict]:
             pipeline.untare()  # from the beginning
             judged = _judge(pipeline, scene, frames, deadline)
             rows.append({"sensor": name, "deadline": deadline} | judged)
-            tick(0.1 * FRAMES)
+            tick(len(rows) / len(SENSORS) / len(DEADLINES))
         pipeline.stop()
     return rows
 

@@ -1,4 +1,5 @@
-"""Errors of voltages, places and forces where one property of an ordinary set-up is extreme.
+"""The stability table: errors of voltages, places and forces, or the refusal, where one property of an
+ordinary set-up is extreme.
 
 Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
 bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
@@ -14,6 +15,9 @@ right and is not: the table marks it.
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,7 +31,7 @@ from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import Doubt, InputError
 
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
@@ -60,7 +64,7 @@ class Trial:
     what: str
     measure: str
     values: tuple
-    error: Callable[..., float | list[dict]]
+    error: Callable[[float], float | list[dict]]
 
 
 def trials() -> tuple[Trial, ...]:
@@ -177,14 +181,6 @@ def voltage_by_resistance(resistance: float) -> float:
     return _apart(*(voltages(layout, np.inf, "closed_form") for layout in layouts))
 
 
-def voltage_by_conductance(conductance: float) -> float:
-    return _models_apart(grid(), conductance)
-
-
-def voltage_by_aspect(ratio: float) -> float:
-    return _models_apart(grid(size=(0.2, 0.2 / ratio)))
-
-
 def voltage_by_gap(gap: float) -> float:
     """2 x 2 electrodes with a gap of so many radii between them."""
     radius = 0.075 / (2 + gap)
@@ -213,10 +209,6 @@ def _apart(one, other):
     return float(np.nanmax(np.abs(one - other)))
 
 
-def contacts_by_resistance(resistance: float) -> list[dict]:
-    return _contacts(grid(resistance=resistance))
-
-
 def contacts_by_conductance(conductance: float) -> list[dict]:
     if conductance == 0:
         return _contacts(grid(), pressure=0.0)
@@ -224,30 +216,9 @@ def contacts_by_conductance(conductance: float) -> list[dict]:
     return _contacts(grid(), law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
 
 
-def contacts_by_lambda(level: float) -> list[dict]:
-    return _contacts(grid(), level=level)
-
-
-def contacts_by_noise(noise: float) -> list[dict]:
-    return _contacts(grid(), noise=noise)
-
-
-def contacts_by_unsaid_noise(noise: float) -> list[dict]:
-    """Of `noise`, V rms, where `NOISE` is said."""
-    return _contacts(grid(), noise=noise, said=NOISE)
-
-
-def contacts_by_bits(bits: int) -> list[dict]:
-    return _contacts(grid(), bits=bits)
-
-
 def contacts_by_dead(number: int) -> list[dict]:
     order = np.random.default_rng(5).permutation(64)
     return _contacts(grid(), dead=sorted(order[:number].tolist()))
-
-
-def contacts_by_side(side: float) -> list[dict]:
-    return _contacts(grid(side=side))
 
 
 def contacts_by_electrodes(number: int) -> list[dict]:
@@ -255,10 +226,6 @@ def contacts_by_electrodes(number: int) -> list[dict]:
     cols = number // rows
     size = (0.2 * cols / max(rows, cols), 0.2 * rows / max(rows, cols))
     return _contacts(equal_grid(rows, cols, size, 0.02 / max(rows, cols), 1e4))
-
-
-def contacts_by_radius(radius: float) -> list[dict]:
-    return _contacts(grid(), radius=radius)
 
 
 def contacts_by_rim(inside: float) -> list[dict]:

@@ -12,30 +12,28 @@ from tomotactile_ros.bench.cases import Case, find_layout
 from tomotactile_ros.bench.trials import DRIVE, make_scene, record
 from tomotactile_ros.reconstruction import Pipeline
 
-ELECTRODES = (4, 6, 8, 10, 12, 16)  # to a side
-RESOLUTIONS = (20, 40, 80, 160)
+ELECTRODES, RESOLUTIONS = (4, 8, 12), (20, 40, 80)  # to a side
 QUANTITIES = ("setup", "frame", "memory")
 _DEFAULT = 8, 40
 _PLACE = 0.13, 0.07  # of the contact, in parts of the sides
 _SECONDS = 1.0  # for all set-ups, and for all frames
 
 
-def measure(
-    electrodes: Sequence[int], resolutions: Sequence[int], tick: Callable[[float], None]
-) -> dict:
+def measure(tick: Callable[[float], None]) -> dict:
     """Cost of the profile `fast` for n x n electrodes and for m x m pixels, each with fitted
     exponents.
 
-    `tick` is told of work, s, that is done. Durations in s, all measured in turn, memory in bytes;
+    `tick` is told which fraction is done. Durations in s, all measured in turn, memory in bytes;
     exponents count electrodes n^2 and pixels m^2.
     """
-    sizes = _sizes(electrodes, resolutions)
+    sizes = [(n, _DEFAULT[1]) for n in ELECTRODES] + [(_DEFAULT[0], m) for m in RESOLUTIONS]
+    sizes = list(dict.fromkeys(sizes))
     makers, frames, memories = {}, {}, {}
     for size in sizes:
         makers[size] = _maker(*size)
         pipeline, memories[size] = timing.memory(makers[size])
         frames[size] = _frame(pipeline)
-        tick(_work(size))
+        tick(len(frames) / len(sizes))
     setups = timing.in_turn(
         {size: [make] for size, make in makers.items()}, least=3, seconds=_SECONDS, warm=False
     )
@@ -53,14 +51,9 @@ def measure(
         for size in sizes
     }
     return {
-        "electrodes": _fitted("electrodes", [points[n, _DEFAULT[1]] for n in electrodes]),
-        "pixels": _fitted("pixels", [points[_DEFAULT[0], m] for m in resolutions]),
+        "electrodes": _fitted("electrodes", [points[n, _DEFAULT[1]] for n in ELECTRODES]),
+        "pixels": _fitted("pixels", [points[_DEFAULT[0], m] for m in RESOLUTIONS]),
     }
-
-
-def work(electrodes: Sequence[int], resolutions: Sequence[int]) -> float:
-    """About how long `measure` takes, s."""
-    return sum(map(_work, _sizes(electrodes, resolutions)))
 
 
 def exponent(sizes, values) -> float:
@@ -72,16 +65,6 @@ def exponents(by: str, points: Sequence[dict]) -> dict[str, float]:
     """Of all QUANTITIES, with the number of what `by` names."""
     sizes = [point[by] for point in points]
     return {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
-
-
-def _sizes(electrodes, resolutions):
-    """Each once."""
-    each = [(n, _DEFAULT[1]) for n in electrodes] + [(_DEFAULT[0], m) for m in resolutions]
-    return list(dict.fromkeys(each))
-
-
-def _work(size):
-    return 1.0 + 12 * (size[0] / 16) ** 2 * (size[1] / 40) ** 2
 
 
 def _fitted(by, points):

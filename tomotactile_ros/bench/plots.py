@@ -1,10 +1,12 @@
-"""Plots of a result: the Pareto front of speed and accuracy, and the growth of cost."""
+"""The plot of a result: the Pareto front of speed and accuracy."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from tomotactile_ros.bench import trade
 from tomotactile_ros.bench.accuracy import SENSORS
@@ -15,11 +17,6 @@ _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green
 _MARKERS = {20: "v", 40: "o", 80: "^"}
 _TITLES = {"textbook": "sensor of the textbook", "worn": "worn sensor"}
 _LABEL = 7  # points
-_QUANTITIES = (
-    ("setup", "set-up / s", 1.0),
-    ("frame", "frame / ms", 1e3),
-    ("memory", "memory / MB", 1e-6),
-)
 
 
 def save_front(path: str | Path, result: dict) -> None:
@@ -31,7 +28,7 @@ def save_front(path: str | Path, result: dict) -> None:
     panels: dict[int, list[dict]] = {}
     for row in result["trade"]:
         panels.setdefault(find_layout(row["layout"]).electrodes, []).append(row)
-    figure = _figure(max(6.5, 4.4 * len(panels)), 8.4)
+    figure = Figure(figsize=(max(6.5, 4.4 * len(panels)), 8.4), layout="constrained")
     axes = figure.subplots(len(SENSORS), len(panels), sharex=True, sharey=True, squeeze=False)
     fronts = {}
     for i, sensor in enumerate(SENSORS):
@@ -104,32 +101,7 @@ def _name_front(axes, best, sensor):
         )  # fmt: skip
 
 
-def save_growth(path: str | Path, result: dict) -> None:
-    """Set-up, frame and memory against electrodes and pixels, with the fitted powers."""
-    figure = _figure(10.0, 5.6)
-    grown = result["growth"]
-    all_axes = figure.subplots(len(grown), len(_QUANTITIES), squeeze=False, sharey="col")
-    for row, (by, growth) in zip(all_axes, grown.items()):
-        sizes = np.array([point[by] for point in growth["points"]])
-        for axes, (key, label, scale) in zip(row, _QUANTITIES):
-            values = scale * np.array([point[key] for point in growth["points"]])
-            power = growth["exponents"][key]
-            middle = np.exp(np.log(values).mean() - power * np.log(sizes).mean())
-            axes.plot(sizes, middle * sizes**power, "--", color="0.6", label=f"∝ n^{power:.2f}")
-            axes.plot(sizes, values, "o", color="tab:blue")
-            axes.set(xscale="log", yscale="log", xlabel=f"number of {by}, n", ylabel=label)
-            axes.set_xticks(sizes, [str(size) for size in sizes])
-            axes.set_xticks([], minor=True)
-            _plain_numbers(axes.yaxis)
-            axes.grid(color="0.9")
-            axes.legend(frameon=False, fontsize=9, loc="upper left")
-    figure.suptitle(f"Growth of cost, profile fast, one thread of {result['machine']['processor']}")
-    save_figure(figure, path)
-
-
 def _plain_numbers(axis):
-    from matplotlib.ticker import LogLocator
-
     axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter("{x:g}")
@@ -154,12 +126,3 @@ def _legend():
         yield f"{cells} x {cells} pixels", {"marker": marker, "color": "0.5", "linestyle": ""}
     yield "front: none is faster and better", {"color": "0.3"}
     yield "peer, 40 x 40 pixels", {"marker": "x", "color": "0.3", "linestyle": ""}
-
-
-def _figure(width, height):
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

@@ -1,11 +1,10 @@
-"""Measured figures in documents, rewritten between two comments: the table of profiles, the whole
-report."""
+"""The measured table of profiles in a document, rewritten between two comments."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tomotactile_ros.bench import report, tables
+from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.cases import is_default
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
@@ -17,46 +16,26 @@ _HEADER = (
 )  # fmt: skip
 
 
+_BEGIN, _END = "<!-- bench:profiles -->", "<!-- /bench:profiles -->"
+
+
 def rewrite(path: str | Path, result: dict) -> None:
-    """Fill the file at `path` between each `<!-- bench:NAME -->` and `<!-- /bench:NAME -->`.
-
-    NAME is `profiles` or `report`. Raises InputError as `check` does.
-    """
-    path = Path(path)
-    check(path)
-    content = path.read_text(encoding="utf-8")
-    for name, make in _blocks().items():
-        before, begin, rest = content.partition(f"<!-- bench:{name} -->")
-        _, end, after = rest.partition(f"<!-- /bench:{name} -->")
-        if begin:
-            content = f"{before}{begin}\n" + "\n".join(make(result)) + f"\n{end}{after}"
-    write_atomic(path, content.encode())
+    """Fill the file at `path` between `_BEGIN` and `_END`. Raises InputError as `check` does."""
+    before, after = check(path)
+    text = "\n".join([f"{before}{_BEGIN}", *profile_table(result), f"{_END}{after}"])
+    write_atomic(path, text.encode())
 
 
-def check(path: str | Path) -> None:
-    """InputError where the file at `path` is no text, or has no block or one without an end."""
+def check(path: str | Path) -> tuple[str, str]:
+    """What is before and behind; InputError where the file at `path` is no text, or lacks a comment."""
     try:
-        content = Path(path).read_text(encoding="utf-8")
+        before, begin, rest = Path(path).read_text(encoding="utf-8").partition(_BEGIN)
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8") from None
-    found = [name for name in _blocks() if f"<!-- bench:{name} -->" in content]
-    if not found:
-        raise InputError(
-            f"{path}: needs a line <!-- bench:profiles --> and below it <!-- /bench:profiles -->"
-        )
-    for name in found:
-        _, begin, rest = content.partition(f"<!-- bench:{name} -->")
-        end = f"<!-- /bench:{name} -->"
-        if end not in rest:
-            raise InputError(f"{path}: {begin} has no {end} below it")
-
-
-def _blocks():
-    return {"profiles": profile_table, "report": _whole_report}
-
-
-def _whole_report(result):
-    return ["```text", *report.lines(result), "```"]
+    _, end, after = rest.partition(_END)
+    if not begin or not end:
+        raise InputError(f"{path}: needs a line {_BEGIN} and below it {_END}")
+    return before, after
 
 
 def profile_table(result: dict) -> list[str]:

@@ -7,7 +7,7 @@ conductances by the contact law of the settings' default (g = 1e-4 p, S/m^2 and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from zlib import crc32
 
@@ -60,12 +60,11 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """States of one layout; the npz file of its data has its name."""
+    """States of one layout."""
 
-    name: str
     layout: Layout
     states: list[State]
-    sheets: list[Sheet]
+    sheets: list[Sheet] = field(default_factory=lambda: [Sheet()])
 
 
 def truth(press: Press, outline: Outline) -> dict:
@@ -174,34 +173,6 @@ def textbook_states(layout, random, count, case="textbook", sheet=0, reach=1.0) 
         radius = 0.004 + 0.008 * random.random()
         place = _anywhere(random, layout.outline, radius + 1e-4, reach)
         states.append(State(case, [_pressed(disc(place, radius), "disc", random)], sheet))
-    return states
-
-
-def near_states(layout, random, count) -> list[State]:
-    """Discs of 8 and 12 mm on electrodes, beside them, over the rim and in corners, `count`
-    each."""
-    half = np.array(layout.outline.size) / 2
-    inner = layout.positions[(np.abs(layout.positions) < 0.8 * half).all(axis=1)]
-    states = []
-    for radius in (0.008, 0.012):
-        for i in range(count):
-            angle = 2 * np.pi * random.random()
-            way = np.array([math.cos(angle), math.sin(angle)])
-            on, beside = random.integers(len(inner), size=2)
-            side = (i % 4) * 90.0
-            # the centre from 0.3 radius outside to one radius inside
-            depth = half[0] + radius * (0.3 - 1.3 * random.random())
-            at_rim = np.array([depth, half[1] * (1.6 * random.random() - 0.8)])
-            corner = half - radius * (0.2 + 0.9 * random.random(2))
-            places = {
-                "on an electrode": inner[on] + 0.3 * layout.radius * random.random() * way,
-                "beside an electrode": inner[beside] + (radius + layout.radius / 2) * way,
-                "rim": _turned(at_rim[None], side)[0],
-                "corner": _turned(corner[None], side)[0],
-            }
-            for case, place in places.items():
-                press = _pressed(disc(place, radius), "disc", random)
-                states.append(State(f"{case}, {1e3 * radius:g} mm", [press]))
     return states
 
 
@@ -333,41 +304,6 @@ def _hand(random) -> State:
     return State("hand", presses)
 
 
-# -- families -----------------------------------------------------------------------------------
-
-
-def _grid_families(size: str, many: int, few: int) -> Iterator[tuple[str, Callable]]:
-    """Names and makers of the families of an equal grid."""
-    layout = find_layout(f"equal-{size}")
-    distances = [0.016, 0.02, 0.024, 0.028, 0.034, 0.04]
-    if size == "4x4":
-        distances += [0.05, 0.06, 0.08]
-
-    def on_sheets(random):
-        states = []
-        for number, sheet in enumerate(uneven_sheets()):
-            states += textbook_states(layout, random, 2 * few, sheet.words, number)
-        return states
-
-    yield f"textbook-{size}", lambda random: (layout, textbook_states(layout, random, many))
-    yield f"sheets-{size}", lambda random: (layout, on_sheets(random), uneven_sheets())
-    yield f"near-{size}", lambda random: (layout, near_states(layout, random, few))
-    yield f"crowd-{size}", lambda random: (layout, crowd_states(layout, random, 2 * few))
-    yield f"pairs-{size}", lambda random: (layout, pair_states(layout, random, distances, few))
-    yield f"wide-{size}", lambda random: (layout, wide_states(layout, random, few))
-
-
-def _layout_families() -> Iterator[tuple[str, Callable]]:
-    def family(layout, count, reach=1.0):
-        return lambda random: (layout, textbook_states(layout, random, count, reach=reach))
-
-    for layout in (void(), random_places(), l_shape()):
-        yield f"layout-{layout.name}", family(layout, 24)
-    yield "layout-rim-16", family(ring(), 24, 0.6)
-    for name in ("balanced-4x4", "free-4x4", "optimized-4x4", "free-8x8", "optimized-8x8"):
-        yield f"layout-{name}", family(find_layout(name), 16)
-
-
 def worn_sheets() -> list[Sheet]:
     """A random field of 20 %, anisotropy of 1.5 : 1, and both."""
     uneven, turned = SheetVariation(0.2, _LENGTH, 11), SheetField(anisotropy=Anisotropy(1.5, 30.0))
@@ -378,41 +314,47 @@ def worn_sheets() -> list[Sheet]:
     ]
 
 
-def _learning_families() -> Iterator[tuple[str, Callable]]:
-    """Touches of one sheet each: those that a sensor is learned from, then those that it is judged
-    by."""
+def families() -> dict[str, Callable[[], Family]]:
+    """Makers of all families by name, in the order in which they are made."""
+    large, small = find_layout("equal-8x8"), find_layout("equal-4x4")
 
-    def family(layout, sheets, count, reach=1.0):
+    def textbook(layout, count, sheets=(Sheet(),), reach=1.0):
+        """`count` states on each of the sheets, which give them the name of their case."""
+
         def made(random):
             states = []
             for number, sheet in enumerate(sheets):
-                case = sheet.words
+                case = "textbook" if sheet.words == "even" else sheet.words
                 states += textbook_states(layout, random, count, case, number, reach)
-            return layout, states, sheets
+            return layout, states, list(sheets)
 
         return made
 
-    yield "learning-8x8", family(find_layout("equal-8x8"), worn_sheets(), 46)
-    yield "learning-4x4", family(find_layout("equal-4x4"), worn_sheets()[2:], 76)
-    yield "learning-rim-16", family(ring(), worn_sheets()[2:], 76, 0.6)
-
-
-def families() -> dict[str, Callable[[], Family]]:
-    """Makers of all families by name, in the order in which they are made."""
-    grid = find_layout("equal-8x8")
-    makers = [
-        *_grid_families("8x8", 120, 5),
-        ("beside-8x8", lambda random: (grid, beside_states(grid, random, 12))),
-        *_grid_families("4x4", 60, 3),
-        *_layout_families(),
-        *_learning_families(),
-    ]
+    distances = [0.016, 0.02, 0.024, 0.028, 0.034, 0.04]
+    makers = {
+        "textbook-8x8": textbook(large, 120),
+        "sheets-8x8": textbook(large, 10, uneven_sheets()),
+        "crowd-8x8": lambda random: (large, crowd_states(large, random, 10)),
+        "pairs-8x8": lambda random: (large, pair_states(large, random, distances, 5)),
+        "wide-8x8": lambda random: (large, wide_states(large, random, 5)),
+        "beside-8x8": lambda random: (large, beside_states(large, random, 12)),
+        "textbook-4x4": textbook(small, 60),
+        "crowd-4x4": lambda random: (small, crowd_states(small, random, 6)),
+        **{
+            f"layout-{each.name}": textbook(each, 24)
+            for each in (void(), random_places(), l_shape())
+        },
+        "layout-rim-16": textbook(ring(), 24, reach=0.6),
+        "learning-8x8": textbook(large, 46, worn_sheets()),
+        "learning-4x4": textbook(small, 76, worn_sheets()[2:]),
+        "learning-rim-16": textbook(ring(), 76, worn_sheets()[2:], 0.6),
+    }
 
     def seeded(name, make):
         def made():
             layout, states, *sheets = make(np.random.default_rng(crc32(name.encode())))
-            return Family(name, layout, states, sheets[0] if sheets else [Sheet()])
+            return Family(layout, states, *sheets)
 
         return made
 
-    return {name: seeded(name, make) for name, make in makers}
+    return {name: seeded(name, make) for name, make in makers.items()}

@@ -97,27 +97,21 @@ def solve(layout: Layout, slide: Slide, h: float | None = None) -> np.ndarray:
     return np.array(out, np.float32)
 
 
-def make(name: str, h: float | None = None, most: int | None = None) -> SlideData:
-    """Solve the slides of an installed layout, the first `most` of them."""
+def make(
+    name: str, path: str | os.PathLike, h: float | None = None, most: int | None = None
+) -> None:
+    """Solve the slides of an installed layout, the first `most` of them, and write them; an existing file
+    is replaced whole or not at all."""
     layout, made = slides(name)
     made = made[:most]
-    return collected(layout, made, [solve(layout, slide, h) for slide in made])
-
-
-def collected(layout: Layout, made: list[Slide], rows: list[np.ndarray]) -> SlideData:
-    """What the file holds of slides and the rows of each."""
+    rows = np.array([solve(layout, slide, h) for slide in made])
     described = [
         {"direction": list(slide.direction), "contact": truth(slide.press, layout.outline)}
         for slide in made
     ]
     how = {"model": "reference", "row_period": ROW_PERIOD}
-    return SlideData(layout, np.array(rows), described, list(SPEEDS), how)
-
-
-def save(data: SlideData, path: str | os.PathLike) -> None:
-    """Write slides; an existing file is replaced whole or not at all."""
-    texts = {"slides": data.slides, "speeds": data.speeds, "made": data.made}
-    reference_data.write(path, data.layout, {"rows": data.rows}, texts)
+    texts = {"slides": described, "speeds": list(SPEEDS), "made": how}
+    reference_data.write(path, layout, {"rows": rows}, texts)
 
 
 def load(name: str | os.PathLike) -> SlideData:

@@ -10,18 +10,9 @@ from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.deadlines import SENSORS as SENSORS_IN_TIME
 from tomotactile_ros.bench.deadlines import is_better_with_time
-from tomotactile_ros.bench.extremes import BEYOND, PROFILES
+from tomotactile_ros.bench.extremes import BEYOND, CONTACTS, PROFILES
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
-from tomotactile_ros.bench.stability import CONTACTS
-
-_MODES = {
-    "quick": "quick: equal-8x8, and of the other choices one at a time; --full: all with all",
-    "full": "full: every profile, resolution, number of ground conditions and layout",
-}
-
-
-_TOLERABLE = 0.01  # error of an image, in parts of its norm
 
 
 def lines(result: dict, width: float = inf) -> Iterator[str]:
@@ -34,12 +25,10 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
     seconds = sum(result["seconds"].values())
     yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
-    yield _MODES[result["mode"]]
     yield ""
     yield "Speed and accuracy"
     yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]), width, fixed=4)
     yield tables.LEGEND
-    yield from result["left_out"]
     yield ""
     yield "What time buys: frames that follow one another, profile auto"
     header = (
@@ -71,8 +60,6 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     single = [row for row in rows if row["measure"] != CONTACTS]
     header = ("what", "value", "error of", "error, refusal")
     yield from tables.text(header, map(_extreme, single))
-    if any(row["what"] == "condition, float32" for row in rows):
-        yield _precision(rows)
     several = [row for row in rows if row["measure"] == CONTACTS]
     if not several:
         return
@@ -205,22 +192,3 @@ def _beyond(rows):
 def _mark(off):
     """A value beyond the deviations that were stated with it looks right and is not."""
     return "" if off is None or off <= BEYOND else f" !{off:.0f}"
-
-
-def _precision(rows):
-    """Where float32 is not enough."""
-    lost = [each["value"] for each in rows if _is_lost(each)]
-    used = [
-        float(each["error"])
-        for each in rows
-        if each["what"] == "condition, as used" and not each["refusal"]
-    ]
-    return (
-        f"eq. 1 in float32 is more than {100 * _TOLERABLE:g} % off at condition numbers from "
-        f"{min(lost):g} on; as used, in float64 there, {max(used):.1e} at most"
-    )
-
-
-def _is_lost(row):
-    in_single = row["what"] == "condition, float32"
-    return in_single and (row["refusal"] or float(row["error"]) > _TOLERABLE)

@@ -88,19 +88,6 @@ class Trials:
         parts = worn.part(slice(count)), worn.part(slice(count, None))
         return replace(self, worn=parts[0], worn_pairs=parts[1])
 
-    def few(self, size: Size) -> Trials:
-        """A part of these: at most so many places, evenly chosen, and pairs for each separation."""
-        count = len(self.singles)
-        places = np.unique(np.linspace(0, count - 1, min(size.side**2, count)).astype(int))
-        numbers = np.arange(len(self.pairs)).reshape(len(self.separations), -1)[:, : size.pairs]
-        return replace(
-            self,
-            singles=self.singles.part(places),
-            pairs=self.pairs.part(numbers.ravel()),
-            worn=self.worn.part(places),
-            worn_pairs=self.worn_pairs.part(numbers.ravel()),
-        )
-
 
 def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     """Simulate all frames of `layout`."""

@@ -16,8 +16,6 @@ HELP = "measure speed, accuracy and stability on this machine"
 
 def add_arguments(parser):
     mode = parser.add_mutually_exclusive_group()
-    mode.add_argument("--quick", action="store_true", help="a representative part (the default)")
-    mode.add_argument("--full", action="store_true", help="all parts with all profiles")
     mode.add_argument("--from", dest="source", help="take this result instead of measuring")
     mode.add_argument(
         "--compare", nargs=2, metavar=("A", "B"), help="are the ratios in two results the same?"
@@ -51,7 +49,7 @@ def add_arguments(parser):
     )
     parser.add_argument(
         "--out",
-        help="file to write, plots beside it (default: out/bench.json, with --parts "
+        help="file to write, a plot beside it (default: out/bench.json, with --parts "
         "out/bench-parts.json)",
     )
     parser.add_argument("--readme", help="document whose measured figures are rewritten")
@@ -75,7 +73,7 @@ def run(args):
     width = shutil.get_terminal_size((0, 0)).columns or inf
     print("\n".join(report.lines(result, width)))
     if not args.source:
-        print(f"\n{args.out}, with plots of the front and of growth beside it")
+        print(f"\n{args.out}, with a plot of the front beside it")
     if args.readme:
         readme.rewrite(args.readme, result)
         print(f"{args.readme}: figures rewritten")
@@ -99,10 +97,11 @@ def load(path):
 
 def _measure_parts(args):
     """Tables of single parts; the file has the same rows."""
-    from tomotactile_ros.bench import report, stability
+    from tomotactile_ros.bench import extremes as limits
+    from tomotactile_ros.bench import report
     from tomotactile_ros.bench.machine import use_one_thread
     from tomotactile_ros.bench.sensor import tables
-    from tomotactile_ros.bench.sensor.run import run
+    from tomotactile_ros.bench.sensor.parts import measure
     from tomotactile_ros.bench.sensor.trial import find_methods, profiles
     from tomotactile_ros.support.files import check_out, write_atomic
     from tomotactile_ros.support.yamlio import plain
@@ -116,9 +115,9 @@ def _measure_parts(args):
     for part in dict.fromkeys(args.parts):
         print(f"{part} ...", file=sys.stderr, flush=True)
         if part == "stability":
-            extremes = list(stability.run())
+            extremes = list(limits.run())
         else:
-            found[part] = run(part, methods=methods)
+            found[part] = measure(part, methods=methods)
     content = {"format": "tomotactile-bench-parts/1", "sensor": plain(found)}
     if extremes:
         content["stability"] = plain(extremes)
@@ -141,12 +140,11 @@ def _measure(args):
     from tomotactile_ros.support.yamlio import plain
 
     use_one_thread()
-    mode = "full" if args.full else "quick"
     out = Path(args.out)
     out.parent.mkdir(parents=True, exist_ok=True)
     check_out(out, ".json")
-    store = Store(out.with_suffix(f".{mode}.part.json"))
-    count = len(parts(mode))
+    store = Store(out.with_suffix(".part.json"))
+    count = len(list(parts()))
     if store.parts:
         print(
             f"{store.path}: continued, {len(store.parts)} of {count} parts are done",
@@ -159,7 +157,7 @@ def _measure(args):
         )
     store.save()  # a folder that takes no file is told now, not after the first part
     try:
-        result = plain(measure(mode, store))
+        result = plain(measure(store))
     except KeyboardInterrupt:
         print(
             f"{store.path}: keeps what is done, {len(store.parts)} of {count} parts; "
@@ -169,7 +167,6 @@ def _measure(args):
         raise
     write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
     plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
-    plots.save_growth(out.with_name(f"{out.stem}-growth.png"), result)
     store.remove()
     return result
 

@@ -81,7 +81,7 @@ def touches(layout: Layout, singles: int) -> Family:
     random = np.random.default_rng(_SEED + 1)
     apart = (round(_CLOSER * usual_apart(layout), 3), round(usual_apart(layout), 3))
     states += pair_states(layout, random, apart, pairs_of(singles))
-    return Family(layout.name, layout, states, sheets)
+    return Family(layout, states, sheets)
 
 
 def found(layout: Layout, singles: int) -> Found:

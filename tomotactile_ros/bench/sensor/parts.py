@@ -13,17 +13,18 @@ wide-channels
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros.bench import reference_data, reference_slides
+from tomotactile_ros.bench import reference_slides
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.readings import Wiring
-from tomotactile_ros.bench.sensor.states import states
-from tomotactile_ros.bench.sensor.trial import Trial, presses
+from tomotactile_ros.bench.sensor.states import cases, states
+from tomotactile_ros.bench.sensor.trial import Methods, Trial, presses, profiles
+from tomotactile_ros.bench.sensor.trial import measure as judged
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 
@@ -126,13 +127,13 @@ def crowd(step: int = 1) -> Iterator[Trial]:
 
 
 def wide(step: int = 1) -> Iterator[Trial]:
-    for case in reference_data.load(_WIDE).cases():
+    for case in cases(_WIDE):
         yield presses(case, states(_WIDE, case).every(step))
 
 
 def wide_channels(step: int = 1) -> Iterator[Trial]:
     for name in _WRONG:
-        for case in reference_data.load(_WIDE).cases():
+        for case in cases(_WIDE):
             if case.startswith(_LARGE):
                 continue
             pressed = states(_WIDE, case).every(_FEWER * step)
@@ -150,3 +151,13 @@ PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
 }
 # the parts that take longest, some seconds a frame: only where they are asked for by their names
 ON_DEMAND = frozenset({"wide", "wide-channels"})
+
+
+def measure(part: str, step: int = 1, methods: Sequence[Methods] = (profiles,)) -> list[dict]:
+    """Rows of one of `PARTS` as plain data, of every `step`-th press; `methods` make reconstructions of
+    a layout by their names, see `trial`."""
+
+    def every(layout: Layout) -> dict:
+        return {name: each for make in methods for name, each in make(layout).items()}
+
+    return list(judged(PARTS[part](step), every))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 
 from tomotactile_ros.bench import reference_data
 from tomotactile_ros.bench.reference import Admittance
@@ -11,23 +12,34 @@ from tomotactile_ros.layouts.layout import Layout
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """N states of sheets of `layout`: what the electrodes see, and the true contacts
-    (`evaluation.scoring`)."""
+    """N states of sheets of `layout`: what the electrodes see, the true contacts
+    (`evaluation.scoring`), and the case that each is one of."""
 
     layout: Layout
     seen: list[Admittance]
     truths: list[list[dict]]
+    cases: list[str] = field(default_factory=list)
 
     def every(self, step: int) -> States:
         """Every `step`-th of them."""
-        return States(self.layout, self.seen[::step], self.truths[::step], self.cases[::step])
+        parts = (each[::step] for each in (self.seen, self.truths, self.cases))
+        return States(self.layout, *parts)
 
 
-def states(family: str, case: str | None = None, most: int | None = None) -> States:
-    """The first `most` states of a family, of one of its cases or of all; InputError where there is
-    no file of it."""
-    data = reference_data.load(family)
-    chosen = range(len(data)) if case is None else data.cases()[case].tolist()
-    chosen = list(chosen)[:most]
-    truths = [data.states[number]["contacts"] for number in chosen]
-    return States(data.layout, [data.state(number) for number in chosen], truths)
+def states(family: str | os.PathLike, case: str | None = None, most: int | None = None) -> States:
+    """The first `most` states of a family, of one of its cases or of all, by its name or the path of
+    its file; InputError where there is no file of it."""
+    path = reference_data.find(family)
+    layout, content = reference_data.read(path, ("packed",), ("states",))
+    chosen = [
+        (Admittance.unpack(packed), state["contacts"], state["case"])
+        for packed, state in zip(content["packed"], content["states"], strict=True)
+        if case in (None, state["case"])
+    ][:most]
+    return States(layout, *map(list, zip(*chosen)))
+
+
+def cases(family: str) -> list[str]:
+    """Of a family, in the order of its file."""
+    _, content = reference_data.read(reference_data.find(family), (), ("states",))
+    return list(dict.fromkeys(state["case"] for state in content["states"]))
