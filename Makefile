@@ -50,8 +50,7 @@ docs:
 	@scripts/check api
 
 fuzz:
-	@$(SETUP) sh -c 'python3 -c "import atheris" 2>/dev/null || pip install --quiet atheris || true; \
-		exec python3 benchmark/fuzz_protocol.py'
+	@$(SETUP) python3 benchmark/fuzz_protocol.py
 
 sanitize:
 	@scripts/sanitize

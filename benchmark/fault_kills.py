@@ -25,6 +25,9 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from nodes import FOLDER, arguments
+
+from tomotactile_ros.bench.tables import markdown
 
 MARK = "TOMOTACTILE_FAULTS"
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL)
@@ -44,45 +47,28 @@ class Program:
 
 def programs() -> dict[str, Program]:
     """All programs, with arguments that make them write files where they do."""
-    from ament_index_python.packages import get_package_prefix
-
-    lib = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
-    command = [str(lib / "tomotactile")]
-    small = ["--layout", "equal-4x4"]
-    recorded = [*command, "simulate", *small, "--scene", "default", "--frames", "60"]
-    recorded += ["--out", "in.npz"]
-
-    def node(name: str, **parameters) -> Program:
-        words = [str(lib / name), "--ros-args"]
-        for item in parameters.items():
-            words += ["-p", "{}:={}".format(*item)]
-        return Program(words, 6.0)
-
-    return {
-        "driver": node("driver", layout="equal-4x4"),
-        "reconstruction": node("reconstruction", layout="equal-4x4"),
-        "tactile": node("tactile", layout="equal-4x4"),
-        "driver_lifecycle": node("driver_lifecycle", layout="equal-4x4"),
-        "optimizer": node("optimizer", rows=3, cols=3, workers=2, out="out.yaml", steps=2),
-        "live": Program([str(lib / "live"), "--duration", "8", *small], 8.0),
-        "emulator": Program([str(lib / "emulator"), *small, "--port", "pty:port"], 3.0),
-        "simulate": Program([*recorded[:-1], "out.npz"], 3.0),
-        "reconstruct": Program(
-            [*command, "reconstruct", "in.npz", *small, "--profile", "balanced", "--out", "out.npz"],
-            3.0,
-            [recorded],
-        ),
-        "optimize": Program(
-            [*command, "optimize", "--rows", "3", "--cols", "3", "--method", "free", "--workers",
-             "2", "--out", "out.yaml"], 6.0,
-        ),
+    command, small = [str(FOLDER / "tomotactile")], ["--layout", "equal-4x4"]
+    recorded = [*command, "simulate", *small, "--scene", "default", "--frames", "60", "--out"]
+    rebuilt = ["reconstruct", "in.npz", *small, "--profile", "balanced", "--out", "out.npz"]
+    optimized = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--workers", "2"]
+    given: dict = {"layout": "equal-4x4"}
+    nodes = {name: given for name in ("driver", "reconstruction", "tactile", "driver_lifecycle")}
+    nodes["optimizer"] = {"rows": 3, "cols": 3, "workers": 2, "out": "out.yaml", "steps": 2}
+    found = {}
+    for name, parameters in nodes.items():
+        words = arguments(parameters)
+        found[name] = Program([str(FOLDER / name), "--ros-args", *words], 6.0)
+    return found | {
+        "live": Program([str(FOLDER / "live"), "--duration", "8", *small], 8.0),
+        "emulator": Program([str(FOLDER / "emulator"), *small, "--port", "pty:port"], 3.0),
+        "simulate": Program([*recorded, "out.npz"], 3.0),
+        "reconstruct": Program([*command, *rebuilt], 3.0, [[*recorded, "in.npz"]]),
+        "optimize": Program([*command, *optimized, "--out", "out.yaml"], 6.0),
         "evaluate": Program([*command, "evaluate", *small], 3.0),
         "record": Program([*command, "record", *small, "--duration", "8", "--out", "out.npz"], 5.0),
         "watch": Program([*command, "watch", *small, "--duration", "8"], 5.0),
-        "bench": Program(
-            [*command, "bench", "--parts", "stability", "--out", "out.json"], 6.0
-        ),
-    }  # fmt: skip
+        "bench": Program([*command, "bench", "--parts", "stability", "--out", "out.json"], 6.0),
+    }
 
 
 def marked(mark: str) -> list[int]:
@@ -194,16 +180,12 @@ def kills(options: argparse.Namespace) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(1)
     columns = ("over before", "did not end", "strays", "broken files", "tracebacks")
-    print("| program | kills | " + " | ".join(columns) + " |")
-    print("|---|---|" + "---|" * len(columns))
-    chosen = programs()
+    chosen, rows = programs(), []
     for name in options.program or chosen:
-        program, seen = chosen[name], Counter()
+        seen = Counter()
         for k in range(options.times):
-            moment = chance.uniform(0.0, program.span)
-            seen.update(kill_once(program, moment, SIGNALS[k % len(SIGNALS)]))
-            if k % 10 == 9:
-                print(f"{name}: {k + 1} of {options.times}", file=sys.stderr, flush=True)
-        counts = " | ".join(str(seen[column]) for column in columns)
-        print(f"| `{name}` | {options.times} | {counts} |", flush=True)
-    print()
+            moment = chance.uniform(0.0, chosen[name].span)
+            seen.update(kill_once(chosen[name], moment, SIGNALS[k % len(SIGNALS)]))
+            print(f"{name}: {k + 1} of {options.times}", file=sys.stderr, flush=True)
+        rows.append([f"`{name}`", f"{options.times}", *(f"{seen[column]}" for column in columns)])
+    print("\n".join(markdown(["program", "kills", *columns], rows)))

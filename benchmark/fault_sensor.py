@@ -9,9 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import re
-import select
 import signal
-import socket
 import subprocess
 import tempfile
 import threading
@@ -20,8 +18,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import serial
-from serial import rfc2217
 
 from tomotactile_ros.devices.base import Frame
 
@@ -156,57 +152,6 @@ class Judge:
         begin = time.monotonic()
         self.arrived.clear()
         return time.monotonic() - begin if self.arrived.wait(patience) else np.inf
-
-
-@contextlib.contextmanager
-def terminal_server(path: str) -> Iterator[str]:
-    """A tty on the network by RFC 2217, one client; yields its URL.
-
-    It reads no more of the tty than the client has taken, as a terminal server with a small buffer.
-    """
-    done = threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as server, _WithoutModem(path, timeout=0) as tty:
-        serve = threading.Thread(target=_serve, args=(server, tty, done), daemon=True)
-        serve.start()
-        try:
-            yield "rfc2217://{}:{}".format(*server.getsockname())
-        finally:
-            done.set()
-            serve.join()
-
-
-def _serve(server, tty, done) -> None:
-    server.settimeout(0.1)
-    while not done.is_set():
-        with contextlib.suppress(OSError), server.accept()[0] as peer:
-            telnet = rfc2217.PortManager(tty, _Peer(peer))
-            while not done.is_set():
-                ready = select.select([peer, tty], [], [], 0.05)[0]
-                if peer in ready:
-                    said = peer.recv(4096)
-                    if not said:
-                        break
-                    tty.write(b"".join(telnet.filter(said)))
-                if tty in ready:
-                    peer.sendall(b"".join(telnet.escape(tty.read(4096))))
-
-
-class _Peer:
-    """What `PortManager` answers to."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self.write = connection.sendall
-
-
-class _WithoutModem(serial.Serial):
-    """A pseudo-terminal, which has no modem lines to ask for or to set."""
-
-    cts = dsr = ri = cd = False
-
-    def _update_dtr_state(self) -> None:
-        pass
-
-    _update_rts_state = _update_dtr_state
 
 
 @contextlib.contextmanager

@@ -1,35 +1,20 @@
-"""Fuzzing of the wire protocol's receiver: damaged streams, and inputs guided by coverage.
+"""Damaged streams to the wire protocol's receiver.
 
-1. Damage: streams of rows are mutated, cut, doubled, reordered and mixed with noise, and fed in
-   pieces of any size.  No exception; every accepted packet and every frame is one that was sent;
-   after damage, the second whole packet at the latest is found; memory stays bounded.
-2. Guided (needs atheris): any bytes as a stream, and any bytes as the content of a packet with a
-   correct checksum.  What is accepted must encode to what was received.
+Streams of rows are mutated, cut, doubled, reordered and mixed with noise, and fed in pieces of any size.
+No exception; every accepted packet and every frame is one that was sent; after damage, the second whole
+packet at the latest is found; memory stays bounded.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import importlib.util
-import subprocess
-import sys
-import tempfile
 import time
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 
-GUIDED = "--corpus" in sys.argv
-if GUIDED:
-    import atheris
-
-UNDER_TEST = [f"tomotactile_ros.devices.{name}" for name in ("assembly", "cobs", "protocol")]
-
-with atheris.instrument_imports(UNDER_TEST) if GUIDED else contextlib.nullcontext():
-    from tomotactile_ros.devices import cobs, protocol
-    from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
+from tomotactile_ros.devices import protocol
+from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 
 ELECTRODES = 12
 SCAN, ZERO = 0x0707, 100
@@ -204,67 +189,11 @@ def one_input(data: bytes) -> None:
             assembler.feed(packet)
 
 
-SEEDS = (
-    protocol.Command(protocol.IDENTIFY, 1),
-    protocol.SetRate(2, 10.0),
-    protocol.Row(3, 0, 3, 1, 10, 5000, 0.5, 3.25, 0, b"\0\0\1\2\3\4"),
-    protocol.Identity(1, 3, 3, 12, 3.3, 10.0, 0, 100.0, "skin", "1.0", "A"),
-    protocol.Ack(2, protocol.SET_RATE, True, 10.0),
-    protocol.Error(3, protocol.START, 4, "broken"),
-    protocol.Start(4, 5000),
-    protocol.SetScan(5, (2, 0, 2)),
-    protocol.Row(3, 0, 3, 1, 10, 5000, 0.5, 3.25, 2, b"\0\0\1\2\3\4", 5, 7, 2, 9),
-    protocol.Identity(
-        1, 3, 3, 12, 3.3, 10.0, 0, 0.0, "skin", "1", "A", "", 2, 9, 64, 77, -3.3, 99.0
-    ),
-    protocol.Ack(2, protocol.SET_SCAN, True, 10.0, 2, 9, 5, 3),
-    protocol.Error(3, protocol.START, 4, "broken", 2, 9),
-    protocol.Status(6, True, 77, 21.5, 5000, 1, 5),
-)
-
-
-def write_seeds(folder: str) -> None:
-    """Write packets to begin with: whole ones, and their content alone."""
-    for packet in SEEDS:
-        whole = protocol.encode(packet)
-        content = cobs.decode(whole[:-1])[:-4]
-        for kind, data in (("whole", whole), ("content", content)):
-            Path(folder, f"{kind}-{len(data)}").write_bytes(data)
-
-
-def guided_run(seconds: int) -> int:
-    """Let atheris look for inputs, in a process of its own; its exit status, not 0 on a finding."""
-    with tempfile.TemporaryDirectory() as folder:
-        write_seeds(folder)
-        command = [sys.executable, __file__, "--corpus", folder, "--seconds", str(seconds)]
-        return subprocess.run(command, cwd=folder, check=False).returncode
-
-
-def guided_child(seconds: int, corpus: str) -> None:
-    """Body of that process."""
-    options = [
-        f"-max_total_time={seconds}",
-        "-max_len=6000",
-        "-print_final_stats=1",
-        "-verbosity=0",
-    ]
-    atheris.Setup([sys.argv[0], *options, corpus], one_input)
-    atheris.Fuzz()
-
-
-def main() -> int:
-    arguments = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    arguments.add_argument(
-        "--bytes", type=float, default=1e8, help="of damaged streams, of both versions together"
-    )
-    arguments.add_argument("--seconds", type=int, default=60, help="of the guided run")
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--bytes", type=float, default=1e8, help="of both versions together")
     arguments.add_argument("--seed", type=int, default=1)
-    arguments.add_argument("--corpus", help=argparse.SUPPRESS)
     options = arguments.parse_args()
-    if options.corpus:
-        guided_child(options.seconds, options.corpus)
     damage_run(100_000, options.seed)
     tracemalloc.start()
     damage_run(1_000_000, options.seed)
@@ -278,12 +207,7 @@ def main() -> int:
     print(
         f"  {'peak memory, MB':<20}{peak:>14.2f}   (parser, assembler and what was sent, 1e6 bytes)"
     )
-    if importlib.util.find_spec("atheris") is None:
-        print("guided run: skipped, atheris is not installed")
-        return 0
-    print(f"guided run: {options.seconds} s with atheris", flush=True)
-    return guided_run(options.seconds)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

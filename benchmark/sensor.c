@@ -2,11 +2,11 @@
  *
  *     cc -std=c99 -O2 -o sensor benchmark/sensor.c
  *     ./sensor --port pty:LINK|tcp:PORT [--electrodes 64] [--rate 250] [--buffer BYTES]
- *              [--throttle BYTES_PER_S] [--fault NAME] [--amount P] [--seed N] [--protocol 1|2]
+ *              [--throttle BYTES_PER_S] [--fault NAME] [--amount P] [--seed N]
  *     ./sensor --list
  *
- * Speaks version 1 of the protocol, with `--protocol 2` both. Every reading is a hash of sequence, row and electrode (`reading`), so that
- * whoever knows the hash sees any wrong value. `--buffer` is what it keeps for a slow line before it
+ * Speaks version 1 of the protocol. Every reading is a hash of sequence, row and electrode (`reading`), so
+ * that whoever knows the hash sees any wrong value. `--buffer` is what it keeps for a slow line before it
  * drops whole packets, `--throttle` how fast the line is. `--fault` is one of `--list`: what the line
  * does to the bytes, or what a broken device says in packets that are whole. `--amount` is its
  * probability for each packet (for `restart` the seconds in between).
@@ -36,7 +36,6 @@
 #define FASTEST 4000.0f
 #define SLOWEST 0.001f
 #define LONGEST 4096 /* bytes of a packet before COBS */
-#define MOST_ROWS 256 /* of a commanded order */
 
 /* ---- what is set from outside ---- */
 
@@ -46,16 +45,11 @@ static size_t capacity = 1 << 19;
 static double throttle; /* bytes/s, 0: as fast as it goes */
 static const char *fault = "none";
 static double amount = 1.0;
-static int newest = 1; /* version */
 
 /* ---- the device ---- */
 
 static int streaming, row;
-static int version = 1;              /* of the START that began the stream */
-static int rows_now, rows_next;      /* of the frame under way, and from the next one on */
-static unsigned order_now[MOST_ROWS], order_next[MOST_ROWS], tag_now, tag_next; /* 0: in turn */
-static uint32_t sequence, boot, frames_left;
-static uint64_t heard, timeout;      /* us */
+static uint32_t sequence;
 static uint64_t frame_time, power_up;
 static double frame_due;             /* µs of the host */
 static int announce;                 /* say when the frame begins, for whoever measures its age */
@@ -242,14 +236,10 @@ static size_t damage(uint8_t *wire, size_t length)
     return length;
 }
 
-static int talk = 1, mute; /* version of the command under way; it is for all on the bus */
-
 static int send_packet(struct bytes *b)
 {
     static uint8_t wire[6 * LONGEST];
     size_t length;
-    if (mute)
-        return 1;
     u32(b, checksum(b->at, b->length));
     length = damage(wire, stuffed(b, wire));
     if (waiting_length + length > capacity)
@@ -298,38 +288,14 @@ static void begin(struct bytes *b, unsigned type, unsigned tag)
 {
     b->length = 0;
     u8(b, type);
-    u8(b, (unsigned)talk);
+    u8(b, 1);
     u16(b, tag);
-}
-
-/* Number of the next frame that begins. */
-static uint32_t next_sequence(void)
-{
-    return sequence + (streaming || row > 0);
 }
 
 static void send_identity(unsigned tag)
 {
     struct bytes b;
     begin(&b, 0x11, tag);
-    if (talk == 2) {
-        u16(&b, (unsigned)electrodes);
-        u8(&b, 0);
-        u8(&b, 12);
-        u16(&b, (unsigned)rows_next);
-        u16(&b, MOST_ROWS);
-        u32(&b, boot);
-        f32(&b, 0.0f);
-        f32(&b, 3.3f);
-        f32(&b, rate);
-        f32(&b, FASTEST * (float)electrodes);
-        u32(&b, 0);
-        text(&b, "hash");
-        text(&b, "2.0");
-        text(&b, "C0");
-        send_packet(&b);
-        return;
-    }
     u16(&b, is_fault("identity-no-electrodes") ? 0u : (unsigned)electrodes);
     u16(&b, is_fault("identity-more-rows") ? (unsigned)electrodes + 1u : (unsigned)electrodes);
     u8(&b, 12);
@@ -341,8 +307,6 @@ static void send_identity(unsigned tag)
     text(&b, is_fault("identity-escape") ? "\033[2J\033]0;owned\007\n[INFO] all is well" : "hash");
     text(&b, "1.0");
     text(&b, "C0");
-    if (newest == 2)
-        text(&b, "v2");
     if (is_fault("identity-short"))
         b.length -= 4;
     send_packet(&b);
@@ -356,28 +320,7 @@ static void send_ack(unsigned tag, unsigned command)
     begin(&b, 0x12, is_fault("ack-tag") ? tag + 7u : tag);
     u8(&b, is_fault("ack-command") ? 0x10u + command : command);
     u8(&b, streaming ? 1u : 0u);
-    if (talk == 2)
-        u16(&b, 0);
     f32(&b, is_fault("ack-rate") ? INFINITY : rate);
-    if (talk == 2) {
-        u32(&b, command == 2 ? sequence : next_sequence());
-        u16(&b, (unsigned)rows_next);
-    }
-    send_packet(&b);
-}
-
-static void send_status(unsigned tag)
-{
-    struct bytes b;
-    begin(&b, 0x14, tag);
-    u8(&b, streaming ? 1u : 0u);
-    u8(&b, 0);
-    u16(&b, 0);
-    u32(&b, boot);
-    f32(&b, 25.0f);
-    u64(&b, micros() - power_up);
-    u32(&b, (uint32_t)rows_dropped);
-    u32(&b, next_sequence());
     send_packet(&b);
 }
 
@@ -387,8 +330,6 @@ static void send_error(unsigned tag, unsigned command, unsigned code, const char
     begin(&b, 0x13, tag);
     u8(&b, command);
     u8(&b, code);
-    if (talk == 2)
-        u16(&b, 0);
     while (*words)
         u8(&b, (uint8_t)*words++);
     send_packet(&b);
@@ -447,33 +388,19 @@ static void row_of_nonsense(struct bytes *b, uint32_t row_end)
         grounded = 0;
     if (MAD("grounded-changes"))
         grounded = (r + s) % n;
-    if (tag_now)
-        grounded = order_now[row];
-    if (version == 2) {
-        begin(b, 0x10, tag_now);
-        u16(b, r);
-        u16(b, 0);
-    } else {
-        begin(b, MAD("type-unknown") ? 0x5A : 0x10, MAD("count-less") ? n - 1u : n);
-        u16(b, r);
-        u16(b, MAD("rows-less") ? n - 1u : n);
-    }
-    b->at[1] = (uint8_t)(MAD("version-nine") ? 9 : version);
+    begin(b, MAD("type-unknown") ? 0x5A : 0x10, MAD("count-less") ? n - 1u : n);
+    u16(b, r);
+    u16(b, MAD("rows-less") ? n - 1u : n);
+    b->at[1] = (uint8_t)(MAD("version-nine") ? 9 : 1);
     u32(b, s);
     u32(b, row_end);
     u64(b, t);
     f32(b, scale);
     f32(b, drive);
-    if (version == 2) {
-        u16(b, n);
-        u16(b, (unsigned)rows_now);
-    }
     u16(b, grounded);
-    if (version == 2)
-        u16(b, 0); /* zero */
     for (e = 0; e < electrodes; e++) {
         unsigned v = reading(sequence, (unsigned)row, (unsigned)e);
-        if ((version == 1 && e == row) || MAD("readings-none"))
+        if (e == row || MAD("readings-none"))
             v = 0xFFFFu;
         if (MAD("readings-same"))
             v = 2000u;
@@ -519,16 +446,13 @@ static void begin_frame(void)
         printf("from %u %.0f %.9g\n", sequence, frame_due, rate * haste());
     announce = 0;
     rate_now = rate;
-    rows_now = rows_next;
-    tag_now = tag_next;
-    memcpy(order_now, order_next, sizeof order_now);
     frame_time = (uint64_t)frame_due - power_up;
     row = 0;
 }
 
 static double row_end_of(int r)
 {
-    return 1e6 * (r + 1) / (rate_now * haste() * rows_now);
+    return 1e6 * (r + 1) / (rate_now * haste() * electrodes);
 }
 
 /* Rows whose time has come; a computer that was away for more than a second leaves some out. */
@@ -537,35 +461,24 @@ static void scan(void)
     double now = (double)micros();
     while (streaming && now >= frame_due + row_end_of(row)) {
         send_row((uint32_t)(row_end_of(row) * haste()));
-        if (++row < rows_now)
+        if (++row < electrodes)
             continue;
-        frame_due += row_end_of(rows_now - 1);
+        frame_due += row_end_of(electrodes - 1);
         sequence++;
         frames_made++;
         if (now - frame_due > 1e6) {
             double behind = floor((now - frame_due) * 1e-6 * rate_now * haste());
             sequence += (uint32_t)behind;
-            frame_due += behind * row_end_of(rows_now - 1);
+            frame_due += behind * row_end_of(electrodes - 1);
             announce = 1;
         }
         begin_frame();
-        if (frames_left && --frames_left == 0)
-            streaming = 0;
     }
-    if (timeout && micros() - heard > timeout)
-        streaming = 0;
 }
 
 static unsigned word(const uint8_t *p)
 {
     return p[0] | (unsigned)p[1] << 8;
-}
-
-static void own_order(void)
-{
-    rate *= (float)rows_next / (float)electrodes;
-    rows_next = electrodes;
-    tag_next = 0;
 }
 
 static void start_stream(void)
@@ -574,7 +487,6 @@ static void start_stream(void)
     put(&delimiter, 1);
     sequence += row > 0;
     streaming = 1;
-    version = talk;
     announce = 1;
     frame_due = (double)micros();
     begin_frame();
@@ -588,92 +500,16 @@ static float number(const uint8_t *p)
     return value;
 }
 
-/* Section 4, for a device that has its line to itself. */
-static void obey_2(const uint8_t *p, size_t length)
-{
-    unsigned type = p[0], tag = word(p + 2), k, count;
-    static const size_t lengths[] = {0, 8, 12, 8, 12, 8, 8};
-    if (length < 8 || type < 1 || type > 6) {
-        send_error(tag, type, type >= 1 && type <= 6 ? 2 : 1, "what?");
-        return;
-    }
-    if (p[6] != 0 && p[6] != 255)
-        return;
-    mute = p[6] == 255;
-    heard = micros();
-    count = word(p + 4);
-    if (length != lengths[type] + (type == 5 ? 2u * count : 0u)) {
-        send_error(tag, type, 2, "length");
-    } else if (type == 1) {
-        send_identity(tag);
-    } else if (type == 2) {
-        timeout = 1000u * (uint64_t)word(p + 4);
-        frames_left = word(p + 8) | (uint32_t)word(p + 10) << 16;
-        if (streaming && version == 1)
-            streaming = 0;
-        if (streaming) {
-            send_ack(tag, type);
-        } else {
-            sequence += row > 0;
-            row = 0;
-            streaming = 1;
-            put((const uint8_t *)"", 1);
-            send_ack(tag, type);
-            start_stream();
-        }
-    } else if (type == 3) {
-        streaming = 0;
-        send_ack(tag, type);
-    } else if (type == 4) {
-        float wish = number(p + 8);
-        if (wish > 0 && wish * (float)rows_next <= FASTEST * (float)electrodes) {
-            rate = wish < SLOWEST ? SLOWEST : wish;
-            send_ack(tag, type);
-        } else {
-            send_error(tag, type, 2, "rate");
-        }
-    } else if (type == 6) {
-        send_status(tag);
-    } else {
-        for (k = 0; k < count && k < MOST_ROWS; k++)
-            if (word(p + 8 + 2 * k) >= (unsigned)electrodes)
-                break;
-        if (tag == 0 || k < count) {
-            send_error(tag, type, 2, "order");
-            return;
-        }
-        if (count == 0) {
-            own_order();
-        } else {
-            rate *= (float)rows_next / (float)count;
-            rows_next = (int)count;
-            tag_next = tag;
-            for (k = 0; k < count; k++)
-                order_next[k] = word(p + 8 + 2 * k);
-        }
-        send_ack(tag, type);
-    }
-}
-
 static void obey(const uint8_t *p, size_t length)
 {
     unsigned type = p[0], tag = word(p + 2);
-    talk = p[1] == 2 && newest == 2 ? 2 : 1;
-    if (talk == 2) {
-        obey_2(p, length);
-        mute = 0;
-    } else if (p[1] != 1) {
+    if (p[1] != 1) {
         send_error(tag, type, 3, "version 1 only");
     } else if (type == 1 && length == 4) {
         send_identity(tag);
     } else if (type == 2 && length == 4) {
-        timeout = frames_left = 0;
-        if (streaming && version == 2)
-            streaming = 0;
-        if (!streaming) {
-            own_order();
+        if (!streaming)
             start_stream();
-        }
         send_ack(tag, type);
     } else if (type == 3 && length == 4) {
         streaming = is_fault("stop-deaf");
@@ -693,7 +529,7 @@ static void obey(const uint8_t *p, size_t length)
 
 static void hear(const uint8_t *data, size_t length)
 {
-    static uint8_t run[2 * MOST_ROWS + 32], packet[2 * MOST_ROWS + 64];
+    static uint8_t run[64], packet[64];
     static size_t n;
     for (; length; length--, data++) {
         size_t in = 0, out = 0;
@@ -726,11 +562,8 @@ static void hear(const uint8_t *data, size_t length)
 static void restart_now(void)
 {
     power_up = micros();
-    boot = random_bits();
     sequence = 0;
     row = 0;
-    tag_next = 0;
-    rows_next = electrodes;
     streaming = is_fault("restart-streaming") && streaming;
     frame_due = (double)power_up;
     waiting_length = 0;
@@ -841,7 +674,6 @@ int main(int argc, char **argv)
         else if (!strcmp(argv[i], "--buffer")) capacity = (size_t)atof(value);
         else if (!strcmp(argv[i], "--throttle")) throttle = atof(value);
         else if (!strcmp(argv[i], "--fault")) fault = value;
-        else if (!strcmp(argv[i], "--protocol")) newest = atoi(value);
         else if (!strcmp(argv[i], "--amount")) amount = atof(value);
         else if (!strcmp(argv[i], "--seed")) random_state += (uint64_t)atoll(value) * 0x9E3779B97F4A7C15ull;
         else {
@@ -864,9 +696,6 @@ int main(int argc, char **argv)
     if (waiting == NULL)
         fail("buffer");
     rate_now = rate;
-    rows_now = rows_next = electrodes;
-    random_state += (uint64_t)getpid() * 0x2545F4914F6CDD1Dull * (newest == 2); /* for the boot id */
-    boot = random_bits();
     signal(SIGTERM, end);
     signal(SIGINT, end);
     signal(SIGPIPE, SIG_IGN);
