@@ -8,22 +8,21 @@ were given a second id; `missed` messages in which a touch of a quarter newton o
 """
 
 import argparse
-import time
+import os
+import sys
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
-import rclpy
-from ament_index_python.packages import get_package_prefix
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
-from tomotactile_ros.nodes.live import use_own_domain
 from tomotactile_ros.scenes.scene import Scene, load_scene
-from tomotactile_ros.support.processes import Child, stop_all
+
+sys.path.insert(0, os.path.dirname(__file__))  # scripts/setup keeps Python from doing so
+
+from nodes import Nodes, arguments
 
 SYSTEMS = {"one": ["tactile"], "two": ["driver", "reconstruction"]}
-FOLDER = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
 NEAR = 0.02  # m
 FIRM = 0.25  # N
 
@@ -78,16 +77,9 @@ class Audit:
 
 def measure(system: str, scene: str, profile: str, options: argparse.Namespace) -> Audit:
     """Run the nodes and listen."""
-    given = {
-        "layout": options.layout,
-        "scene": scene,
-        "profile": profile,
-        "delivery": options.delivery,
-    }
-    words = [w for item in given.items() for w in ("-p", "{}:={}".format(*item))]
-    children = [Child(p, [str(FOLDER / p), "--ros-args", *words]) for p in SYSTEMS[system]]
-    rclpy.init(args=[])
-    node, audit, begun = rclpy.create_node("ids"), Audit(load_scene(scene)), []
+    given = {"layout": options.layout, "delivery": options.delivery}
+    words = arguments(given | {"scene": scene, "profile": profile})
+    audit, begun = Audit(load_scene(scene)), []
 
     def on_frame(message: VoltageFrame) -> None:
         lasts = message.row_period * len(message.grounded)
@@ -97,22 +89,13 @@ def measure(system: str, scene: str, profile: str, options: argparse.Namespace) 
         if begun:
             audit.take(message, stamp_of(message.header) - begun[0])
 
-    frames = node.create_subscription(VoltageFrame, "voltage_frame", on_frame, 10)
-    node.create_subscription(ContactArray, "contacts", on_contacts, 200)
-    end = None
-    try:
-        while end is None or time.monotonic() < end:
-            rclpy.spin_once(node, timeout_sec=0.2)
-            if begun and frames is not None:
-                node.destroy_subscription(frames)
-                frames = None
-            if end is None and audit.messages:
-                end = time.monotonic() + 60 * options.minutes
-            assert all(child.status is None for child in children), "a node has ended"
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
-        stop_all(children)
+    with Nodes([(program, *words) for program in SYSTEMS[system]]) as nodes:
+        frames = nodes.node.create_subscription(VoltageFrame, "voltage_frame", on_frame, 10)
+        nodes.node.create_subscription(ContactArray, "contacts", on_contacts, 200)
+        nodes.spin(lambda: bool(begun))
+        nodes.node.destroy_subscription(frames)
+        nodes.spin(lambda: audit.messages > 0)
+        nodes.spin_for(60 * options.minutes)
     return audit
 
 
@@ -126,7 +109,6 @@ def main() -> None:
     parser.add_argument("--layout", default="equal-8x8")
     parser.add_argument("--minutes", type=float, default=10.0, help="of each")
     options = parser.parse_args()
-    use_own_domain()
     print(
         "| scene | profile | processes | touches | changed | messages | withheld | missed | nothing | gap, s |"
     )

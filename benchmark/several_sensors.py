@@ -10,20 +10,19 @@ what the reconstruction says in its diagnostics: from the last row of a frame to
 import argparse
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-import rclpy
-from ament_index_python.packages import get_package_prefix
-from diagnostic_msgs.msg import DiagnosticArray
 
-from tomotactile_ros.support.processes import Child, stop_all
+sys.path.insert(0, os.path.dirname(__file__))  # scripts/setup keeps Python from doing so
+
+from nodes import FOLDER, Nodes, arguments
 
 SYSTEMS = ("one process", "one each", "two each")
 WARM_UP = 8.0  # s after the last sensor has begun
-FOLDER = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
 
 
 def main() -> None:
@@ -58,72 +57,37 @@ def main() -> None:
 def measure(system: str, count: int, recording: Path, options: argparse.Namespace) -> list[str]:
     """One row of the table."""
     names = [f"sensor{k}" for k in range(count)]
-    given = {
-        "layout": options.layout, "device": "replay", "recording": recording, "loop": True,
-        "profile": options.profile,
-    }  # fmt: skip
-    words = [w for item in given.items() for w in ("-p", "{}:={}".format(*item))]
+    given = {"layout": options.layout, "profile": options.profile}
+    given |= {"device": "replay", "recording": recording, "loop": True}
+    words = arguments(given)
     if system == "one process":
-        words += ["-p", f"sensors:=[{', '.join(names)}]"]
-        commands = [["sensors", "--ros-args", *words]]
+        commands = [["sensors", *words, "-p", f"sensors:=[{', '.join(names)}]"]]
     else:
         programs = ["tactile"] if system == "one each" else ["driver", "reconstruction"]
-        commands = [[p, "--ros-args", "-r", f"__ns:=/{n}", *words] for n in names for p in programs]
+        commands = [[p, "-r", f"__ns:=/{n}", *words] for n in names for p in programs]
     held = [] if options.core is None else ["taskset", "-c", str(options.core)]
-    children = [Child(c[0], [*held, str(FOLDER / c[0]), *c[1:]]) for c in commands]
-    rclpy.init(args=[])
-    node = rclpy.create_node("several_sensors")
-    mine = {f"{name}/reconstruction: reconstruction" for name in names}
-    heard: dict[str, dict[str, str]] = {}
+    with Nodes(commands, held) as nodes:
 
-    def on_message(message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name in mine:  # another program may run on this machine
-                heard[status.name] = {v.key: v.value for v in status.values}
+        def told() -> list[dict[str, str]]:
+            every = (
+                nodes.heard.get(f"{name}/reconstruction: reconstruction", {}) for name in names
+            )
+            return [values for values in every if "latency_p50_ms" in values]
 
-    node.create_subscription(DiagnosticArray, "/diagnostics", on_message, 50)
-    try:
-        while sum("latency_p50_ms" in values for values in heard.values()) < count:
-            rclpy.spin_once(node, timeout_sec=0.2)
-            assert all(child.status is None for child in children), "a node has ended"
-        spin(node, WARM_UP)
-        before = sum(map(processor_time, children))
-        begin = time.monotonic()
-        spin(node, options.seconds)
-        used = (sum(map(processor_time, children)) - before) / (time.monotonic() - begin)
-        memory = sum(map(own_memory, children))
-        figures = [
-            [float(values[key]) for values in heard.values()]
-            for key in ("rate_reached", "latency_p50_ms", "latency_p99_ms")
-        ]
-    finally:
-        node.destroy_node()
-        rclpy.shutdown()
-        stop_all(children)
-    reached, p50, p99 = (np.array(values) for values in figures)
+        nodes.spin(lambda: len(told()) == count)
+        nodes.spin_for(WARM_UP)
+        before, begin = nodes.processor_seconds(), time.monotonic()
+        nodes.spin_for(options.seconds)
+        used = (nodes.processor_seconds() - before) / (time.monotonic() - begin)
+        memory = nodes.megabytes()
+    reached, p50, p99 = (
+        np.array([float(values[key]) for values in told()])
+        for key in ("rate_reached", "latency_p50_ms", "latency_p99_ms")
+    )
     return [
         f"{100 * used:.0f}", f"{memory:.0f}", f"{reached.mean():.1f} (least {reached.min():.1f})",
         f"{np.median(p50):.1f} / {p99.max():.1f}",
     ]  # fmt: skip
-
-
-def spin(node, seconds: float) -> None:
-    """Serve callbacks for a time."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        rclpy.spin_once(node, timeout_sec=0.2)
-
-
-def processor_time(child: Child) -> float:
-    """s of processor that a process has used."""
-    words = Path(f"/proc/{child.pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def own_memory(child: Child) -> float:
-    """MB of a process, its share of what it has in common with others (PSS)."""
-    lines = Path(f"/proc/{child.pid}/smaps_rollup").read_text().splitlines()
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
 
 
 if __name__ == "__main__":
