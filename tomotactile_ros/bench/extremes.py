@@ -18,6 +18,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class Trial:
     what: str
     measure: str
     values: tuple
-    error: Callable[[float], float | list[dict]]
+    error: Callable[[Any], float | list[dict]]
 
 
 def trials() -> tuple[Trial, ...]:

@@ -22,8 +22,7 @@ class States:
 
     def every(self, step: int) -> States:
         """Every `step`-th of them."""
-        parts = (each[::step] for each in (self.seen, self.truths, self.cases))
-        return States(self.layout, *parts)
+        return States(self.layout, self.seen[::step], self.truths[::step], self.cases[::step])
 
 
 def states(family: str | os.PathLike, case: str | None = None, most: int | None = None) -> States:
@@ -36,7 +35,8 @@ def states(family: str | os.PathLike, case: str | None = None, most: int | None 
         for packed, state in zip(content["packed"], content["states"], strict=True)
         if case in (None, state["case"])
     ][:most]
-    return States(layout, *map(list, zip(*chosen)))
+    seen, truths, cases = zip(*chosen)
+    return States(layout, list(seen), list(truths), list(cases))
 
 
 def cases(family: str) -> list[str]:
