@@ -83,7 +83,7 @@ class RowsState:
     turns : whether touches go and come as none does; end : of the converter's range
     noise : of readings, V rms, as frames have shown it; 0 before
     settling : what readings keep of the row before, as frames have shown it
-    before : potentials in the last row
+    last_row : its readings, V, and the electrode that it grounded
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
     past : (time, {number: place (2,)}) after each of the last rows
     kept : some of the rows of late, while they wait for what a frame tells
@@ -99,7 +99,7 @@ class RowsState:
     drive: float = 0.0
     noise: float = 0.0
     settling: Settling | None = None
-    before: np.ndarray | None = None
+    last_row: tuple[np.ndarray, int] | None = None
     sensor: object = None  # what was learned of it when contacts were last looked at
     confirmed: float = -np.inf
     looked: float = -np.inf
@@ -123,6 +123,14 @@ class RowsState:
     def rows(self) -> RowState:
         assert self._rows is not None
         return self._rows
+
+    @property
+    def before(self) -> np.ndarray | None:
+        """(E,) V, potentials in the last row."""
+        if self.last_row is None:
+            return None
+        row, grounded = self.last_row
+        return with_ground(row[None], np.array([grounded]))[0]
 
     def lasts(self, rows: int) -> float:
         """Time that so many of the last rows took, s."""
@@ -239,14 +247,15 @@ class RowEstimator:
         seen = state.told()
         if seen is not None:
             self._take(seen, state)
-        voltages = read
+        voltages = known = read
         if state.settling is not None and state.before is not None:
             voltages = state.settling.less(read, state.before)
-        known = np.where(np.isnan(voltages), read, voltages)
-        (state.before,) = with_ground(known[None], np.array([grounded]))
-        driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
-        used = list(state.used)
-        driven[used] = voltages[used] - self.estimator.offsets(state.used)
+            known = np.where(np.isnan(voltages), read, voltages)
+        state.last_row = known, grounded
+        driven, used = voltages, list(state.used)
+        if len(used) < len(voltages) or self.estimator.sensor is not None:
+            driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
+            driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
         places = self.estimator.layout.positions
         ended = state.end.take(read, drive_voltage)

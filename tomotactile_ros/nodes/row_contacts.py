@@ -92,9 +92,10 @@ class Rows:
             if self._since >= every or touching != self._touching:
                 self._since, self._touching = 0, touching
                 self._publish(pipeline, make_header(now, frame_id))
-            self._last, took = self._now(), time.monotonic() - begun
+            took = time.monotonic() - begun
             if took > _LONGEST:
                 break
+        self._last = self._now()
         self.watch.followed(rows.sequence, i + 1, seconds_now(self._node) - now, took)
         if i + 1 < len(rows.grounded):
             self.watch.skip(rows.sequence, len(rows.grounded) - i - 1)
