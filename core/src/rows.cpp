@@ -92,8 +92,9 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
     beside.col(p) = t.centres.col(nearest) + kRim * t.radius * out;
     on.push_back({p, out}), far.push_back(distance);
   }
-  const Matrix potentials = sheet_->potentials_at(beside);
-  std::array<Matrix, 2> slopes = sheet_->steep_at(beside);
+  Matrix potentials;
+  std::array<Matrix, 2> slopes;
+  sheet_->potentials_at(beside, potentials, slopes);
   for (std::size_t i = 0; i < on.size(); ++i) {  // in the middle they do not know which way
     const auto& [p, out] = on[i];
     const Vector along = out.x() * slopes[0].col(p) + out.y() * slopes[1].col(p);

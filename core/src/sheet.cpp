@@ -152,14 +152,37 @@ std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
   return out;
 }
 
+void Sheet::potentials_at(const Points& places, Matrix& potentials, std::array<Matrix, 2>& slopes) const {
+  const Tables& t = *tables_;
+  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
+  const Index n = count();
+  potentials.resize(n, places.cols());
+  for (Matrix& each : slopes) each.resize(n, places.cols());
+  Matrix near(n, 16), read(n, 3);
+  Eigen::Matrix<double, 16, 3> weights;
+  for (Index p = 0; p < places.cols(); ++p) {
+    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
+    for (int k = 0; k < 16; ++k) {
+      near.col(k) = t.potentials.col(stencil.nodes[k]);
+      weights.row(k) << stencil.weights[k], stencil.along_x[k], stencil.along_y[k];
+    }
+    read.noalias() = near * weights;
+    const Eigen::ArrayXd x = t.used.row(0).transpose().array() - places(0, p), y = t.used.row(1).transpose().array() - places(1, p);
+    const Eigen::ArrayXd squared = (x * x + y * y).max(least), rate = scale / squared;
+    potentials.col(p) = read.col(0).array() - 0.5 * scale * squared.log();
+    slopes[0].col(p) = read.col(1).array() + rate * x;
+    slopes[1].col(p) = read.col(2).array() + rate * y;
+  }
+}
+
 // H of discs, and its slopes: G is harmonic, its mean over a disc that at the centre, but where the disc reaches an
 // electrode, a ring: there the logarithm is averaged over the disc and the ring, the mean over the narrower one being a
 // quarter of its radius squared times the Laplacian, as far as that is within.
 void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
   const Tables& t = *tables_;
   const Index n = count();
-  Matrix potentials = potentials_at(places);
-  slopes = steep_at(places);
+  Matrix potentials;
+  potentials_at(places, potentials, slopes);
   const double scale = t.resistance / (2 * kPi), wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
   for (Index p = 0; p < places.cols(); ++p)
     for (Index e = 0; e < n; ++e) {

@@ -96,6 +96,7 @@ class Sheet {
   // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m.
   Matrix potentials_at(const Points& places) const;
   std::array<Matrix, 2> steep_at(const Points& places) const;
+  void potentials_at(const Points& places, Matrix& potentials, std::array<Matrix, 2>& slopes) const;  // both at once
   // H of discs of a radius, m, at places, n x P, on an even sheet and on that it is right about; its slopes, 1/m.
   void even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
   void discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
