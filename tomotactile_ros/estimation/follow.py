@@ -162,7 +162,7 @@ class Follower:
         readings = np.where(valid, readings, 0.0)
         count = max(int(np.count_nonzero(valid)), 1)
         gone, most = self._gone(state.model, state.belief, (readings, valid)), _limits(count)[0]
-        if gone.chi_squared > most:  # maybe a few readings are wrong
+        if gone.chi_squared > most >= _at_least(gone):  # maybe a few readings are wrong
             left, _ = outliers(gone.found.misfit, gone.found.root, valid, _AT_ONCE)
             rest = valid.copy()
             rest[left] = False
@@ -384,6 +384,13 @@ class Follower:
                     belief = belief.without(i)
                     break
         return belief
+
+
+def _at_least(untouched: _Fit) -> float:
+    """Chi-squared of an untouched sheet, whose readings are independent, without those that contradict most:
+    what remains of it whichever are wrong."""
+    each = (untouched.found.misfit / untouched.found.root.diagonal()) ** 2
+    return float(np.sort(each)[:-_AT_ONCE].sum())
 
 
 def _each(mean: np.ndarray, count: int) -> list[list[float]]:

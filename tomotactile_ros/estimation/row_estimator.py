@@ -582,7 +582,7 @@ def _are_those(places: dict[int, np.ndarray], contacts: list[Contact], reach: fl
     if len(places) != len(contacts):
         return False
     way = [[np.hypot(x - c.x, y - c.y) for c in contacts] for x, y in places.values()]
-    cost = np.minimum(np.reshape(way, (len(contacts), -1)) / reach, 1.0)
+    cost = np.minimum(np.reshape(way, (len(contacts), len(contacts))) / reach, 1.0)
     return bool((cost[linear_sum_assignment(cost)] < 1).all())
 
 
