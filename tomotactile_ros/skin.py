@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -74,7 +75,7 @@ class Skin:
         member = self.members[name]
         return "silent" if member.is_silent(now, self.timeout) else member.complaint
 
-    def contacts(self, now: float) -> list[tuple[int, object]]:
+    def contacts(self, now: float) -> list[tuple[int, Any]]:
         """(number of the sensor, contact) of all sensors that are known, sensor by sensor."""
         problems = self.problems(now)
         return [

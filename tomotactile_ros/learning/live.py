@@ -129,7 +129,7 @@ class LiveLearner:
         kind: str = ALL,
         state: SensorState | None = None,
     ):
-        self._layout, self._noise, self._radius, self._model = layout, noise, radius, model
+        self.layout, self._noise, self._radius, self._model = layout, noise, radius, model
         self._excluded, self._kind = list(excluded), kind
         self.operator = SheetOperator(layout, model)
         self.state = self._start = state or SensorState.unknown(self.operator, WIDE)
@@ -237,7 +237,7 @@ class LiveLearner:
         ]
         try:
             learned = learn(
-                self._layout,
+                self.layout,
                 np.array([f.voltages[rows] for f in frames]),
                 rows,
                 drive,
@@ -354,7 +354,7 @@ class LiveLearner:
         elapsed = max(frame.time - self.state.time, 0.0) if self.state.time else 0.0
         state = self.state.walked(elapsed)
         if learner is None:
-            operator = SheetOperator(self._layout, self._model, np.array(used))
+            operator = SheetOperator(self.layout, self._model, np.array(used))
             like = Prior.unknown(operator, WIDE, self._radius, frame.drive)
             learner = Learner(Search(operator), like, frame.drive, state)
             self._learners = {used: learner}

@@ -90,14 +90,16 @@ class _Condition:
 
     def line(self) -> tuple[bytes, str] | None:
         """Level and text of what is to be logged now, if anything is."""
-        serious = self.lasts and self.trouble.serious
-        if not self.changes or not self.pace.allows(serious):
+        trouble = self.trouble
+        if not self.changes or trouble is None:
+            return None
+        if not self.pace.allows(self.lasts and trouble.serious):
             return None
         often = f" (changed {self.changes} times since the last line)" if self.changes > 1 else ""
         self.changes = 0
         if self.lasts:
-            return diagnostics.level_of(self.trouble), self.trouble.text + often
-        return diagnostics.OK, f"over: {self.trouble.text}{often}"
+            return diagnostics.level_of(trouble), trouble.text + often
+        return diagnostics.OK, f"over: {trouble.text}{often}"
 
 
 class Conditions:

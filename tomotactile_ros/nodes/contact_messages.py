@@ -1,6 +1,7 @@
 """Between contacts and their messages: places on the flat sheet here, positions in space there."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Point32, Vector3, Wrench, WrenchStamped
@@ -138,6 +139,6 @@ def layout_to_message(layout: Layout, grid: Grid, header: Header) -> SensorLayou
     )
 
 
-def _vector(kind: type, values: np.ndarray):
+def _vector(kind: type, values: np.ndarray) -> Any:
     x, y, z = values.tolist()
     return kind(x=x, y=y, z=z)

@@ -153,5 +153,5 @@ def cloud_to_message(points: np.ndarray, pressure: np.ndarray, header: Header) -
 def _filled(typecode: str, values: np.ndarray, dtype: type | np.dtype) -> array:
     """The values' bytes as an array that a message field takes without a check per element."""
     result = array(typecode)
-    result.frombytes(memoryview(np.ascontiguousarray(values, dtype)).cast("B"))
+    result.frombytes(np.ascontiguousarray(values, dtype).data.cast("B"))
     return result

@@ -29,13 +29,20 @@ from tomotactile_ros.nodes.conditions import Conditions, Pace, log_at
 from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.node_time import NodeTime, is_timeless, seconds_now, troubles_of_time
+from tomotactile_ros.nodes.node_time import (
+    NodeTime,
+    clock_of,
+    is_timeless,
+    seconds_now,
+    troubles_of_time,
+)
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
 from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.scenes.touches import Touch
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support.errors import InputError
 
@@ -139,7 +146,7 @@ class Driver:
         self.row_listeners: list[Callable[[Frame, str, Header], None]] = []
         self._time = NodeTime(node)
         self._device: Device | None = None
-        self._layout: Layout | None = None
+        self._layout: Layout  # of `configure`
         self._active = False
         self._said = ""  # the state that the log has told last
         self._conditions = Conditions(self._log)
@@ -149,10 +156,8 @@ class Driver:
         self._publisher = publisher(node, VoltageFrame, "voltage_frame", 2)
         self._rows_publisher = publisher(node, VoltageFrame, "voltage_rows", ROWS_DEPTH)
         self._temperature_publisher = publisher(node, Temperature, "temperature", 2)
-        self._touches = TouchListener(
-            node, self.parameters["frame_id"], lambda touches: self._device.press(touches)
-        )
-        self._order = ScanOrder(node, lambda order: self._device.set_scan(order))
+        self._touches = TouchListener(node, self.parameters["frame_id"], self._press)
+        self._order = ScanOrder(node, self._set_scan)
         node.create_service(Trigger, "~/restart", self._restart)
         hardware_id = self.parameters["hardware_id"] or self.parameters["frame_id"]
         self._diagnostics = Diagnostics(node, "device", lambda: hardware_id, self.report)
@@ -166,8 +171,9 @@ class Driver:
 
     def activate(self) -> None:
         """Open the device."""
+        assert self._device is not None  # it was configured
         self._active = True
-        self._open(self.parameters.values)
+        self._open(self._device, self.parameters.values)
         self._log.info(
             f"{self.parameters['device']} device, layout {self._layout.id} with "
             f"{self._layout.electrodes} electrodes"
@@ -182,10 +188,10 @@ class Driver:
             self._device.close()
 
     def cleanup(self) -> None:
-        """Forget device and layout."""
-        self._touches.listen(False)
+        """Forget the device."""
+        self._touches.listen(None)
         self._order.follow(None)
-        self._device = self._layout = None
+        self._device = None
 
     def report(self) -> Report:
         """State of the device for /diagnostics; a change is also logged."""
@@ -235,7 +241,7 @@ class Driver:
         named["beside"] = not self.alone
         device = make_device(DeviceSettings(**named))
         device.set_streaming(values["streaming"])
-        self._touches.listen(fake and named["scene"].live, self._layout)
+        self._touches.listen(self._layout if fake and named["scene"].live else None)
         return device
 
     def _choose_order(self, values: dict[str, Any]) -> None:
@@ -262,26 +268,35 @@ class Driver:
         self._device = device
         self._choose_order(values)
         if self._active:
-            self._open(values)
+            self._open(device, values)
 
-    def _open(self, values: dict[str, Any]) -> None:
+    def _open(self, device: Device, values: dict[str, Any]) -> None:
         """Open the device, for frames or rows of them, too."""
-        self._device.open(self._on_frame, self._on_rows if values["delivery"] == "rows" else None)
+        device.open(self._on_frame, self._on_rows if values["delivery"] == "rows" else None)
+
+    def _press(self, touches: list[Touch]) -> list[str]:
+        press = getattr(self._device, "press", None)  # simulated ones have it
+        return [] if press is None else press(touches)
+
+    def _set_scan(self, order: tuple[int, ...]) -> None:
+        if self._device is not None:
+            self._device.set_scan(order)
 
     def _restart(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self._active:
+        device, values = self._device, self.parameters.values
+        if not self._active or device is None:
             response.message = "the driver is not active"
             return response
-        self._device.close()
+        device.close()
         try:
-            self._device = self._make_device(self.parameters.values)
+            device = self._device = self._make_device(values)
         except InputError as error:
             response.message = str(error)
-            self._open(self.parameters.values)
+            self._open(device, values)
             return response
-        self._choose_order(self.parameters.values)
-        self._open(self.parameters.values)
-        response.success, response.message = outcome(self._device, lambda: not self._active)
+        self._choose_order(values)
+        self._open(device, values)
+        response.success, response.message = outcome(device, lambda: not self._active)
         return response
 
     def _on_frame(self, frame: Frame) -> None:
@@ -304,7 +319,7 @@ class Driver:
 
     def _stamp_of(self, when: float, publisher: Publisher) -> float:
         """The stamp, s, of what hardware has read at a Unix time, s."""
-        if not self._node.get_clock().ros_time_is_active:
+        if not clock_of(self._node).ros_time_is_active:
             return when
         simulated = self._simulated.setdefault(publisher.topic_name, SimulatedTime())
         return simulated.of(when, seconds_now(self._node))

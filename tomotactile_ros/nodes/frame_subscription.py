@@ -2,6 +2,7 @@
 publisher that does not suit."""
 
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.exceptions import InvalidHandle
@@ -21,12 +22,13 @@ try:
 except ImportError:  # Humble
     from rclpy.qos_event import SubscriptionEventCallbacks
 
+Accept = Callable[[Frame, str, Header], None]
 ROWS_DEPTH = 16  # messages of rows that may wait
 
 
 def subscribe_to_frames(
     node: Node,
-    accept: Callable[[Frame, str, Header], None],
+    accept: Accept,
     refuse: Callable[[str], None],
     incompatible: Callable[[str], None],
 ) -> None:
@@ -34,14 +36,19 @@ def subscribe_to_frames(
     _subscribe(node, "voltage_frame", 1, accept, refuse, incompatible)
 
 
-def subscribe_to_rows(
-    node: Node, accept: Callable[[Frame, str, Header], None], refuse: Callable[[str], None]
-) -> None:
+def subscribe_to_rows(node: Node, accept: Accept, refuse: Callable[[str], None]) -> None:
     """Listen to `voltage_rows`: some wait, as none should be missed; and see `_subscribe`."""
     _subscribe(node, "voltage_rows", ROWS_DEPTH, accept, refuse, lambda policy: None)
 
 
-def _subscribe(node, topic, depth, accept, refuse, incompatible) -> None:
+def _subscribe(
+    node: Node,
+    topic: str,
+    depth: int,
+    accept: Accept,
+    refuse: Callable[[str], None],
+    incompatible: Callable[[str], None],
+) -> None:
     """Listen to a topic of `VoltageFrame`.
 
     Frames go on while parameters or services take long: they have a callback group of their own.
@@ -74,7 +81,7 @@ def _subscribe(node, topic, depth, accept, refuse, incompatible) -> None:
         callback_group=MutuallyExclusiveCallbackGroup(),
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         event_callbacks=SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: incompatible(_policy_name(event.last_policy_kind))
+            incompatible_qos=lambda event: incompatible(_policy_name(event))
         ),
     )
 
@@ -90,8 +97,8 @@ def _next(subscription: Subscription) -> VoltageFrame | None:
     return taken[0] if taken else None
 
 
-def _policy_name(kind: int) -> str:
+def _policy_name(event: Any) -> str:
     try:
-        return QoSPolicyKind(int(kind)).name.lower()
+        return QoSPolicyKind(int(event.last_policy_kind)).name.lower()
     except ValueError:
-        return str(kind)
+        return str(event.last_policy_kind)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
@@ -23,6 +24,7 @@ from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.live import KINDS, OFF, LiveLearner
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.msg import SensorState as SensorMessage
+from tomotactile_ros.nodes.node_time import clock_of
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.sensor_messages import sensor_to_message
@@ -67,11 +69,10 @@ class Learning:
     ):
         self._node, self._values, self._use, self._frame_id = node, values, use, frame_id
         self._learner: LiveLearner | None = None
-        self._layout: Layout | None = None
         self._wake, self._ended = threading.Event(), threading.Event()  # of the thread at work
         self._thread: threading.Thread | None = None
         self._unsaved, self._saved, self._complaint = False, -math.inf, ""
-        self._publisher = None
+        self._publisher: Publisher | None = None
         if values()["sensor"] or values()["learn"] != OFF:
             self._publisher = publisher(node, SensorMessage, "sensor_state", latched=True)
 
@@ -84,7 +85,7 @@ class Learning:
     def configure(self, layout: Layout) -> None:
         """Read the file, if there is one; InputError where it cannot be used."""
         values = self._values()
-        self._layout, self._learner = layout, None
+        self._learner = None
         if self._publisher is None:
             return
         state = None
@@ -99,15 +100,16 @@ class Learning:
             kind=values["learn"],
             state=state,
         )
-        self._publish()
+        self._publish(self._learner)
 
     def start(self) -> None:
         """Begin to learn."""
-        if self._learner is None or self._values()["learn"] == OFF:
+        learner = self._learner
+        if learner is None or self._values()["learn"] == OFF:
             return
         self._wake, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(
-            target=self._work, args=(self._wake, self._ended), name="learning", daemon=True
+            target=self._work, args=(learner, self._wake, self._ended), name="learning", daemon=True
         )
         self._thread.start()
 
@@ -123,7 +125,7 @@ class Learning:
 
     def offer(self, frame: Frame) -> None:
         """Look at a frame that was processed."""
-        if self._thread is None:
+        if self._thread is None or self._learner is None:
             return
         if self._learner.offer(frame.voltages, frame.grounded, frame.drive_voltage, frame.stamp):
             self._wake.set()
@@ -133,7 +135,7 @@ class Learning:
         learner = self._learner
         if learner is None:
             return {}
-        figures = {"learned_from_touches": learner.state.touches}
+        figures: dict[str, str | int] = {"learned_from_touches": learner.state.touches}
         if learner.unexplained:
             figures["touches_not_explained"] = learner.unexplained
         if learner.moved:
@@ -151,11 +153,11 @@ class Learning:
 
     def _date(self, stamp: float) -> str:
         """A stamp, s, for people; simulated time has no date."""
-        if self._node.get_clock().ros_time_is_active:
+        if clock_of(self._node).ros_time_is_active:
             return f"{stamp:.1f} s"
         return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))
 
-    def _work(self, wake: threading.Event, ended: threading.Event) -> None:
+    def _work(self, learner: LiveLearner, wake: threading.Event, ended: threading.Event) -> None:
         while True:
             # what was learned last is kept, too, where nothing more is learned before a crash
             woken = wake.wait(self._until_saved() if self._unsaved else None)
@@ -166,7 +168,7 @@ class Learning:
                 self._save()
                 continue
             try:
-                state = self._learner.work()
+                state = learner.work()
             except InputError as error:
                 self._complaint = f"nothing can be learned: {error}"
                 continue
@@ -176,7 +178,7 @@ class Learning:
                 continue
             self._complaint, self._unsaved = "", bool(self._values()["sensor"])
             self._use(state)
-            self._publish()
+            self._publish(learner)
             if not self._until_saved():
                 self._save()
 
@@ -184,9 +186,11 @@ class Learning:
         """Seconds until the file is written again."""
         return max(self._saved + _SAVED_EVERY - time.monotonic(), 0.0)
 
-    def _publish(self) -> None:
-        learner = self._learner
-        message = sensor_to_message(learner.state, learner.operator, self._layout, self._frame_id())
+    def _publish(self, learner: LiveLearner) -> None:
+        if self._publisher is None:
+            return
+        known = learner.state, learner.operator, learner.layout
+        message = sensor_to_message(*known, self._frame_id())
         try:
             self._publisher.publish(message)
         except Exception:
@@ -194,12 +198,12 @@ class Learning:
                 raise
 
     def _save(self) -> None:
-        path = self._values()["sensor"]
-        if not self._unsaved:
+        path, learner = self._values()["sensor"], self._learner
+        if learner is None or not self._unsaved:
             return
         self._saved = time.monotonic()
         try:
-            save_sensor(path, self._layout, self._learner.operator, self._learner.state)
+            save_sensor(path, learner.layout, learner.operator, learner.state)
         except InputError as error:
             self._complaint = f"what was learned is not kept: {error}"
         else:

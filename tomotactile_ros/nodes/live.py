@@ -8,6 +8,7 @@ import socket
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES, Settings
@@ -16,6 +17,9 @@ from tomotactile_ros.support.command_line import Parser, end_of_pipe, positive
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.processes import Child, stop_all
 from tomotactile_ros.view.display import Display
+
+if TYPE_CHECKING:
+    from tomotactile_ros.nodes.listener import Listener
 
 DEFAULT_RATE = 15.625  # frames/s
 PATIENCE = 10.0  # s without the first contacts until it is said why
@@ -130,7 +134,7 @@ def _watch(children: list[Child], layout: Layout, scene: Scene, options: argpars
     return 1 if problem else 0
 
 
-def _show(children: list[Child], listener, display: Display, duration: float) -> str:
+def _show(children: list[Child], listener: "Listener", display: Display, duration: float) -> str:
     """Show what is known until the time is over; returns what went wrong, or nothing."""
     import rclpy
 

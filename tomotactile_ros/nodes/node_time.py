@@ -10,7 +10,7 @@ import threading
 import time
 from typing import cast
 
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -20,7 +20,7 @@ from tomotactile_ros.devices.time_source import NO_TIME, HostTime
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
 
 
-def _clock_of(node: Node) -> ROSClock:
+def clock_of(node: Node) -> ROSClock:
     return cast(ROSClock, node.get_clock())
 
 
@@ -31,7 +31,7 @@ def seconds_now(node: Node) -> float:
 
 def is_timeless(node: Node) -> bool:
     """Whether simulated time is wanted, and not known yet."""
-    clock = _clock_of(node)
+    clock = clock_of(node)
     return clock.ros_time_is_active and clock.now().nanoseconds == 0
 
 
@@ -46,7 +46,7 @@ class NodeTime:
     """The time of a node as a `devices.time_source.TimeSource`: it goes on in steps where it is simulated."""
 
     def __init__(self, node: Node):
-        self._clock, self._host = _clock_of(node), HostTime()
+        self._clock, self._host = clock_of(node), HostTime()
         self._lock = threading.Lock()
         self._waiting: set[threading.Event] = set()
         self._before = 0.0
@@ -89,7 +89,7 @@ class NodeTime:
     def _note(self) -> None:
         self._before = self.now()
 
-    def _go_on(self, jump) -> None:
+    def _go_on(self, jump: TimeJump) -> None:
         with self._lock:
             for news in self._waiting:
                 news.set()
@@ -104,7 +104,7 @@ class PassingTime:
     """
 
     def __init__(self, node: Node):
-        self._clock, self._lock = _clock_of(node), threading.Lock()
+        self._clock, self._lock = clock_of(node), threading.Lock()
         self._passed = 0.0
         self._steady = self._moved = time.monotonic()
         self._there = self._clock.now().nanoseconds

@@ -5,6 +5,7 @@ Its parameters are the options of `tomotactile optimize` (`optimizer/options.py`
 itself; a stop (Ctrl-C) ends it at once and keeps the best layout so far.
 """
 
+import math
 import threading
 
 import rclpy
@@ -32,15 +33,16 @@ _PATIENCE = 5.0  # s for processes of the search that end
 def spec_of(option: Option) -> Spec:
     """The parameter of an option; what may be left away is 0, empty or []."""
     default = option.unset if option.default is None else option.default
-    limits = {"low": 0, "high": option.high} if option.kind in (int, float) else {}
+    is_limited = option.kind in (int, float) and not option.is_list
     return Spec(
         option.name,
         OUT if option.name == "out" else default,
         option.help,
+        low=0 if is_limited else None,
+        high=option.high if is_limited else math.inf,
         choices=option.choices,
         read_only=True,
         items=option.kind if option.is_list else int,
-        **(limits if not option.is_list else {}),
     )
 
 
@@ -60,7 +62,7 @@ class Optimizer:
         self._log = node.get_logger()
         self.parameters = Parameters(node, SPECS, _nothing_changes)
         self.status = 0
-        self._job: Job | None = None
+        self._job: Job  # of `configure`
         self._last: Stage | None = None
         self._workers: Workers | None = None
         self._thread = threading.Thread(target=self._work, name="optimizer", daemon=True)
@@ -101,18 +103,20 @@ class Optimizer:
 
     def report(self) -> Report:
         """Progress for /diagnostics."""
-        if self._job is None or self._last is None:
+        last = self._last
+        if last is None:
             return Report(diagnostics.OK, "evaluating the layout to start from")
-        figures = {"step": self._last.done, "of": self._job.total, **self._last.figures}
-        return Report(diagnostics.OK, self._progress(), figures)
+        figures: dict[str, float | int | str] = {"step": last.done, "of": self._job.total}
+        return Report(diagnostics.OK, self._progress(last), {**figures, **last.figures})
 
-    def _progress(self) -> str:
-        return f"step {self._last.done} of {self._job.total}: {self._last.note}"
+    def _progress(self, stage: Stage) -> str:
+        return f"step {stage.done} of {self._job.total}: {stage.note}"
 
     def _work(self) -> None:
         try:
-            with self._job.workers() as self._workers:
-                for stage in self._job.stages(self._workers):
+            with self._job.workers() as workers:
+                self._workers = workers
+                for stage in self._job.stages(workers):
                     with self._lock:
                         if not self._at_work:
                             return
@@ -146,7 +150,7 @@ class Optimizer:
 
     def _show(self, stage: Stage) -> None:
         self._last = stage
-        self._log.info(self._progress())
+        self._log.info(self._progress(stage))
         if stage.hwhm_map is None:
             return
         header = Header(stamp=self._node.get_clock().now().to_msg())
@@ -164,12 +168,11 @@ def _nothing_changes(changed: set[str], values: dict) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    parts: list[Optimizer] = []
+    nodes: list[PlainNode[Optimizer]] = []
 
-    def make_part(node: Node) -> Optimizer:
-        parts.append(Optimizer(node))
-        return parts[0]
+    def make_nodes() -> list[PlainNode[Optimizer]]:
+        nodes.append(PlainNode(Optimizer))
+        return nodes
 
-    make_part.name = Optimizer.name
-    status = run(lambda: [PlainNode(make_part)], args, __doc__, {Optimizer.name: SPECS})
-    return status or (parts[0].status if parts else 0)
+    status = run(make_nodes, args, __doc__, {Optimizer.name: SPECS})
+    return status or (nodes[0].part.status if nodes else 0)

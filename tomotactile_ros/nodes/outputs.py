@@ -56,9 +56,11 @@ class Outputs:
         self._markers = publisher(node, MarkerArray, "contact_markers")
         self._layout_markers = publisher(node, MarkerArray, "layout_markers", latched=True)
         self._surface: Publisher | None = None
+        self._points: np.ndarray | None = None  # (K, 3) m, of pixels on a sheet that is not flat
         self.frame_id = "tactile_link"
-        self._layout: Layout | None = None
-        self._grid: Grid | None = None
+        self._layout: Layout  # of `configure`
+        self._grid: Grid
+        self._shown: tuple[Layout, Grid] | None = None
         self._max_age = 0.0
         self._order = threading.Lock()  # of contacts, their markers, and what takes them back
         self._now = PassingTime(node).now
@@ -74,8 +76,9 @@ class Outputs:
         palette()  # loads the colours now and not with the first frame
         self._contact_markers = ContactMarkers()
         frame_id = values["frame_id"] or self.frame_id
-        if layout is not self._layout or grid is not self._grid or frame_id != self.frame_id:
-            self._layout, self._grid, self._points = layout, grid, None
+        if (layout, grid) != self._shown or frame_id != self.frame_id:
+            self._layout, self._grid = self._shown = layout, grid
+            self._points = None
             self._show_layout(frame_id)
         if layout.surface.kind != "flat":
             if self._surface is None:
@@ -89,9 +92,9 @@ class Outputs:
         contacts = _strongest_first(contacts)
         if self._view.get_subscription_count() > 0:
             self._view.publish(image_to_message(self._picture(pressure, contacts), header))
-        if self._points is not None and self._surface.get_subscription_count() > 0:
-            values = self._grid.gather(pressure)
-            self._surface.publish(cloud_to_message(self._points, values, header))
+        surface, points = self._surface, self._points
+        if surface is not None and points is not None and surface.get_subscription_count() > 0:
+            surface.publish(cloud_to_message(points, self._grid.gather(pressure), header))
 
     def publish_contacts(self, contacts: list, header: Header, complete: bool = True) -> None:
         """Publish contacts that are known; `header` has the time for which they hold, `complete` is

@@ -5,6 +5,7 @@ parameters are declared with dynamic typing and converted here. Everything else 
 """
 
 import difflib
+import math
 import reprlib
 from array import array
 from collections.abc import Callable, Sequence
@@ -58,7 +59,7 @@ class Spec:
     default: bool | int | float | str | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
     description: str
     low: float | None = None
-    high: float | None = None
+    high: float = math.inf
     choices: tuple[str, ...] = ()
     read_only: bool = False
     path: bool = False

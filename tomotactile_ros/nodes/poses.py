@@ -1,8 +1,10 @@
 """Where a sensor is: from tf2 where it is installed, or from a file of fixed poses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
+from geometry_msgs.msg import Transform
 from rclpy.node import Node
 from rclpy.time import Time
 from scipy.spatial.transform import Rotation
@@ -30,7 +32,7 @@ def make_locator(node: Node, frame_id: str, file: str) -> Locate:
     file : of fixed poses; empty for tf2.
     """
     if file:
-        return _fixed(load_poses(file, frame_id), frame_id)
+        return _fixed(load_poses(Path(file), frame_id), frame_id)
     try:
         from tf2_ros import Buffer, TransformException, TransformListener
     except ImportError:
@@ -52,11 +54,11 @@ def make_locator(node: Node, frame_id: str, file: str) -> Locate:
             raise InputError(f"no transform from {source} to {frame_id}: {error}") from None
         return _pose(found.transform)
 
-    locate.listener = listener  # lives as long as what it serves
+    locate.listener = listener  # type: ignore[attr-defined] # lives as long as what it serves
     return locate
 
 
-def _fixed(poses, frame_id: str) -> Locate:
+def _fixed(poses: Mapping[str, Pose], frame_id: str) -> Locate:
     here = Pose(np.zeros(3), Rotation.identity())
 
     def locate(header: Header) -> Pose:
@@ -80,6 +82,6 @@ def _check_age(contacts: Header, transform: Header) -> None:
         )
 
 
-def _pose(transform) -> Pose:
+def _pose(transform: Transform) -> Pose:
     t, r = transform.translation, transform.rotation
     return Pose(np.array([t.x, t.y, t.z]), Rotation.from_quat([r.x, r.y, r.z, r.w]))

@@ -66,7 +66,6 @@ class Reconstruction:
         self.parameters = Parameters(node, SPECS, self._change)
         self._lock = FairLock()  # guards the pipeline against frames from another thread
         self._rows_lock = threading.Lock()  # the same of rows, which do not wait for frames
-        self._layout: Layout | None = None
         self._pipeline: Pipeline | None = None
         self._active = False
         self._complaint, self._complained = "", 0.0  # why no images, as the log has it, and when
@@ -106,11 +105,10 @@ class Reconstruction:
 
     def configure(self) -> None:
         """Read the layout and prepare the reconstruction."""
-        self._layout = load_layout(self.parameters["layout"])
-        self._learning.configure(self._layout)
-        pipeline = Pipeline(
-            self._layout, settings_of(self.parameters.values), sensor=self._learning.known
-        )
+        layout = load_layout(self.parameters["layout"])
+        settings = settings_of(self.parameters.values)
+        self._learning.configure(layout)
+        pipeline = Pipeline(layout, settings, sensor=self._learning.known)
         self._taring.restore(pipeline)
         self._use(pipeline, self.parameters.values)
 
@@ -135,18 +133,19 @@ class Reconstruction:
         self._learning.stop()
 
     def cleanup(self) -> None:
-        """Forget layout, pipeline and frames."""
+        """Forget pipeline and frames."""
         with self._lock, self._rows_lock:
-            self._layout = self._pipeline = None
+            self._pipeline = None
             self._taring.forget()
 
     def accept(self, frame: Frame, layout_id: str, header: Header) -> None:
         """Process a frame and publish what comes out, or refuse it with a warning."""
         with self._lock, unless_stopped(self._node):
-            if not self._active or is_timeless(self._node):  # how old they are nobody knows
-                return
+            pipeline = self._pipeline
+            if not self._active or pipeline is None or is_timeless(self._node):
+                return  # how old they are nobody knows
             try:
-                self._process(frame, layout_id, header)
+                self._process(pipeline, frame, layout_id, header)
             except InputError as error:
                 self.refuse(str(error))
             except Exception:
@@ -162,7 +161,7 @@ class Reconstruction:
             if is_timeless(self._node):
                 return
             try:
-                self._check(rows, layout_id)
+                _check(pipeline.layout, rows, layout_id)
                 self._rows.take(pipeline, rows, self.parameters["frame_id"] or header.frame_id)
             except InputError as error:
                 self.refuse(str(error))
@@ -216,7 +215,7 @@ class Reconstruction:
         if text := doubt_of_settling(self._settling):
             troubles.append(Trouble("settling", False, text))
         if self._bare:
-            text = f"frames name their layout without its hash, it should be {self._layout.id}"
+            text = f"frames name their layout without its hash, it should be {pipeline.layout.id}"
             troubles.append(Trouble("bare layout", False, text))
         self._conditions.say(troubles)
         level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
@@ -236,21 +235,21 @@ class Reconstruction:
             with unless_stopped(self._node):
                 self._outputs.watch()
 
-    def _process(self, frame: Frame, layout_id: str, header: Header) -> None:
+    def _process(self, pipeline: Pipeline, frame: Frame, layout_id: str, header: Header) -> None:
         start, sought, values = time.monotonic(), 0.0, self.parameters.values
-        self._check(frame, layout_id)
+        _check(pipeline.layout, frame, layout_id)
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
-        left_out = followed and self._rows.leaves_out(self._pipeline, frame)
-        if followed and self._rows.draws(self._pipeline, left_out):
+        left_out = followed and self._rows.leaves_out(pipeline, frame)
+        if followed and self._rows.draws(pipeline, left_out):
             with self._rows_lock:
-                result = self._rows.image(self._pipeline, left_out)
+                result = self._rows.image(pipeline, left_out)
         if result is None and left_out:
             return
         limit = values["deadline"] or period_of(frame)
         if result is None:
             begun = time.monotonic()
-            result = self._rows.process(self._pipeline, frame, max(limit - self._rest, 0.0))
+            result = self._rows.process(pipeline, frame, max(limit - self._rest, 0.0))
             sought = time.monotonic() - begun
             followed = followed or self._rows.followed  # since: they know better by now
         frame_id = self.parameters["frame_id"] or header.frame_id
@@ -266,7 +265,7 @@ class Reconstruction:
                 self._outputs.withhold(result.reason, holds, result.complete)
         else:
             drawn = values["image"] != "none"
-            if drawn and not np.isfinite(self._pipeline.grid.gather(result.pressure)).all():
+            if drawn and not np.isfinite(pipeline.grid.gather(result.pressure)).all():
                 raise InputError("the voltages give an image with infinite pressures")
             if not followed and values["contacts"]:  # before the pictures, which may take long
                 self._outputs.publish_contacts(result.contacts, holds, result.complete)
@@ -277,7 +276,7 @@ class Reconstruction:
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise
         self._settling = result.settling or self._settling
-        self._bare = is_bare(layout_id, self._layout.id)
+        self._bare = is_bare(layout_id, pipeline.layout.id)
         now, took = seconds_now(self._node), time.monotonic() - start
         self._rest = took - sought
         lasts = frame.row_period * len(frame.grounded)
@@ -285,13 +284,7 @@ class Reconstruction:
             frame.sequence, frame.stamp, now - frame.stamp, took, lasts, limit, result.complete
         )
         if followed and not left_out:
-            self._rows.correct(self._pipeline, frame, max(limit - took, 0.0))
-
-    def _check(self, frame: Frame, layout_id: str) -> None:
-        """Refuse, as InputError, what is not of this layout."""
-        if not matches(layout_id, self._layout.id):
-            raise InputError(f"its layout is {layout_id[:80]!r}, this node has {self._layout.id!r}")
-        check_frame(frame, self._layout)
+            self._rows.correct(pipeline, frame, max(limit - took, 0.0))
 
     def _use_sensor(self, sensor: SensorState) -> None:
         """Go on with what was learned."""
@@ -316,11 +309,18 @@ class Reconstruction:
                 self._pipeline.stop()
         with self._rows_lock:
             self._pipeline = pipeline
-            self._outputs.configure(self._layout, pipeline.grid, values)
+            self._outputs.configure(pipeline.layout, pipeline.grid, values)
 
     def _hardware_id(self) -> str:
         """Which sensor: as the parameters say, otherwise by the frame of its messages."""
         return self.parameters["hardware_id"] or self._outputs.frame_id
+
+
+def _check(layout: Layout, frame: Frame, layout_id: str) -> None:
+    """Refuse, as InputError, what is not of this layout."""
+    if not matches(layout_id, layout.id):
+        raise InputError(f"its layout is {layout_id[:80]!r}, this node has {layout.id!r}")
+    check_frame(frame, layout)
 
 
 def main(args: list[str] | None = None) -> int:

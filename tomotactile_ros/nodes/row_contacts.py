@@ -11,11 +11,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
+from tomotactile_ros.estimation.row_estimator import RowsState
 from tomotactile_ros.nodes.conversions import make_header
 from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.nodes.outputs import Outputs
@@ -54,10 +56,11 @@ class Rows:
         self._now = PassingTime(node).now
         self.watch = RowWatch(self._now)
         self.withheld = ""  # why contacts of the last row are not known
-        self._state = None
+        self._state: RowsState | None = None
         self._of: tuple = ()  # pipeline and tare of the state
         self._last = -math.inf
-        self._since, self._touching = 0, None
+        self._since = 0
+        self._touching: tuple[int, ...] | None = None
         self._left_out = False  # the last frame
         self._beside = Beside()
 
@@ -76,9 +79,11 @@ class Rows:
         """Follow rows, and publish what is due."""
         of = pipeline, pipeline.baseline
         new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
-        if new or not self.followed:
+        state = self._state
+        if new or state is None or not self.followed:
             follows = pipeline.follows
-            self._state, self._of = pipeline.rows(waits=False), of
+            state = self._state = pipeline.rows(waits=False)
+            self._of = of
             if not follows:  # that took seconds, in which contacts came from frames
                 self.watch.skip(rows.sequence, len(rows.grounded))
                 return
@@ -86,12 +91,12 @@ class Rows:
         begun, every = time.monotonic(), self._values()["publish_every"]
         for i, (voltages, ground) in enumerate(zip(rows.voltages, rows.grounded)):
             now = rows.stamp + i * rows.row_period
-            pipeline.follow_row(voltages, int(ground), rows.drive_voltage, now, self._state)
+            pipeline.follow_row(voltages, int(ground), rows.drive_voltage, now, state)
             self._since += 1
-            touching = self._state.touching
+            touching = state.touching
             if self._since >= every or touching != self._touching:
                 self._since, self._touching = 0, touching
-                self._publish(pipeline, make_header(now, frame_id))
+                self._publish(pipeline, state, make_header(now, frame_id))
             took = time.monotonic() - begun
             if took > _LONGEST:
                 break
@@ -104,12 +109,14 @@ class Rows:
         """Whether a frame is not worth its time: rows saw something begin or end in it, and know it
         already; the next frame is of one state. Never two frames in turn."""
         state, ended = self._state, frame.stamp + frame.row_period * len(frame.grounded)
-        known = state is not None and self._of[0] is pipeline
-        for _ in range(_TURNS if known else 0):  # its last rows may wait still
+        if state is None or self._of[0] is not pipeline:
+            self._left_out = False
+            return False
+        for _ in range(_TURNS):  # its last rows may wait still
             if not state.begun or state.rows.time > ended - 1.5 * frame.row_period:
                 break
             time.sleep(_TURN)
-        mixed = known and state.rows_since_change(frame.stamp, ended) is not None
+        mixed = state.rows_since_change(frame.stamp, ended) is not None
         self._left_out = mixed and not self._left_out
         return self._left_out
 
@@ -124,8 +131,8 @@ class Rows:
     def image(self, pipeline: Pipeline, left_out: bool) -> Result | None:
         """An image of what rows tell; None where that has come to an end meanwhile."""
         state = self._state
-        draws = state and self.draws(pipeline, left_out)
-        return pipeline.image_after_row(state) if draws else None
+        draws = self.draws(pipeline, left_out)
+        return pipeline.image_after_row(state) if state and draws else None
 
     def process(self, pipeline: Pipeline, frame: Frame, deadline: float) -> Result:
         """The result of a frame within a `deadline`, s; where rows are followed, from the process beside
@@ -165,8 +172,8 @@ class Rows:
         """Counts and times, where rows come."""
         return self.watch.figures() if self.followed else {}
 
-    def _publish(self, pipeline: Pipeline, header: Header) -> None:
-        result = pipeline.after_row(self._state)
+    def _publish(self, pipeline: Pipeline, state: RowsState, header: Header) -> None:
+        result = pipeline.after_row(state)
         self.withheld = result.reason
         self._outputs.say_touched(not result.idle, header)
         if result.reason:
@@ -175,6 +182,6 @@ class Rows:
             self._outputs.publish_contacts(result.contacts, header)
 
 
-def _words(frame: Frame) -> tuple:
+def _words(frame: Frame) -> tuple[np.ndarray, np.ndarray, float, float, float]:
     """A frame as `Pipeline.process` takes it."""
     return frame.voltages, frame.grounded, frame.drive_voltage, frame.row_period, frame.stamp

@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import CORO_CREATED, getcoroutinestate, iscoroutine
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 from weakref import WeakSet
 
 import rclpy
@@ -40,6 +40,8 @@ class Part(Protocol):
 
     name: str
 
+    def __init__(self, node: Node) -> None: ...
+
     def configure(self) -> None:
         """Read files and prepare everything."""
 
@@ -53,16 +55,20 @@ class Part(Protocol):
         """Let go of what `configure` made."""
 
 
-class PlainNode(Node):
+P = TypeVar("P", bound=Part)
+
+
+class PlainNode(Node, Generic[P]):
     """A node that works from its creation to its destruction."""
 
-    def __init__(self, make_part: Callable[[Node], Part], namespace: str | None = None):
+    def __init__(self, kind: type[P], namespace: str | None = None):
+        self._works = False
         with _settings_of_ros():
-            super().__init__(make_part.name, namespace=namespace)
-        self.part: Part | None = None
+            super().__init__(kind.name, namespace=namespace)
         try:
             with _settings_of_ros():
-                self.part = make_part(self)
+                self.part = kind(self)
+            self._works = True
             self.part.configure()
             self.part.activate()
         except BaseException:
@@ -71,24 +77,24 @@ class PlainNode(Node):
 
     def destroy_node(self) -> None:
         """Stop the work, then the node."""
-        if self.part is not None:
+        if self._works:
             self.part.deactivate()
             self.part.cleanup()
-            self.part = None
+            self._works = False
         super().destroy_node()
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(LifecycleNode, Generic[P]):
     """A node whose life is managed by services: configure, activate, deactivate, cleanup.
 
     With the parameter `autostart` it configures and activates itself at the start, and so does not
     depend on a manager to come back after a crash.
     """
 
-    def __init__(self, make_part: Callable[[Node], Part]):
+    def __init__(self, kind: type[P]):
         with _settings_of_ros():
-            super().__init__(make_part.name)
-            self.part = make_part(self)
+            super().__init__(kind.name)
+            self.part = kind(self)
         if Parameters(self, (AUTOSTART,), _read_only)["autostart"]:
             self._start()
 
@@ -116,7 +122,7 @@ class ManagedNode(LifecycleNode):
                 + (", ".join(f"{label} ({k})" for k, label in possible.items()) or "none")
             )
             return TransitionCallbackReturn.FAILURE
-        return super()._LifecycleNodeMixin__change_state(transition)
+        return super()._LifecycleNodeMixin__change_state(transition)  # type: ignore[misc] # private
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Prepare; back to unconfigured, with the reason in the log, if that is not possible."""
@@ -176,13 +182,13 @@ class _Executor(MultiThreadedExecutor):
         super().__init__(threads)
         self._given: WeakSet[Task] = WeakSet()
 
-    def wait_for_ready_callbacks(self, *args, **kwargs) -> tuple[Task, Any, Node]:
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> tuple[Task, Any, Node]:
         """The next callback, what it is of, and the node of that."""
         while True:
-            task, entity, node = super().wait_for_ready_callbacks(*args, **kwargs)
-            if task not in self._given or not _has_not_begun(task):
-                self._given.add(task)
-                return task, entity, node
+            found: tuple[Task, Any, Node] = super().wait_for_ready_callbacks(*args, **kwargs)
+            if found[0] not in self._given or not _has_not_begun(found[0]):
+                self._given.add(found[0])
+                return found
             time.sleep(_SOON)
 
 

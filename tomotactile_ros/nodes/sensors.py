@@ -8,6 +8,7 @@ The node `sensors` only holds the list. Frames go from driver to reconstruction 
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 
 from rclpy.node import Node
 
@@ -49,7 +50,7 @@ def make_all() -> Iterator[Node]:
     sensors = PlainNode(Sensors)
     yield sensors
     for namespace in sensors.part.namespaces():
-        yield from make_nodes(lambda part, ns=namespace: PlainNode(part, namespace=ns))
+        yield from make_nodes(partial(PlainNode, namespace=namespace))
 
 
 def main(args: list[str] | None = None) -> int:

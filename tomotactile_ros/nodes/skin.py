@@ -5,8 +5,10 @@ It publishes with every message of a sensor, and goes on to say who is silent wh
 
 import math
 from copy import copy
+from functools import partial
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -25,7 +27,7 @@ from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
 from tomotactile_ros.nodes.parameters import Parameters, Spec
-from tomotactile_ros.nodes.poses import make_locator
+from tomotactile_ros.nodes.poses import Locate, make_locator
 from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
@@ -71,7 +73,7 @@ class SkinPart:
         self._now = PassingTime(node).now
         self.parameters = Parameters(node, SPECS, self._change)
         self._skin = Skin((), 1.0)
-        self._locate = None
+        self._locate: Locate  # of `configure`
         self._topics: dict[str, str] = {}
         self._active = False
         self._published = 0.0
@@ -108,7 +110,10 @@ class SkinPart:
         """Which sensors are silent, for /diagnostics."""
         now = self._now()
         unknown, mixed = self._skin.problems(now), self._mixed()
-        figures = {"sensors": len(self._skin.members), "silent": len(unknown)}
+        figures: dict[str, float | int | str] = {
+            "sensors": len(self._skin.members),
+            "silent": len(unknown),
+        }
         troubles = [
             Trouble(f"unknown {name}", True, f"{name}: {text}", self._skin.kind(name, now))
             for name, text in unknown.items()
@@ -130,7 +135,7 @@ class SkinPart:
         subscription = self._node.create_subscription(
             ContactArray,
             topic,
-            lambda message: self._on_contacts(name, message),
+            partial(self._on_contacts, name),
             _HEARING,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -150,9 +155,9 @@ class SkinPart:
             check_contacts(message.contacts)
             member.contacts = moved(message.contacts, self._locate(message.header))
             member.force, member.torque = wrench_of(
-                [_array(c.position) for c in member.contacts],
-                [_array(c.normal) for c in member.contacts],
-                [c.force for c in member.contacts],
+                np.array([_array(c.position) for c in member.contacts]),
+                np.array([_array(c.normal) for c in member.contacts]),
+                np.array([c.force for c in member.contacts]),
             )
         except InputError as error:
             member.complaint = str(error)
@@ -169,7 +174,7 @@ class SkinPart:
         if self._now() - self._published > self._skin.timeout:
             self._publish(self._node.get_clock().now().to_msg())
 
-    def _publish(self, stamp) -> None:
+    def _publish(self, stamp: Time) -> None:
         if not self._active:
             return
         now = self._published = self._now()
@@ -206,9 +211,9 @@ def moved(contacts: list[Contact], pose: Pose) -> list[Contact]:
     """The same contacts in another frame; what lies along the surface stays as it is."""
     if not contacts:
         return []
-    positions = pose.positions([_array(c.position) for c in contacts])
+    positions = pose.positions(np.array([_array(c.position) for c in contacts]))
     turned = {
-        key: pose.directions([_array(getattr(c, key)) for c in contacts])
+        key: pose.directions(np.array([_array(getattr(c, key)) for c in contacts]))
         for key in ("velocity", "normal", "tangent")
     }
     result = []
@@ -233,7 +238,7 @@ def _reason(problems: dict[str, str]) -> str:
     return "; ".join(f"{name}: {problem}" for name, problem in problems.items())
 
 
-def _array(vector) -> np.ndarray:
+def _array(vector: Point | Vector3) -> np.ndarray:
     return np.array([vector.x, vector.y, vector.z])
 
 

@@ -117,16 +117,19 @@ class Taring:
     def _on_tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
             try:
+                pipeline = self._pipeline()
+                if pipeline is None:
+                    raise InputError("the reconstruction is not active")
                 frames = self._fresh()
                 rows = [(frame.voltages, frame.grounded) for frame in frames]
-                layout = self._pipeline().layout
+                layout = pipeline.layout
                 rest = at_rest([ordered(layout, *each) for each in rows], frames[-1].drive_voltage)
-                self._pipeline().tare(rows)
+                pipeline.tare(rows)
             except InputError as error:
                 response.message = str(error)
             else:
                 response.success = True
-                self._keep(len(frames))
+                self._keep(pipeline, len(frames))
                 said = [f"zero is now the mean of the last {len(frames)} frames"]
                 if rest.doubt:
                     self._log.warning(f"tare: {rest.doubt}")
@@ -149,8 +152,6 @@ class Taring:
 
     def _fresh(self) -> list[Frame]:
         """The last frames; InputError, with the reason, where they are not of now."""
-        if self._pipeline() is None:
-            raise InputError("the reconstruction is not active")
         if not self._frames:
             raise InputError(self._complaint() or "no frame has arrived yet")
         age = self._now() - self._frames[-1][0]
@@ -165,13 +166,13 @@ class Taring:
         usual = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
         return max(_STALE, _PERIODS * usual)
 
-    def _keep(self, frames: int) -> None:
-        pipeline = self._pipeline()
-        self._lost = self._note = ""
-        self._tare = Tare(pipeline.layout.id, pipeline.baseline, frames, time.time(), this_boot())
+    def _keep(self, pipeline: Pipeline, frames: int) -> None:
+        assert pipeline.baseline is not None
+        tare = Tare(pipeline.layout.id, pipeline.baseline, frames, time.time(), this_boot())
+        self._tare, self._lost, self._note = tare, "", ""
         try:
             self._spare_others()
-            self._tare.save(self._file)
+            tare.save(self._file)
         except InputError as error:
             self._note = f"the tare would not survive a crash: {error}"
 

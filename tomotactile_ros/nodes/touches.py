@@ -30,15 +30,17 @@ class TouchListener:
         self._layout: Layout | None = None
         self._subscription: Subscription | None = None
 
-    def listen(self, wanted: bool, layout: Layout | None = None) -> None:
+    def listen(self, layout: Layout | None) -> None:
         """Listen from now on for touches of the sheet of a layout, or no longer."""
         self._layout = layout
-        if wanted == (self._subscription is not None):
-            return
-        if not wanted:
-            self._node.destroy_subscription(self._subscription)
+        if layout is None:
+            if self._subscription is not None:
+                self._node.destroy_subscription(self._subscription)
             self._subscription = None
-            return
+        elif self._subscription is None:
+            self._subscribe()
+
+    def _subscribe(self) -> None:
         self._subscription = self._node.create_subscription(
             ContactArray,
             "touches",
@@ -48,11 +50,13 @@ class TouchListener:
         )
 
     def _on_message(self, message: ContactArray) -> None:
-        frame_id = message.header.frame_id
+        frame_id, layout = message.header.frame_id, self._layout
+        if layout is None:
+            return
         if frame_id not in ("", self._frame_id):
             complaints = [f"touches: in frame '{frame_id}', the sensor's is '{self._frame_id}'"]
         else:
-            complaints = self._press(message_to_touches(message, self._layout))
+            complaints = self._press(message_to_touches(message, layout))
         if complaints:
             more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
             self._node.get_logger().warning(

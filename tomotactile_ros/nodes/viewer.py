@@ -6,7 +6,9 @@ It needs no layout file: all that is shown comes by topics.
 
 import time
 from collections import deque
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -130,7 +132,7 @@ class _Sensor:
         numbers = values.get("electrodes_left_out", "").replace(",", " ").split()
         self._faults = {int(number): _LEFT_OUT for number in numbers if number.isdigit()}
 
-    def _unless_wrong(self, listen, message) -> None:
+    def _unless_wrong(self, listen: Callable[[Any], None], message: Any) -> None:
         try:
             listen(message)
         except (InputError, ValueError) as error:  # of another program: what it says does not fit

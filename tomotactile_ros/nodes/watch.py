@@ -4,10 +4,11 @@ from collections import deque
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.devices.time_source import NO_TIME
-from tomotactile_ros.nodes.node_time import PassingTime, is_timeless
+from tomotactile_ros.nodes.node_time import PassingTime, clock_of, is_timeless
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
 _RESTART = 2**16
@@ -68,7 +69,7 @@ class FrameWatch:
         missed = gap if gap < _RESTART else 0  # a number far away is that of another start
         self.missed += missed
         # a simulated clock goes back whenever a bag starts over
-        back = stamp < self._stamp and not self._node.get_clock().ros_time_is_active
+        back = stamp < self._stamp and not clock_of(self._node).ros_time_is_active
         self.stamps_back += back
         step = stamp - self._stamp
         overlong = gap == 0 and lasts > _OVERLONG * step > 0
@@ -213,5 +214,5 @@ class FrameWatch:
         return f"no frames: {who} publishes {self._topic}, but nothing arrives; see its diagnostics"
 
 
-def _full_name(publisher) -> str:
+def _full_name(publisher: TopicEndpointInfo) -> str:
     return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
