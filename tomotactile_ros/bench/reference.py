@@ -114,14 +114,14 @@ class ReferenceSheet:
         side by side. A conductance of infinity is a bare conductor at the drive voltage; it may not
         touch an electrode. What lies outside the outline does not touch.
         """
-        contacts = [(_shape(form), flow) for form, flow in contacts]
-        mesh = self._mesh(contacts)
+        placed = [(_shape(form), flow) for form, flow in contacts]
+        mesh = self._mesh(placed)
         centres = mesh.p[:, mesh.t].mean(axis=1).T
         basis, matrix = self._stiffness(mesh)
         count = self.layout.electrodes
         group = self._electrode_dofs(basis, centres)
         layer = np.zeros(basis.N)
-        for shape, flow in contacts:
+        for shape, flow in placed:
             inside = np.flatnonzero(shape.contains(centres))
             if not callable(flow) and np.isinf(flow):
                 held = basis.element_dofs[:, inside]
@@ -192,12 +192,11 @@ def reference_frame(
     ground_resistance : between each electrode (E,), or all, and ground, ohm
     grounded : (L,) grounded electrode of each row; all in turn without it
     """
-    alike = isinstance(states, Admittance)
-    electrodes = len((states if alike else states[0]).drive)
+    electrodes = len((states if isinstance(states, Admittance) else states[0]).drive)
     grounded = np.arange(electrodes) if grounded is None else np.asarray(grounded, int)
     resistance = np.broadcast_to(np.asarray(ground_resistance, float), electrodes)[grounded]
     rows = np.arange(len(grounded))
-    if alike:
+    if isinstance(states, Admittance):
         columns = _impedance(states)[:, grounded]
     else:
         columns = np.column_stack(

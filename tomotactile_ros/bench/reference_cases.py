@@ -124,7 +124,8 @@ def void() -> Layout:
 
 def random_places() -> Layout:
     """40 electrodes at random places, 18 mm apart at least."""
-    random, places = np.random.default_rng(40), []
+    random = np.random.default_rng(40)
+    places: list[np.ndarray] = []
     while len(places) < 40:
         place = (random.random(2) - 0.5) * 0.19
         if all(np.linalg.norm(place - other) > 0.018 for other in places):
@@ -199,7 +200,8 @@ def crowd_states(layout, random, count) -> list[State]:
     states = []
     for number in (3, 4, 5, 6):
         for _ in range(count):
-            places, presses = [], []
+            places: list[np.ndarray] = []
+            presses = []
             while len(places) < number:
                 place = _anywhere(random, layout.outline, 0.011)
                 if all(np.linalg.norm(place - other) > 0.025 for other in places):
@@ -217,14 +219,14 @@ def beside_states(layout, random, count) -> list[State]:
     """A disc alone and the same beside a second, by turns, `count` times; 30 mm apart at least."""
     states = []
     for _ in range(count):
+        places: list[np.ndarray] = []
         presses: list[Press] = []
         while len(presses) < 2:
             radius = 0.004 + 0.004 * random.random()
-            shape = disc(_anywhere(random, layout.outline, radius + 1e-4), radius)
-            if all(
-                np.linalg.norm(np.subtract(shape.center, o.shape.center)) >= 0.03 for o in presses
-            ):
-                presses.append(_pressed(shape, "disc", random, 1e4, 3e4))
+            place = _anywhere(random, layout.outline, radius + 1e-4)
+            if all(np.linalg.norm(place - other) >= 0.03 for other in places):
+                places.append(place)
+                presses.append(_pressed(disc(place, radius), "disc", random, 1e4, 3e4))
         states += [State("one", presses[:1]), State("two", presses)]
     return states
 

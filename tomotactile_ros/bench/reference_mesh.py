@@ -51,7 +51,7 @@ class Ellipse:
         return ((along / self.semi_axes) ** 2).sum(axis=1) < 1
 
 
-def disc(center: Sequence[float], radius: float) -> Ellipse:
+def disc(center: Sequence[float] | np.ndarray, radius: float) -> Ellipse:
     """A disc as an `Ellipse`."""
     return Ellipse((center[0], center[1]), (radius, radius))
 

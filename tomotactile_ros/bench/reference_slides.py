@@ -24,7 +24,7 @@ from tomotactile_ros.bench import reference_data
 from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_cases import Press, truth
-from tomotactile_ros.bench.reference_mesh import disc
+from tomotactile_ros.bench.reference_mesh import Ellipse, disc
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
@@ -45,8 +45,10 @@ class Slide:
 
     def at(self, way: float) -> Press:
         """The disc after a way of so many m."""
-        center = np.add(self.press.shape.center, np.multiply(way, self.direction))
-        return replace(self.press, shape=replace(self.press.shape, center=tuple(center)))
+        shape = self.press.shape
+        assert isinstance(shape, Ellipse)
+        x, y = np.add(shape.center, np.multiply(way, self.direction))
+        return replace(self.press, shape=replace(shape, center=(x, y)))
 
 
 @dataclass(frozen=True, eq=False)

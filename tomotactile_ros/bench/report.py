@@ -58,7 +58,7 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
 def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     """Both tables of the extremes: single errors; places and forces of every profile."""
     single = [row for row in rows if row["measure"] != CONTACTS]
-    header = ("what", "value", "error of", "error, refusal")
+    header: tables.Row = ("what", "value", "error of", "error, refusal")
     yield from tables.text(header, map(_extreme, single))
     several = [row for row in rows if row["measure"] == CONTACTS]
     if not several:

@@ -12,7 +12,6 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,9 @@ def in_turn(
     spent = dict.fromkeys(calls, 0.0)
     with _no_collection():
         begin = time.perf_counter()
-        for done in count(1):
+        done = 0
+        while True:
+            done += 1
             for key, each in calls.items():
                 if spent[key] > most and done > _FEWEST:
                     continue

@@ -8,6 +8,8 @@ for a part of the frame that is judged may be reported or not (`scoring.PART`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tomotactile_ros.bench.reference import Admittance
@@ -41,14 +43,15 @@ def beside(case: str, without: States, both: States, end: bool) -> Trial:
 def _changing(
     case: str,
     layout: Layout,
-    without: list[Admittance | None],
-    touched: list[Admittance],
+    without: Sequence[Admittance | None],
+    touched: Sequence[Admittance],
     truths: list[list[dict]],
     end: bool,
 ) -> Trial:
     """Three frames of each state: before, while and after it becomes the other one at some row."""
     random = np.random.default_rng(_SEED)
-    frames, judged = [], []
+    frames = []
+    judged: list[list[dict] | None] = []
     electrodes = layout.electrodes
     for i, (one, other, truth) in enumerate(zip(without, touched, truths, strict=True)):
         before = untouched(electrodes) if one is None else potentials(one)
@@ -67,7 +70,8 @@ def sliding(case: str, data: SlideData, speed: float, step: int = 1) -> Trial:
     """Every `step`-th touch that slides straight at one of the speeds (m/s), after an untouched
     scan."""
     electrodes, period = data.layout.electrodes, data.made["row_period"]
-    frames, truths = [], []
+    frames = []
+    truths: list[list[dict] | None] = []
     for i, slide in list(enumerate(data.slides))[::step]:
         rows = DRIVE * data.rows[i, data.speeds.index(speed)].astype(float)
         scans = rows.reshape(-1, electrodes, electrodes)
