@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +29,12 @@ LONG = 0.3
 
 
 def with_disc(
-    unknowns: Unknowns, place, strength: float, radius: float, pitch: float, moving: bool = False
+    unknowns: Unknowns,
+    place: Iterable[float],
+    strength: float,
+    radius: float,
+    pitch: float,
+    moving: bool = False,
 ) -> Unknowns:
     """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at the
     end; `pitch` of the electrodes, m, here and below."""
@@ -153,7 +159,7 @@ def one_of(cells: Unknowns, which: np.ndarray, others: Unknowns, pitch: float) -
     return others.joined_by(one.contacts[0], one.across[0], one.free[0])
 
 
-def chosen(unknowns: Unknowns, keep) -> Unknowns:
+def chosen(unknowns: Unknowns, keep: np.ndarray) -> Unknowns:
     """The same with only the contacts `keep` (mask or indices)."""
     across = tuple(np.array(unknowns.across, int)[keep].tolist())
     kept = unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])

@@ -14,6 +14,8 @@ the number of places and of sums over rows that are looked at (Bonferroni), one-
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 from scipy.special import ndtri
@@ -51,7 +53,9 @@ class Births:
         """(2, K) sums over rows before any row."""
         return np.zeros((2, len(self.places)))
 
-    def look(self, model: RowModel, fit, ground: int, sums, gain):
+    def look(
+        self, model: RowModel, fit: Any, ground: int, sums: np.ndarray, gain: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gains (K,) of this row or with those before, conductances (K,), S, and the sums to go on
         with.
 
@@ -96,7 +100,7 @@ class Births:
         return found
 
 
-def _added(row) -> tuple[np.ndarray, np.ndarray]:
+def _added(row: Any) -> tuple[np.ndarray, np.ndarray]:
     """Of the rank that the contacts of a `row`, the grounded electrode and the floating sheet add to Zb:
     two (k + 2, n) with M = Zb - ones^T others."""
     ones = np.concatenate([row.spread, [row.own * row.ratio, row.lifted]])

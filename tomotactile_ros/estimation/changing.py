@@ -7,7 +7,7 @@ said, or, if that was one like this, from where its rows ended.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -47,7 +47,13 @@ class Changing:
         self._settling = seen.settling
 
     def estimate(
-        self, voltages, grounded, drive_voltage: float, begun: float, period: float, left_out
+        self,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
+        drive_voltage: float,
+        begun: float,
+        period: float,
+        left_out: Mapping[int, str],
     ) -> FollowedRows | None:
         """Contacts at the time of the last of rows (L, E), V, the first of which is of the time
         `begun`, s; None where rows cannot tell.

@@ -44,7 +44,7 @@ class Detector:
         radii = np.full(len(self.pixels), PATCH * self.side)
         self.share, self.impedance = operator.points(self.pixels, radii)
 
-    def gains(self, fit: Fit):
+    def gains(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """(K,) what the sum of squares falls by, 0 where c would be negative, and (K,) c, S."""
         prediction, rows, misfit = fit.prediction, fit.rows, fit.misfit
         ratio, ground = prediction.ratio, rows.grounded

@@ -23,7 +23,7 @@ from itertools import product
 
 import numpy as np
 
-from tomotactile_ros.estimation.tables import mirrored
+from tomotactile_ros.estimation.tables import PotentialTable, mirrored
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 
@@ -44,7 +44,14 @@ class Displacement:
         bordered Green function
     """
 
-    def __init__(self, layout: Layout, used: np.ndarray, resistance: float, potentials, inverse):
+    def __init__(
+        self,
+        layout: Layout,
+        used: np.ndarray,
+        resistance: float,
+        potentials: PotentialTable,
+        inverse: np.ndarray,
+    ):
         self._centres, self._radius = layout.positions[used], layout.radius
         pitch, rectangular = float(np.median(layout.pitches)), layout.outline.is_uniform_rectangle
         mirrors = _rectangle if rectangular else _nearest
@@ -79,7 +86,7 @@ def _inside(outline: Outline, places: np.ndarray) -> np.ndarray:
     return places - 2 * np.minimum(depth, 0.0)[:, None] * inwards
 
 
-def _rectangle(outline: Outline, centres: np.ndarray, within: float):
+def _rectangle(outline: Outline, centres: np.ndarray, within: float) -> list[tuple]:
     """Mirrors in rims and corners of a rectangle: for each what it does with x + i y, as factors of
     that and of its conjugate and what is added, and the electrodes at `centres` (n, 2) nearer to it
     than `within`, m. Farther ones see what is beyond a rim as something that changes slowly."""
@@ -95,7 +102,7 @@ def _rectangle(outline: Outline, centres: np.ndarray, within: float):
     return found
 
 
-def _nearest(outline: Outline, centres: np.ndarray, within: float):
+def _nearest(outline: Outline, centres: np.ndarray, within: float) -> list[tuple]:
     """The same in the tangent of the nearest rim of any outline, another mirror for each electrode."""
     depth, inwards = outline.depth(centres)
     near = np.flatnonzero(depth < within)

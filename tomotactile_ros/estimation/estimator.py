@@ -6,9 +6,10 @@ before a change, frames that no contacts explain.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
     ANYWHERE,
+    Contact,
     Estimate,
     contacts_of,
     joined,
@@ -179,9 +181,9 @@ class Estimator:
         law: ContactLaw,
         radius: float,
         model: str = "auto",
-        excluded=(),
+        excluded: Iterable[int] = (),
         channels: ChannelPrior | None = None,
-        sensor=None,
+        sensor: Any = None,
         across: int = MOST_ACROSS,
         spread: float | None = None,
     ):
@@ -198,8 +200,8 @@ class Estimator:
 
     def estimate(
         self,
-        voltages,
-        grounded,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
         drive_voltage: float,
         state: State,
         row_period: float = 0.0,
@@ -250,11 +252,11 @@ class Estimator:
 
     def _look(
         self,
-        voltages,
-        grounded,
-        drive_voltage,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
+        drive_voltage: float,
         state: State,
-        row_period,
+        row_period: float,
         noise: float,
         follow: ByRows | None,
         scan: _Scan,
@@ -381,7 +383,7 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), scattered
 
-    def _ended(self, voltages, used, prior) -> np.ndarray:
+    def _ended(self, voltages: np.ndarray, used: tuple[int, ...], prior: Prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
         to lie below."""
         below = np.zeros(self.layout.electrodes, bool)
@@ -406,7 +408,7 @@ class Estimator:
         operator = self._search(used).operator
         return operator, self._prior(operator, drive_voltage, max(self.noise, noise))
 
-    def _search(self, used) -> Search:
+    def _search(self, used: tuple[int, ...]) -> Search:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
@@ -418,7 +420,16 @@ class Estimator:
                 search = self._searches[used] = Search(operator, self.across)
         return search
 
-    def _rows(self, search, voltages, valid, grounded, drive_voltage, times, noise):
+    def _rows(
+        self,
+        search: Search,
+        voltages: np.ndarray,
+        valid: np.ndarray,
+        grounded: np.ndarray,
+        drive_voltage: float,
+        times: np.ndarray | None,
+        noise: float,
+    ) -> tuple[Rows, np.ndarray]:
         """`Rows` of the electrodes in use, and electrodes that were never grounded."""
         operator = search.operator
         used = operator.used
@@ -432,7 +443,16 @@ class Estimator:
         return rows, grounded[silent & (at >= 0)]
 
     def _fit(
-        self, search: Search, rows: Rows, prior: Prior, start, state, begun, begins, judge, followed
+        self,
+        search: Search,
+        rows: Rows,
+        prior: Prior,
+        start: Unknowns | None,
+        state: State,
+        begun: bool,
+        begins: Callable[..., None],
+        judge: Callable[[Rows, bool], Rows],
+        followed: Callable[[], FollowedRows | None] | None,
     ) -> tuple[Fit, int, bool]:
         """The fit of all rows, or of those since the last change where they contradict each
         other, its first row, and whether they do and no few of the last are explained.
@@ -442,8 +462,8 @@ class Estimator:
         followed : what else tells of rows of several states, raised as `_Followed`
         """
         timed = rows.times is not None
-        moves = timed and start is not None and start.moving.any()
-        if moves and search.untouched(rows, prior) is None:
+        moves = timed and start is not None and bool(start.moving.any())
+        if start is not None and moves and search.untouched(rows, prior) is None:
             fit = search.moved(start, rows, prior, *_GOES_ON)
             if fit.chi_squared + fit.of_sensor < _MOVED * state.misfit * rows.count:
                 return search.one_more(fit), 0, False
@@ -497,7 +517,15 @@ class Estimator:
         return fit, 0, timed and (begun or alike < whole)
 
     def _late(
-        self, search: Search, rows: Rows, prior: Prior, start, known, alike, least, followed
+        self,
+        search: Search,
+        rows: Rows,
+        prior: Prior,
+        start: Unknowns | None,
+        known: Fit | None,
+        alike: int,
+        least: int,
+        followed: Callable[[], FollowedRows | None] | None,
     ) -> Fit | None:
         """The fit of the last rows of several states, since something began or ended. `_Followed` where
         rows one by one tell of it, and what rests since then does not explain them.
@@ -531,7 +559,7 @@ class Estimator:
         apart = np.hypot(*(before[:, None] - now).transpose(2, 0, 1)) / search.operator.pitch
         return bool(((apart > _DRIFTED) & (apart < CLOSE)).any())
 
-    def _by_rows(self, search: Search, known, by_rows: FollowedRows) -> Unknowns:
+    def _by_rows(self, search: Search, known: Prior | Unknowns, by_rows: FollowedRows) -> Unknowns:
         """What rows say at the end of a frame, the sensor being as `known`."""
         there, pitch = as_known(Unknowns.at_rest(search.operator), known), search.operator.pitch
         for x, y, strength, size in by_rows.contacts:
@@ -540,7 +568,13 @@ class Estimator:
         return replace(there, rates=rates, moving=np.ones(len(rates), bool))
 
     def _went_on(
-        self, by_rows: FollowedRows, state: State, search: Search, prior: Prior, used, ahead: float
+        self,
+        by_rows: FollowedRows,
+        state: State,
+        search: Search,
+        prior: Prior,
+        used: tuple[int, ...],
+        ahead: float,
     ) -> Estimate:
         """What rows said, with which the next frame begins, whose middle is `ahead`, s."""
         known = prior if state.sensor is None or state.used != used else state.sensor.unknowns
@@ -564,7 +598,7 @@ class Estimator:
         search: Search,
         rows: Rows,
         prior: Prior,
-        start,
+        start: Unknowns | None,
         known: Fit | None,
         alike: int,
         least: int,
@@ -679,7 +713,9 @@ class Estimator:
             return max(_REFUSED * (self.noise / noise) ** 2, _BESIDE_NOISE)
         return _REFUSED
 
-    def _reported(self, search: Search, fit: Fit, state: State):
+    def _reported(
+        self, search: Search, fit: Fit, state: State
+    ) -> tuple[list[Contact], list[Contact]]:
         """Contacts of a fit, strongest first, and the discs or cells that they consist of."""
         if fit.unknowns.bond is not None:
             return contacts_of_shape(fit, self.law)

@@ -78,7 +78,7 @@ class SheetField:
     def count(self) -> int:
         return self.modes.shape[1]
 
-    def _weights(self, places):
+    def _weights(self, places: np.ndarray) -> np.ndarray:
         """(Q, C) of a smooth mean over cells nearby."""
         squared = ((places[:, None] - self.centres) ** 2).sum(axis=-1)
         weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * self.reach**2))

@@ -6,6 +6,7 @@ Which contacts there are, `search` says.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -217,7 +218,9 @@ class Fits:
                 fit = self._solve(chosen(tried.unknowns, back), fit, 1)
         return fit
 
-    def _added(self, unknowns: Unknowns, place, strength: float, radius: float) -> Unknowns:
+    def _added(
+        self, unknowns: Unknowns, place: Iterable[float], strength: float, radius: float
+    ) -> Unknowns:
         """The same with a disc at `place` (2,), m, of conductance `strength`, S, and `radius`, m, at
         the end."""
         return with_disc(unknowns, place, strength, radius, self.operator.pitch, self._changing)

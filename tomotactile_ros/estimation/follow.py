@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -21,6 +22,7 @@ from scipy.special import chdtri
 from tomotactile_ros.estimation.arrangement import other_sides
 from tomotactile_ros.estimation.births import Births
 from tomotactile_ros.estimation.equations import REACH
+from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import RATES
 from tomotactile_ros.estimation.row_model import Known, RowModel
@@ -71,13 +73,14 @@ _SURE = 3
 _AT_ONCE = 3
 _ACROSS = 0.3  # spacings from an electrode within which all of its sides are tried
 _CLOSE = 1.0  # sum of radii: contacts nearer to each other are one
+_Read = tuple[np.ndarray, np.ndarray]  # (n,) readings, parts of V0, and which are valid
 
 
 class _Fit:
     """How likely a row was, and what the belief is after it: `prior`, the belief before the row, and
     what the compiled model says."""
 
-    def __init__(self, prior: Belief, found):
+    def __init__(self, prior: Belief, found: Any) -> None:
         self.prior, self.found, self.mean = prior, found, found.mean
         self.chi_squared, self.cost = found.chi_squared, found.cost
 
@@ -111,7 +114,9 @@ class Follower:
             np.zeros(self.operator.count, int),
         )
 
-    def follow(self, state: RowState, readings, valid, ground: int, time: float) -> None:
+    def follow(
+        self, state: RowState, readings: np.ndarray, valid: np.ndarray, ground: int, time: float
+    ) -> None:
         """Takes a row into `state`.
 
         readings (n,) parts of V0 of the electrodes in use; valid (n,) bool; ground : the grounded
@@ -153,7 +158,7 @@ class Follower:
         state.belief = self._tidied(fit.believed())
         self._passed(state, bool(np.isinf(fit.found.row.own)), fit.chi_squared / max(count, 1))
 
-    def wait(self, state: RowState, readings, valid, time: float) -> None:
+    def wait(self, state: RowState, readings: np.ndarray, valid: np.ndarray, time: float) -> None:
         """Takes a row into `state` that is not believed, as a frame has to tell first: all that it says
         is whether anything touches. Arguments as of `follow`."""
         state.time, state.unexplained = time, 0
@@ -169,7 +174,7 @@ class Follower:
             gone = self._gone(state.model, state.belief, (np.where(rest, readings, 0.0), rest))
             if gone.chi_squared <= most:
                 state.distrusted[left] = len(valid)
-        untouched = valid.any() and gone.chi_squared <= most
+        untouched = bool(valid.any()) and gone.chi_squared <= most
         if untouched:
             state.belief = gone.believed()
         self._passed(state, untouched, gone.chi_squared / count)
@@ -186,7 +191,7 @@ class Follower:
             state.confused, state.touched_at_once = np.inf, True
         state.read += 1
 
-    def _ended(self, state: RowState, fit: _Fit, read, ground: int) -> _Fit:
+    def _ended(self, state: RowState, fit: _Fit, read: _Read, ground: int) -> _Fit:
         """The same fit, or one without the contacts that have gone: one that is let go ever more softly
         surprises nobody either, but what was left of it is not there in one row after the other."""
         count = fit.prior.count
@@ -221,7 +226,15 @@ class Follower:
         )
         return fast or min(belief.rows, default=0) < _RESTED or (number * _PATTERN) % 1 < _PART
 
-    def _explained(self, state, expected, plain, read, ground, surprising) -> _Fit:
+    def _explained(
+        self,
+        state: RowState,
+        expected: Belief,
+        plain: _Fit,
+        read: _Read,
+        ground: int,
+        surprising: float,
+    ) -> _Fit:
         """The likeliest of what may have happened; `surprising` : chi-squared from which on a row is."""
         model = state.model
         tried = [(0, plain)]
@@ -265,7 +278,9 @@ class Follower:
             state.last, state.sums = last, self.births.nothing()
         return best
 
-    def _trusted(self, state, tried: list[tuple[int, _Fit]], read, ground) -> _Fit:
+    def _trusted(
+        self, state: RowState, tried: list[tuple[int, _Fit]], read: _Read, ground: int
+    ) -> _Fit:
         """The likeliest of fits with so many events, without readings that are rather wrong. Those are
         not read for a frame, which can tell."""
         readings, valid = read
@@ -288,11 +303,20 @@ class Follower:
             return self._idle(state.model, best.prior, readings, valid)
         return self._fit(state.model, best.prior, (readings, valid), ground, _STEPS, best.mean)
 
-    def _gone(self, model, belief, read) -> _Fit:
+    def _gone(self, model: RowModel, belief: Belief, read: _Read) -> _Fit:
         """Nothing touches any more, nor anything wide."""
         return self._idle(model, belief.of_sensor(), *read)
 
-    def _born(self, model, belief, before, read, ground, state, names):
+    def _born(
+        self,
+        model: RowModel,
+        belief: Belief,
+        before: _Fit,
+        read: _Read,
+        ground: int,
+        state: RowState | None,
+        names: tuple[int, float],
+    ) -> Iterator[_Fit]:
         """Fits of `belief` and one contact more, where the row asks for it: where `before`, a fit of
         that belief, does not explain it."""
         sums = self.births.nothing() if state is None else state.sums
@@ -338,7 +362,7 @@ class Follower:
             mean[at : at + 2] = side
             yield model.limited(mean, mean, fit.prior.count)
 
-    def _beside(self, wide, x, y) -> bool:
+    def _beside(self, wide: Unknowns | None, x: float, y: float) -> bool:
         """Whether what is new there may be a change of a wide contact: frames tell them apart."""
         if wide is None:
             return False
@@ -346,7 +370,7 @@ class Follower:
         reach = _BESIDE * self.operator.pitch + np.exp(wide.contacts[:, RADIUS])
         return bool((apart < reach).any())
 
-    def _within(self, belief, x, y) -> bool:
+    def _within(self, belief: Belief, x: float, y: float) -> bool:
         if not belief.count:
             return False
         contacts = belief.contacts()
@@ -354,7 +378,14 @@ class Follower:
         return bool((apart < _CLOSE * (np.exp(contacts[:, 3]) + np.exp(self._size[0]))).any())
 
     def _fit(
-        self, model: RowModel, prior: Belief, read, ground: int, steps: int, start=None, learns=True
+        self,
+        model: RowModel,
+        prior: Belief,
+        read: _Read,
+        ground: int,
+        steps: int,
+        start: np.ndarray | None = None,
+        learns: bool = True,
     ) -> _Fit:
         """The belief after the row, linearised `steps` times at the most, about `start` first; of
         the contacts alone where the row is not to tell of the sensor."""
@@ -364,7 +395,9 @@ class Follower:
         believed = prior.mean, prior.covariance, prior.sizes[:, 0], mutual
         return _Fit(prior, model.fit(*believed, *read, ground, steps, start, learns))
 
-    def _idle(self, model, prior, readings, valid) -> _Fit:
+    def _idle(
+        self, model: RowModel, prior: Belief, readings: np.ndarray, valid: np.ndarray
+    ) -> _Fit:
         """Nothing touches and drives the sheet: all that is read are offsets and noise, and nothing
         is learned."""
         return _Fit(prior, model.idle_fit(prior.mean, readings, valid))

@@ -15,6 +15,7 @@ force_slope(i, exponent), strength_slope(i) (6,) : of the logarithms of the forc
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -56,13 +57,15 @@ class Unknowns:
     moving: np.ndarray = _AT_REST
     bond: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.rates is _AT_REST:
             count = len(self.contacts)
             object.__setattr__(self, "rates", np.zeros((count, len(RATED))))
             object.__setattr__(self, "moving", np.zeros(count, bool))
 
-    def with_contacts(self, contacts, across, free) -> Unknowns:
+    def with_contacts(
+        self, contacts: np.ndarray, across: Iterable[int], free: np.ndarray
+    ) -> Unknowns:
         """The same with other contacts, all at rest."""
         return replace(
             self,
@@ -74,7 +77,9 @@ class Unknowns:
             bond=None,
         )
 
-    def joined_by(self, contact: np.ndarray, across: int, free, moving: bool = False) -> Unknowns:
+    def joined_by(
+        self, contact: np.ndarray, across: int, free: np.ndarray, moving: bool = False
+    ) -> Unknowns:
         """The same with one `contact` (6,) more, at the end, at rest; `moving` if its rates are
         estimated, as they are if others' are."""
         moving = moving or bool(self.moving.any())

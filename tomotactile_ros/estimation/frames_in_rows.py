@@ -13,7 +13,7 @@ frame's last row was read, and what it changes is changed in what they say by no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -205,7 +205,13 @@ def sliding(belief: Belief) -> dict[int, float]:
     return out
 
 
-def _blurred(found: Unknowns, then, sliding, reach: float, lasts: float) -> np.ndarray:
+def _blurred(
+    found: Unknowns,
+    then: Mapping[int, np.ndarray],
+    sliding: Mapping[int, float],
+    reach: float,
+    lasts: float,
+) -> np.ndarray:
     """(k,) bool, contacts of a frame of `lasts` s that are the way of one that slides."""
     out = np.zeros(len(found.contacts), bool)
     for number, speed in sliding.items():
@@ -215,14 +221,14 @@ def _blurred(found: Unknowns, then, sliding, reach: float, lasts: float) -> np.n
     return out
 
 
-def _nearest(places: Mapping[int, np.ndarray], place, reach: float) -> int | None:
+def _nearest(places: Mapping[int, np.ndarray], place: np.ndarray, reach: float) -> int | None:
     """Number of the nearest of `places` within `reach`, m."""
     apart = {number: float(np.hypot(*(each - place))) for number, each in places.items()}
     best = min(apart, key=apart.__getitem__, default=None)
     return None if best is None or apart[best] > reach else best
 
 
-def _apart(found: Unknowns, places, reach: float) -> np.ndarray:
+def _apart(found: Unknowns, places: Iterable[np.ndarray], reach: float) -> np.ndarray:
     """(k,) bool, contacts of a frame that are at none of `places`."""
     out = np.ones(len(found.contacts), bool)
     for place in places:
@@ -238,7 +244,14 @@ def _lies_in(contact: np.ndarray, wide: np.ndarray) -> bool:
     return bool((apart < np.exp(wide[:, RADIUS])).any())
 
 
-def _agreed(belief: Belief, which: int, mean, covariance, sizes, confused: bool) -> Belief:
+def _agreed(
+    belief: Belief,
+    which: int,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    sizes: np.ndarray,
+    confused: bool,
+) -> Belief:
     """The contact `which` of rows with the size that the frame found, and with its place where they
     contradict; `mean` (5,) has the change of the place in the place of the place."""
     at = slice(STATE * which, STATE * which + STATE)
@@ -294,7 +307,7 @@ def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     return out | touching.any(axis=1)
 
 
-def _covariance(fit: Fitted, which: int, misfit: float):
+def _covariance(fit: Fitted, which: int, misfit: float) -> tuple[float, np.ndarray]:
     """Variance of ln a, and (5, 5) covariance of x, y, nothing of the velocity, ln c of a contact
     of a fit."""
     free = fit.unknowns.free
@@ -309,7 +322,12 @@ def _covariance(fit: Fitted, which: int, misfit: float):
 
 
 def _numbered(
-    state: RowState, estimate: Estimate, seen: Unknowns, is_wide, pitch: float, step: float
+    state: RowState,
+    estimate: Estimate,
+    seen: Unknowns,
+    is_wide: np.ndarray,
+    pitch: float,
+    step: float,
 ) -> list:
     """Contacts of the frame that have wide parts, with their numbers, and velocities by where they
     were in the frame `step` s before; see `RowState.wide`.

@@ -47,17 +47,17 @@ class InducedCharges:
         """Squared distances `apart` (..., 2), m, that of the rim at least."""
         return np.maximum(np.einsum("...d,...d->...", apart, apart), (RIM * self.radius) ** 2)
 
-    def nearness(self, squared):
+    def nearness(self, squared: np.ndarray) -> np.ndarray:
         """1 near an electrode, 0 far away, smoothly, at `squared` distances, m²."""
         far = self._fading(squared)
         return 1 - far**2 * (3 - 2 * far)
 
-    def nearness_slope(self, squared):
+    def nearness_slope(self, squared: np.ndarray) -> np.ndarray:
         """Change of `nearness` with the squared distance, 1/m²."""
         far, width = self._fading(squared), self.pitch * (CLOSE[1] - CLOSE[0])
         return -3 * far * (1 - far) / (np.sqrt(squared) * width)
 
-    def _fading(self, squared):
+    def _fading(self, squared: np.ndarray) -> np.ndarray:
         """How far `squared` distances, m², are between those where electrodes begin and end to fade."""
         return np.clip((np.sqrt(squared) / self.pitch - CLOSE[0]) / (CLOSE[1] - CLOSE[0]), 0, 1)
 
@@ -96,7 +96,7 @@ class Charges:
     def _rooted(self, columns: np.ndarray) -> np.ndarray:
         return columns * np.sqrt(2 * self._electrodes.scale / self._terms)
 
-    def among(self, chosen=slice(None)) -> np.ndarray:
+    def among(self, chosen: slice | np.ndarray = slice(None)) -> np.ndarray:
         """(p, p) what they add to G between the places `chosen`, ohm."""
         columns = self._columns[chosen]
         out = -(columns @ columns.T)
@@ -110,7 +110,7 @@ class Charges:
             _add(out, on, on, part)
         return out
 
-    def _close(self, electrode: int, chosen):
+    def _close(self, electrode: int, chosen: slice | np.ndarray) -> tuple[np.ndarray, ...]:
         """Of a close electrode and the places `chosen` that are near it: which of them, weights, |z|^2,
         inverse points and ways from the centre, m, and change of the weights with the squared distance,
         1/m²."""

@@ -96,14 +96,14 @@ def _by_electrode(fit: Fit) -> np.ndarray:
     return out
 
 
-def _in_units(normal, right, offset, drive):
+def _in_units(normal: np.ndarray, right: np.ndarray, offset: slice, drive: float) -> None:
     """From offsets in parts of the drive voltage to V."""
     normal[offset] /= drive
     normal[:, offset] /= drive
     right[offset] /= drive
 
 
-def _without_contacts(fit, normal, right, free) -> Information:
+def _without_contacts(fit: Fit, normal: np.ndarray, right: np.ndarray, free: int) -> Information:
     readings = fit.rows.count
     if not free:
         return Information(normal, right, fit.chi_squared, readings)

@@ -41,13 +41,13 @@ class Rows:
         """Time of the last row, s; 0 where all were read at once."""
         return 0.0 if self.times is None else float(self.times.max())
 
-    def corrected(self, channels) -> Rows:
+    def corrected(self, channels: Any) -> Rows:
         """What channels without gains and offsets would have read; `channels` has both: `Prior`,
         `Unknowns`."""
         read = (self.readings - channels.offset) / channels.gain
         return replace(self, readings=np.where(self.weights > 0, read, 0.0))
 
-    def part(self, chosen) -> Rows:
+    def part(self, chosen: slice | np.ndarray) -> Rows:
         """Only the rows `chosen`; contacts are estimated for the middle of their time."""
         times = None if self.times is None else self.times[chosen]
         if times is not None and len(times):

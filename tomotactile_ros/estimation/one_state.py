@@ -91,7 +91,9 @@ class Reciprocity:
         return variance_of(e, e != 0, np.arange(len(e)), places[self.among])
 
 
-def reciprocity(rows: Rows, prior: Prior, steps: int = 1, settling=None) -> Reciprocity:
+def reciprocity(
+    rows: Rows, prior: Prior, steps: int = 1, settling: tuple[np.ndarray, np.ndarray] | None = None
+) -> Reciprocity:
     """Of rows, by so many `steps`; by more where these do not obey it at once.
 
     settling : as for `fit_gains`, of the electrodes that are grounded, in parts of the drive; None:

@@ -24,6 +24,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from tomotactile_ros.core import compiled
@@ -76,7 +77,7 @@ class SheetOperator:
     deviation : (J,) their standard deviation before anything is known
     """
 
-    def __init__(self, layout: Layout, model: str = "auto", used=None):
+    def __init__(self, layout: Layout, model: str = "auto", used: ArrayLike | None = None):
         self.layout = layout
         self.used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
         self.count = len(self.used)
@@ -189,7 +190,7 @@ class SheetOperator:
             }
         )
 
-    def points(self, places: np.ndarray, radii: np.ndarray):
+    def points(self, places: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """H (n, Q) and the diagonal of D (Q,), ohm, for discs of `radii` (Q,) at `places`
         (Q, 2), on the sheet that it is right about."""
         transfer = self.sheet.transfer(places, radii)
@@ -217,12 +218,12 @@ class SheetOperator:
         out = np.where(self._seen, self._scaled(changed), self.admittance + changed)
         return _balanced(out if self._rest is None else out + self._rest.term)
 
-    def _changed(self, sheet):
+    def _changed(self, sheet: np.ndarray) -> np.ndarray:
         """(n, n) what `sheet` adds: to the logarithm of Y0 where electrodes see each other, else
         to Y0, S."""
         return (sheet @ self._change.reshape(self.modes, -1)).reshape(self.admittance.shape)
 
-    def _scaled(self, changed):
+    def _scaled(self, changed: np.ndarray) -> np.ndarray:
         """Y0 with the factor that follows from `_changed`, where electrodes see each other."""
         logarithm = changed if self._rest is None else changed + self._rest.factor
         return self.admittance * np.exp(np.clip(logarithm, -2, 2))
@@ -234,7 +235,7 @@ class SheetOperator:
         scaled = self._scaled(self._changed(sheet))
         return _balanced(self._change * np.where(self._seen, scaled, 1.0))
 
-    def share_added(self, sheet: np.ndarray, around: Around):
+    def share_added(self, sheet: np.ndarray, around: Around) -> tuple[np.ndarray, np.ndarray]:
         """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes,
         1/m."""
         added = self.added_at(sheet, around.nodes)
@@ -306,9 +307,9 @@ class SheetOperator:
         inverse = np.linalg.inv(self.expected + least)
         return (inverse + inverse.T) / 2
 
-    def _uneven(self):
+    def _uneven(self) -> None:
         """Modes of the sheet and what they change, from finite elements."""
-        fem = self.sheet if self.sheet.model == "fem" else FemSheet(self.layout)
+        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.layout)
         mesh, used = fem.mesh, self.used
         inverse = _bordered_inverse(fem.electrode_electrode, used)
         fed = np.vstack([fem._to_electrodes.T[used], np.ones(len(fem.where))])
@@ -346,7 +347,16 @@ class SheetOperator:
         self.deviation = np.concatenate([self.field.deviation, self.rim.deviation])
         self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
 
-    def _shares_on_lattice(self, fem, inverse, fed, slope, root, gradient, strips):
+    def _shares_on_lattice(
+        self,
+        fem: FemSheet,
+        inverse: np.ndarray,
+        fed: np.ndarray,
+        slope: np.ndarray,
+        root: np.ndarray,
+        gradient: np.ndarray,
+        strips: np.ndarray,
+    ) -> None:
         mesh, order, ends = fem.mesh, self.field.order, self.field.ends
         size = np.array(self.layout.outline.size)
         places = mirrored(self.lattice.points, size / 2)
@@ -408,7 +418,9 @@ def _balanced(matrices: np.ndarray) -> np.ndarray:
     return out
 
 
-def _gradients(points: np.ndarray, triangles: np.ndarray):
+def _gradients(
+    points: np.ndarray, triangles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corners (T, 3, 2), areas (T,) and gradients (T, 3, 2) of the shape functions of triangles."""
     corners = points[triangles]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]

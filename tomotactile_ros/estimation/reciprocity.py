@@ -27,6 +27,7 @@ does in that way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -96,7 +97,11 @@ def fit_gains(
 
     for form in (_logarithms, _differences):  # the first converges from afar, the second is right
 
-        def at(now, scale, form=form):
+        def at(
+            now: np.ndarray,
+            scale: np.ndarray,
+            form: Callable[..., tuple[np.ndarray, list[np.ndarray]]] = form,
+        ) -> tuple[list[_Terms], float]:
             """One term for each frame, and the cost of all; no number where steps are far too long."""
             with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
                 terms = [
@@ -130,7 +135,7 @@ def fit_gains(
     return Gains(*known, covariance, misfit, left, now[2 * count :])
 
 
-def _first_scale(readings, both, now):
+def _first_scale(readings: np.ndarray, both: np.ndarray, now: np.ndarray) -> np.ndarray:
     """(n,) ln N from the ratios of the two readings of each pair."""
     count = len(readings)
     share = 1 - (readings - now[count : 2 * count]) / now[:count]
@@ -143,7 +148,9 @@ def _first_scale(readings, both, now):
     return np.linalg.lstsq(laplacian + weight.sum() / count**3, right, rcond=None)[0]
 
 
-def _settled(v, both, now, before):
+def _settled(
+    v: np.ndarray, both: np.ndarray, now: np.ndarray, before: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
     """(n, n) x, and how it falls with s."""
     count = len(v)
     gain, offset = now[:count], now[count : 2 * count]
@@ -154,7 +161,14 @@ def _settled(v, both, now, before):
     return read - now[2 * count :] * fallen, fallen
 
 
-def _differences(v, both, log_scale, now, noise, before):
+def _differences(
+    v: np.ndarray,
+    both: np.ndarray,
+    log_scale: np.ndarray,
+    now: np.ndarray,
+    noise: float,
+    before: np.ndarray | None,
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """(n, n) e, and its derivatives by ln N, gain, offset and settling of the electrode of the row."""
     gain = now[: len(v)]
     read, fallen = _settled(v, both, now, before)
@@ -168,13 +182,20 @@ def _differences(v, both, log_scale, now, noise, before):
     other = (size / gain).T  # (l, n): N_n / a_l
     by_scale = own * inverse - half * 2 * spread
     by_gain = -other * read.T * inverse + half * 2 * spread.T / gain[:, None]
-    kinds = by_scale, by_gain, -other * inverse
+    kinds = [by_scale, by_gain, -other * inverse]
     if fallen is not None:
-        kinds = *kinds, -(fallen * size).T * inverse
+        kinds.append(-(fallen * size).T * inverse)
     return r * inverse, kinds
 
 
-def _logarithms(v, both, log_scale, now, noise, before):
+def _logarithms(
+    v: np.ndarray,
+    both: np.ndarray,
+    log_scale: np.ndarray,
+    now: np.ndarray,
+    noise: float,
+    before: np.ndarray | None,
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """The same of ln (rho_ln N_l / rho_nl N_n), nearly linear; biased where shares are not far
     above noise."""
     gain = now[: len(v)]
@@ -185,9 +206,9 @@ def _logarithms(v, both, log_scale, now, noise, before):
     own = np.log(share) + log_scale[:, None]
     inverse = np.where(seen, 1 / (noise * np.sqrt(share**-2.0 + share.T**-2.0)), 0.0)
     by_offset = -inverse / (gain * share).T
-    kinds = inverse, by_offset * read.T, by_offset
+    kinds = [inverse, by_offset * read.T, by_offset]
     if fallen is not None:
-        kinds = *kinds, -inverse * (fallen / share).T
+        kinds.append(-inverse * (fallen / share).T)
     return (own - own.T) * inverse, kinds
 
 
@@ -198,7 +219,7 @@ class _Terms:
     cost; misfit, chi-squared per equation
     """
 
-    def __init__(self, both, e, kinds):
+    def __init__(self, both: np.ndarray, e: np.ndarray, kinds: list[np.ndarray]) -> None:
         self.left, self._kinds = e, kinds
         self.cost = float((e**2).sum() / 2)
         factors = np.count_nonzero(both.any(axis=1))
@@ -219,7 +240,7 @@ class _Terms:
         return start - back @ change
 
     @cached_property
-    def _eliminated(self):
+    def _eliminated(self) -> tuple[np.ndarray, list[np.ndarray], np.ndarray, np.ndarray]:
         """Of ln N: (n, 2 n) its block with gains and offsets, what these are pulled by, and what it
         follows them and the readings by."""
         if not np.isfinite(self._kinds).all() or not np.isfinite(self.left).all():
@@ -235,7 +256,7 @@ class _Terms:
         return mixed, pull[1:], found[:, :-1], found[:, -1]
 
 
-def _block(first, second):
+def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(n, n) normal block of two kinds of parameters, of all unordered pairs.
 
     first, second (n, n): derivative of e_ln by the parameter of its row's electrode l; that by n's

@@ -176,7 +176,7 @@ def four(matrix: np.ndarray) -> tuple[float, float, float, float]:
     return xx, xy, yx, yy
 
 
-def may_be_anywhere(covariance, layout: Layout) -> bool:
+def may_be_anywhere(covariance: np.ndarray, layout: Layout) -> bool:
     """Whether one standard deviation of a contact's place, with `covariance` (2, 2), m², is more than
     half of the sheet."""
     return bool(np.trace(covariance) > (max(layout.outline.size) / 2) ** 2)

@@ -53,7 +53,7 @@ class Rim:
         self.ways = np.concatenate([moved, moved * np.repeat(part[::-1], 2, axis=0)])
         self.deviation = np.repeat([CUT, ASKEW], len(SIDES))
 
-    def changes(self, shares: np.ndarray, resistance: float):
+    def changes(self, shares: np.ndarray, resistance: float) -> tuple[np.ndarray, np.ndarray]:
         """(8, R, n) currents along the strips per way, A/m, and (8, n, n) dY0, S/m, of
         potentials `shares` (P, n) at the nodes."""
         slope = (shares[self.ends[1]] - shares[self.ends[0]]) / self._length[:, None]

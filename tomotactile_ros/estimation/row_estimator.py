@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from tomotactile_ros.estimation.frames_in_rows import (
     wide_now,
 )
 from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reported import (
     FORCE_FLOOR,
     IMPEDANCE_FLOOR,
@@ -228,14 +229,24 @@ class RowEstimator:
         self._pause = known_for(_UNSEEN * float(np.median(estimator.layout.pitches)))  # s
 
     def estimate(
-        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+        self,
+        voltages: np.ndarray,
+        grounded: int,
+        drive_voltage: float,
+        time: float,
+        state: RowsState,
     ) -> Followed:
         """Contacts at the time of a row, s, with its readings `voltages` (E,), V, NaN: not read."""
         self.follow(voltages, grounded, drive_voltage, time, state)
         return self.report(state)
 
     def follow(
-        self, voltages, grounded: int, drive_voltage: float, time: float, state: RowsState
+        self,
+        voltages: np.ndarray,
+        grounded: int,
+        drive_voltage: float,
+        time: float,
+        state: RowsState,
     ) -> None:
         """Takes a row into `state`; arguments as for `estimate`."""
         read = np.array(voltages, float)
@@ -287,7 +298,13 @@ class RowEstimator:
             state.read, state.grounded, state.times = [], [], []
 
     def _follow(
-        self, state: RowsState, follower: Follower, readings, valid, at: int, time: float
+        self,
+        state: RowsState,
+        follower: Follower,
+        readings: np.ndarray,
+        valid: np.ndarray,
+        at: int,
+        time: float,
     ) -> None:
         """Lets a row tell, or keeps it for when a frame has told what rows began with."""
         try:
@@ -311,8 +328,8 @@ class RowEstimator:
 
     def look(
         self,
-        voltages,
-        grounded,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
         drive_voltage: float,
         period: float,
         frames: State,
@@ -355,13 +372,13 @@ class RowEstimator:
         state.sensor = self.estimator.sensor
         linearised(follower, rows, known, unlearned(rows.belief, known))
 
-    def _known(self, state: RowsState, used, drive_voltage: float) -> Known:
+    def _known(self, state: RowsState, used: tuple[int, ...], drive_voltage: float) -> Known:
         """What is expected of the sensor, with as much noise as frames have shown."""
         noise = max(self.estimator.noise, state.noise)
         _, prior = self.estimator.sensor_of(used, drive_voltage, noise)
         return Known.before(prior, (noise / drive_voltage) ** 2)
 
-    def _follower(self, used, drive_voltage) -> Follower:
+    def _follower(self, used: tuple[int, ...], drive_voltage: float) -> Follower:
         if used not in self._followers:
             operator, prior = self.estimator.sensor_of(used, drive_voltage)
             self._followers = {used: Follower(operator, self.estimator.radius, prior.spread)}
@@ -428,7 +445,9 @@ class RowEstimator:
         corrected(self._follower(state.used, state.drive), state.rows, seen, fit, then, ended)
         state.confirmed = seen.ended
 
-    def _catch_up(self, seen: FrameSeen, fit: Fitted, state: RowsState, then) -> None:
+    def _catch_up(
+        self, seen: FrameSeen, fit: Fitted, state: RowsState, then: Mapping[int, np.ndarray]
+    ) -> None:
         """Goes on from what a frame said where rows were not believed: those kept since tell again."""
         kept = [row for row in state.kept if row[-1] > seen.ended]
         after = [*(row[-1] for row in kept), state.rows.time]
@@ -534,7 +553,14 @@ class RowEstimator:
         return kept[1], kept[2]
 
     def _contact(
-        self, operator, touches: Touches, contact, size_variance, mean, covariance, uneven: float
+        self,
+        operator: SheetOperator,
+        touches: Touches,
+        contact: np.ndarray,
+        size_variance: float,
+        mean: np.ndarray,
+        covariance: np.ndarray,
+        uneven: float,
     ) -> Contact:
         way, covered = float(touches.mean[0]), float(touches.covered[0])
         g, by_strength, by_mean = conductance(contact[2], way)
@@ -596,7 +622,7 @@ def _is_mixed(state: RowsState, seen: FrameSeen) -> bool:
     return poor or since < YOUNG
 
 
-def _on_sheet(operator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
+def _on_sheet(operator: SheetOperator, contact: np.ndarray, sheet: np.ndarray) -> Touches:
     full = np.zeros((1, PARAMETERS))
     full[0, :4] = contact
     across = (patches_for(float(np.exp(contact[3])), operator.pitch),)

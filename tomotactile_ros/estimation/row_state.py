@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from tomotactile_ros.estimation.row_model import RowModel
@@ -54,7 +55,7 @@ class Belief:
     def shift(self) -> np.ndarray:
         return self.mean[STATE * self.count :]
 
-    def contacts(self, mean=None) -> np.ndarray:
+    def contacts(self, mean: np.ndarray | None = None) -> np.ndarray:
         """(k, 4) x, y, ln c, ln a of the `mean`."""
         each = (self.mean if mean is None else mean)[: STATE * self.count].reshape(-1, STATE)
         out = np.empty((self.count, 4))
@@ -102,12 +103,14 @@ class Belief:
             for rows, (vx, vy) in zip(self.rows, speeds)
         )
 
-    def after(self, mean, covariance, rows=None) -> Belief:
+    def after(
+        self, mean: np.ndarray, covariance: np.ndarray, rows: tuple[int, ...] | None = None
+    ) -> Belief:
         """The same contacts with another mean and covariance, and `rows` (k,) read since."""
         rows = self.rows if rows is None else rows
         return Belief(mean, covariance, self.sizes, self.numbers, self.begun, rows)
 
-    def loosened(self, variances) -> Belief:
+    def loosened(self, variances: ArrayLike) -> Belief:
         """The same with `variances` (5,) added to those of each contact."""
         covariance = self.covariance.copy()
         own = np.arange(STATE * self.count)
@@ -133,7 +136,9 @@ class Belief:
             tuple(self.rows[i] for i in rest),
         )
 
-    def with_contact(self, mean, variances, size, number: int, begun: float) -> Belief:
+    def with_contact(
+        self, mean: np.ndarray, variances: ArrayLike, size: ArrayLike, number: int, begun: float
+    ) -> Belief:
         """One contact more, `mean` (5,) with the covariance `variances` (5,) or (5, 5); `size` as
         in `sizes`."""
         at = STATE * self.count
@@ -154,7 +159,7 @@ class Belief:
 
 
 @lru_cache(maxsize=64)
-def _lasting(rest: tuple[bool, ...], lasts: float):
+def _lasting(rest: tuple[bool, ...], lasts: float) -> tuple[np.ndarray, np.ndarray]:
     """(5 k, 5 k) motion of k contacts in `lasts` s, and what it adds to their covariance; `rest` : which
     of them rest."""
     count = len(rest)

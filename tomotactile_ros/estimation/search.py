@@ -812,14 +812,14 @@ class Search(Fits):
                     fit = self._likelier(fit, tried)
         return fit
 
-    def _next(self, fit: Fit):
+    def _next(self, fit: Fit) -> tuple[np.ndarray | None, float]:
         """Place (2,), m, and conductance, S, of the contact that would explain most beside those of
         a fit; None, 0 if noise may."""
         if self._asked is None or self._asked[0] is not fit:
             self._asked = fit, self._next_of(fit)
         return self._asked[1]
 
-    def _next_of(self, fit: Fit):
+    def _next_of(self, fit: Fit) -> tuple[np.ndarray | None, float]:
         gains, strengths = self.detector.gains(fit)
         for contact in fit.unknowns.contacts:
             apart = np.hypot(*(self.detector.pixels - contact[:2]).T)
@@ -844,7 +844,7 @@ class Search(Fits):
             return None
         return found
 
-    def _started(self, fit: Fit, place, strength) -> Fit:
+    def _started(self, fit: Fit, place: np.ndarray, strength: float) -> Fit:
         """The best fit with one more contact at `place` (2,) of conductance `strength` (S)."""
         start = self._added(fit.unknowns, place, strength, fit.prior.radius)
         found = self._begin(start, fit, 1)

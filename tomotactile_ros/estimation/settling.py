@@ -132,7 +132,9 @@ def unsettled(
     return found if explained and found.part.mean() > -_CLEAR * np.sqrt(spread) else None
 
 
-def _told(without, before, among, prior, known) -> tuple[Settling, Reciprocity]:
+def _told(
+    without: Reciprocity, before: np.ndarray, among: np.ndarray, prior: Prior, known: Settling
+) -> tuple[Settling, Reciprocity]:
     """What is known with the rows of `without`, and their reciprocity with it."""
     covariance = known.covariance[np.ix_(among, among)]
     precision = np.linalg.inv(covariance)
@@ -142,7 +144,7 @@ def _told(without, before, among, prior, known) -> tuple[Settling, Reciprocity]:
     return Settling(known.part + follow @ told.gains.settling, left), told
 
 
-def _own(covariance):
+def _own(covariance: np.ndarray) -> np.ndarray:
     """The block of settling in that of gains, offsets and settling."""
     count = len(covariance) // 3
     return covariance[2 * count :, 2 * count :]

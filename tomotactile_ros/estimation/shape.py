@@ -14,6 +14,7 @@ less than half of the lower one presses on every way between them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -221,7 +222,7 @@ def occam(fit: Fit, doubt: float) -> float:
     return float(narrower - 2 * np.log(2) * np.count_nonzero(_conduct(strengths)))
 
 
-def _descended(fit: Fit, steps: int, linearised) -> Fit:
+def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> Fit:
     """The best fit from one of cells on, by steps of what `linearised` (a fit) has.
 
     Of the cells alone what the sensor leaves over is doubted, as in `solver.approach`.
@@ -315,7 +316,9 @@ def groups(fit: Fit, doubt: float | None = None, following: bool = False) -> np.
     return np.unique(group, return_inverse=True)[1]
 
 
-def _costs_of_more(fit: Fit, strengths: np.ndarray, following: bool):
+def _costs_of_more(
+    fit: Fit, strengths: np.ndarray, following: bool
+) -> Callable[[int, float], float]:
     """How much the cost grows, to second order, when a cell is given a conductance, the others that are
     not at their bound following, and if `following` the sensor: a function of cell and conductance, S."""
     linear = Linear(fit, fit.equations) if following else Contacts(fit)

@@ -17,6 +17,7 @@ import numpy as np
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.induced import Charges, InducedCharges
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.sheet import Sheet
 from tomotactile_ros.sheet.green import FAR, softened
 
 _PER_PITCH = 10  # points of the lattice along one spacing
@@ -131,7 +132,7 @@ class Sensed:
     tiny : radius of the discs, m
     """
 
-    def __init__(self, sheet, used: np.ndarray, points: np.ndarray):
+    def __init__(self, sheet: Sheet, used: np.ndarray, points: np.ndarray):
         self._sheet, self._used, self.points = sheet, used, points
         self.tiny = 1e-3 * sheet.layout.radius
         self.between, self.own = np.empty((len(points), len(used))), np.empty(len(points))
@@ -144,7 +145,7 @@ class Sensed:
         other._look(np.flatnonzero((places != self.points).any(axis=1)))
         return other
 
-    def _look(self, which):
+    def _look(self, which: np.ndarray) -> None:
         for start in range(0, len(which), _BLOCK):
             part = which[start : start + _BLOCK]
             transfer = self._sheet.transfer(self.points[part], np.full(len(part), self.tiny))
@@ -163,7 +164,7 @@ class PotentialTable:
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
         self.rest = sensed.between - self._logarithm(lattice.points)[0]
 
-    def _logarithm(self, places):
+    def _logarithm(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared
         distance."""
         apart = places[:, None] - self._centres
@@ -171,7 +172,7 @@ class PotentialTable:
         squared = np.maximum(squared, self._radius**2)
         return -0.5 * self._scale * np.log(squared), apart, squared
 
-    def __call__(self, places: np.ndarray):
+    def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
         stencil = self.lattice.stencil(places)
         around = self.rest[stencil.points]
@@ -206,7 +207,12 @@ class MutualTable:
     """
 
     def __init__(
-        self, sheet, lattice: Lattice, potentials: PotentialTable, sensed: Sensed, inverse
+        self,
+        sheet: Sheet,
+        lattice: Lattice,
+        potentials: PotentialTable,
+        sensed: Sensed,
+        inverse: np.ndarray,
     ):
         layout = sheet.layout
         self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
@@ -230,7 +236,9 @@ class MutualTable:
                 own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
         self.own_rest = own
 
-    def _logarithm(self, places, radii, own_only=False):
+    def _logarithm(
+        self, places: np.ndarray, radii: np.ndarray, own_only: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(P, P) the part with logarithms, ohm, images in the rims of a rectangle included; (P,)
         its diagonal only."""
         scale = -self._resistance / (4 * np.pi)
@@ -247,7 +255,7 @@ class MutualTable:
                 product = product * squared
         return scale * np.log(product)
 
-    def _mirror_ways(self, at, to, axis: int) -> np.ndarray:
+    def _mirror_ways(self, at: np.ndarray, to: np.ndarray, axis: int) -> np.ndarray:
         """(3 or 1, ...) ways along one axis from `at` to `to` and to its images in both rims, m, as the
         two broadcast; their derivatives by `at` are 1."""
         ways = [at - to]
@@ -256,7 +264,7 @@ class MutualTable:
             ways += [sums + side, sums - side]
         return np.array(ways)
 
-    def _own_part(self, places, radii):
+    def _own_part(self, places: np.ndarray, radii: np.ndarray) -> np.ndarray:
         """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
         stencil = self._coarse.stencil(places)
         points, weights = stencil.points, stencil.weights
@@ -272,13 +280,13 @@ class MutualTable:
 
     def __call__(
         self,
-        places,
-        radii,
-        owner,
-        alone=None,
+        places: np.ndarray,
+        radii: np.ndarray,
+        owner: np.ndarray,
+        alone: np.ndarray | None = None,
         around: Around | None = None,
         charges: Charges | None = None,
-        chosen=slice(None),
+        chosen: slice | np.ndarray = slice(None),
     ) -> np.ndarray:
         """(P, P) G between patches, ohm.
 
@@ -299,7 +307,7 @@ class MutualTable:
         return out
 
 
-def off_electrodes(places, layout):
+def off_electrodes(places: np.ndarray, layout: Layout) -> np.ndarray:
     """`places` (K, 2), those on an electrode moved beyond its rim."""
     distance, nearest = layout.nearest(places)
     centres = layout.positions[nearest]

@@ -125,7 +125,14 @@ class Tracks:
             self._tracks, self._told = [], dict.fromkeys(self._told, -np.inf)
         self._told[by_row] = max(self._told[by_row], time)
 
-    def _follow(self, contacts, time, timed, given, ends) -> list[Followed]:
+    def _follow(
+        self,
+        contacts: Sequence[Placed],
+        time: float,
+        timed: float,
+        given: Sequence[tuple[int, float]],
+        ends: bool,
+    ) -> list[Followed]:
         latest = max((track.seen for track in self._tracks), default=time)
         same = {t.given: t for t in self._tracks if t.given}
         chosen = [same.get(number) for number, _ in given]
@@ -173,7 +180,9 @@ class Tracks:
         stated = np.reshape(contact.position_covariance, (2, 2))
         return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
-    def _match(self, chosen: list[_Track | None], contacts, time, timed: float) -> None:
+    def _match(
+        self, chosen: list[_Track | None], contacts: Sequence[Placed], time: float, timed: float
+    ) -> None:
         """Choose those among the other tracks for contacts that have none yet."""
         taken = {t.number for t in chosen if t is not None}
         tracks = [t for t in self._tracks if t.number not in taken]

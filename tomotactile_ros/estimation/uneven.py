@@ -8,10 +8,12 @@ conductance. Their errors of discretisation are alike and cancel.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.fem import FemSheet
 
@@ -40,13 +42,20 @@ class Rest:
     own: np.ndarray
 
 
-def solved(layout, used, places, pitch: float, conductance=None, anisotropy=(0.0, 0.0)) -> Solution:
+def solved(
+    layout: Layout,
+    used: np.ndarray,
+    places: np.ndarray,
+    pitch: float,
+    conductance: Callable[[np.ndarray], np.ndarray] | None = None,
+    anisotropy: np.ndarray | tuple[float, float] = (0.0, 0.0),
+) -> Solution:
     """The sheet with the logarithm of `conductance`, a function of points (n, 2) -> (n,), None
     where it is even, and `anisotropy` (2,), p and q as `field` has them."""
     resistance, half = None, float(np.hypot(*anisotropy))
     if conductance is not None:
 
-        def resistance(points):
+        def resistance(points: np.ndarray) -> np.ndarray:
             return layout.sheet_resistance * np.exp(-conductance(points))
 
     direction = np.degrees(np.arctan2(anisotropy[1], anisotropy[0])) / 2

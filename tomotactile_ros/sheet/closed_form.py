@@ -64,11 +64,13 @@ class ClosedFormSheet:
             own = self._radius * np.eye(layout.electrodes)
             self.electrode_electrode = self._green(self._charges, self._charges, own)
 
-    def _green(self, points, sources, radius):
+    def _green(
+        self, points: np.ndarray, sources: np.ndarray, radius: float | np.ndarray
+    ) -> np.ndarray:
         scale = self.layout.sheet_resistance
         return scale * green_rectangle(points, sources, self._size, radius)
 
-    def _tie(self, owner, between):
+    def _tie(self, owner: np.ndarray, between: np.ndarray) -> None:
         """Equal potential and no net current on each ring: eliminate the charges."""
         inverse = np.linalg.inv(between)
         ties = np.eye(self.layout.electrodes)[owner]
@@ -90,7 +92,7 @@ class ClosedFormSheet:
                 self_terms[part] -= np.einsum("pk,pk->k", block, self._induced @ block)
         to_points = self._average @ charges if self.shunting else charges
 
-        def green(i, j):
+        def green(i: np.ndarray, j: np.ndarray) -> np.ndarray:
             block = self._green(points[i], points[j], mutual_radius(radius[i], radius[j]))
             if self.shunting:
                 block -= charges[:, i].T @ (self._induced @ charges[:, j])
@@ -103,7 +105,7 @@ class ClosedFormSheet:
         """Nothing is worth being solved ahead here."""
 
 
-def _counts(layout):
+def _counts(layout: Layout) -> np.ndarray:
     """(E,) charges of each ring by default."""
     if layout.pitches.min() <= _CLOSE * layout.radius:
         return np.full(layout.electrodes, _MANY)
@@ -112,7 +114,7 @@ def _counts(layout):
     return np.where(near, _MANY, _FEW)
 
 
-def _rings(layout, counts):
+def _rings(layout: Layout, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(C, 2) charges on the sheet, m, and (C,) the electrode of each, with `counts` (E,) to a
     ring."""
     owner = np.repeat(np.arange(layout.electrodes), counts)

@@ -51,7 +51,9 @@ def contact_points(
     return sheet.transfer(points[kept], radii[kept]), resistance
 
 
-def _together(points, radii, owner):
+def _together(
+    points: np.ndarray, radii: np.ndarray, owner: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the points that stand for all, and for every point the one that stands for it."""
     first = np.arange(len(points))
     on, off = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)

@@ -10,6 +10,7 @@ offer, the entries of the inverse between coupled unknowns (block form of Takaha
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -84,7 +85,7 @@ class LevelFactor:
                 out[here[:, None], met] = columns[place]
         return np.where(level[:, None] <= level, out, out.T)
 
-    def _own_inverses(self):
+    def _own_inverses(self) -> Iterator[np.ndarray]:
         """Block (n, n) of the inverse of each level, from the last to the first."""
         block = self._inverse[-1]
         yield block
@@ -120,7 +121,9 @@ class LevelFactor:
         return out
 
 
-def _own_blocks(ordered, level, edges):
+def _own_blocks(
+    ordered: sparse.csr_matrix, level: np.ndarray, edges: np.ndarray
+) -> list[np.ndarray]:
     """The dense block (n, n) of each level, in one piece of memory."""
     entries = ordered.tocoo()
     kept = level[entries.row] == level[entries.col]
@@ -133,7 +136,7 @@ def _own_blocks(ordered, level, edges):
     return [memory[a:b].reshape(n, n) for (a, b), n in zip(pairwise(starts), size)]
 
 
-def _invert(block):
+def _invert(block: np.ndarray) -> None:
     """Invert a symmetric positive definite matrix in place; the result is exactly symmetric."""
     lower, failed = dpotrf(block, lower=True)
     if failed:
@@ -143,7 +146,7 @@ def _invert(block):
     np.fill_diagonal(block, lower.diagonal())
 
 
-def _levels(matrix, start):
+def _levels(matrix: sparse.csr_matrix, start: ArrayLike) -> np.ndarray:
     """(N,) breadth-first level of each unknown in the matrix graph, that of `start` being 0."""
     steps = dijkstra(abs(matrix), indices=np.unique(start), unweighted=True, min_only=True)
     lost = np.count_nonzero(np.isinf(steps))

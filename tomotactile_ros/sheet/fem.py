@@ -89,7 +89,7 @@ class FemSheet:
         self._radius = self._node_radius(ends, conductance, angles)
         self._solve_electrodes()
 
-    def _number(self):
+    def _number(self) -> None:
         """Unknown of each node; those of electrodes first where electrodes are equipotentials."""
         mesh, electrodes = self.mesh, self.layout.electrodes
         tied = electrodes if self.shunting else 0
@@ -105,7 +105,9 @@ class FemSheet:
         self.electrode_of = np.full(len(self.where), -1)
         self.electrode_of[:tied] = np.arange(tied)
 
-    def _node_radius(self, ends, conductance, angles):
+    def _node_radius(
+        self, ends: np.ndarray, conductance: np.ndarray, angles: np.ndarray
+    ) -> np.ndarray:
         """(M,) radius of the disc as which each unknown acts, m; of an electrode its own."""
         points, nodes = self.metric.at(self.mesh.points), self.mesh.triangles.ravel()
         # what conducts around a node: seen from the rim, a half disc or a quarter
@@ -124,7 +126,7 @@ class FemSheet:
         self._centre_local = 1 / around[[nodes[-1] for nodes in self.mesh.electrodes]]
         return out
 
-    def _solve_electrodes(self):
+    def _solve_electrodes(self) -> None:
         electrodes = self.layout.electrodes
         feed = np.zeros((len(self.where), electrodes))
         correction = np.zeros(electrodes)
@@ -143,7 +145,7 @@ class FemSheet:
         self.electrode_electrode = feed[fed].T @ self._to_electrodes[fed] + np.diag(correction)
         self._sharpen()
 
-    def _sharpen(self):
+    def _sharpen(self) -> None:
         """Make up for what the rings lack in the logarithmic field of their own electrode."""
         radius, last = self.layout.radius, self.mesh.last
         rate = self._centre_local * self.mesh.log_excess()
@@ -153,12 +155,12 @@ class FemSheet:
         lack = rate[nearest] * np.log(last[nearest] / np.maximum(distance, radius))
         self._to_electrodes[np.arange(len(lack)), nearest] += np.maximum(lack, 0)
 
-    def _solve(self, feed):
+    def _solve(self, feed: np.ndarray) -> np.ndarray:
         out = np.zeros_like(feed)
         out[1:] = self._factor.solve(feed[1:])
         return out
 
-    def _among(self, unknowns):
+    def _among(self, unknowns: np.ndarray) -> np.ndarray:
         """(n, n) Green function between `unknowns` (n,)."""
         out = np.zeros((len(unknowns), len(unknowns)))
         free = np.flatnonzero(unknowns > 0)
@@ -184,7 +186,7 @@ class FemSheet:
         excess = self.electrode_excess(points, radius, corners, weights, nearest, local)
         to_points[nearest, np.arange(len(points))] += excess
 
-        def green(i, j):
+        def green(i: np.ndarray, j: np.ndarray) -> np.ndarray:
             """Between points i and j: by finite elements, with the true logarithm."""
             both = i if i is j else np.concatenate([i, j])
             nodes, number = np.unique(corners[both], return_inverse=True)
@@ -199,7 +201,7 @@ class FemSheet:
             block = green(everything, everything)
             self_terms = np.diagonal(block).copy()
 
-            def found(i, j):
+            def found(i: np.ndarray, j: np.ndarray) -> np.ndarray:
                 return block[np.ix_(i, j)]
         else:
             pairs = _pairs(corners, weights)
@@ -245,7 +247,7 @@ class FemSheet:
         excess = self._electrode_log(acts, corners, weights, reach, nearest)
         return excess * local / (2 * np.pi)
 
-    def _mesh_log(self, first, second):
+    def _mesh_log(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """(n, m) ohm, -G between unknowns as far as it is the mesh's own ln |x_i - x_j|.
 
         On one unknown that of the radius as which it acts.
@@ -259,7 +261,14 @@ class FemSheet:
         squared *= np.add.outer(self.local[first], self.local[second]) / (8 * np.pi)
         return squared
 
-    def _electrode_log(self, radius, corners, weights, apart, nearest):
+    def _electrode_log(
+        self,
+        radius: np.ndarray,
+        corners: np.ndarray,
+        weights: np.ndarray,
+        apart: np.ndarray,
+        nearest: np.ndarray,
+    ) -> np.ndarray:
         """(K,) what the mesh's logarithm from the nearest electrode exceeds the true one by."""
         centre, least = self.layout.positions[nearest], self.metric.radius
         at_corners = self.metric.reach(self.where[corners] - centre[:, None])
@@ -267,14 +276,14 @@ class FemSheet:
         excess = rounded - np.log(np.maximum(apart, np.maximum(radius, least)))
         return np.where(apart < _NEAR * self.h, excess, 0.0)
 
-    def _self_terms(self, rows, columns, product):
+    def _self_terms(self, rows: np.ndarray, columns: np.ndarray, product: np.ndarray) -> np.ndarray:
         """(K,) quadratic form of the inverse stiffness matrix with the weights of each point."""
         entries = np.zeros(rows.shape)
         free = (rows > 0) & (columns > 0)
         entries[free] = self._factor.inverse_entries(rows[free] - 1, columns[free] - 1)
         return (product * entries).sum(axis=1)
 
-    def _self_log(self, rows, columns, product):
+    def _self_log(self, rows: np.ndarray, columns: np.ndarray, product: np.ndarray) -> np.ndarray:
         """(K,) ohm, what the mesh's own logarithm has of each point's self term, as `_mesh_log`."""
         x, y = (self._seen_at[rows] - self._seen_at[columns]).T
         apart = np.maximum(np.hypot(x, y).T, self._reach[rows])
@@ -283,24 +292,24 @@ class FemSheet:
         return (product * local * np.log(apart)).sum(axis=1)
 
 
-def _squared_distance(first, second):
+def _squared_distance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     squared = np.subtract.outer(first[:, 0], second[:, 0]) ** 2
     squared += np.subtract.outer(first[:, 1], second[:, 1]) ** 2
     return squared
 
 
-def _log_distance(first, second, radius):
+def _log_distance(first: np.ndarray, second: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """(n, m) ln |x_i - x_j| of points with mutual radii (n, m)."""
     return 0.5 * np.log(softened(_squared_distance(first, second), radius**2))
 
 
-def _pairs(corners, weights):
+def _pairs(corners: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The six pairs of corners of each triangle, and the products of their weights: (K, 6) each."""
     first, second, times = [0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0], [1, 1, 1, 2, 2, 2]
     return corners[:, first], corners[:, second], weights[:, first] * weights[:, second] * times
 
 
-def _weights(number, weights, count):
+def _weights(number: np.ndarray, weights: np.ndarray, count: int) -> np.ndarray:
     """(n, count) dense rows with three `weights` each at `number`."""
     out = np.zeros((len(number), count))
     row = np.arange(len(number))

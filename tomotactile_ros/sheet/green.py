@@ -14,6 +14,8 @@ energy of real charges, matrices of it are positive definite however clouds over
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import exp1
@@ -66,7 +68,11 @@ def softened(squared: np.ndarray, radius_squared: ArrayLike) -> np.ndarray:
     return _soften(squared, radius_squared, lambda near: squared[near])
 
 
-def _soften(measure, radius_squared, squared_distance):
+def _soften(
+    measure: np.ndarray,
+    radius_squared: ArrayLike,
+    squared_distance: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
     """`measure` for clouds, nearly x^2 where small; there x^2 is `squared_distance(near)`."""
     reach = CLOUD * np.broadcast_to(radius_squared, measure.shape)
     near = measure < _FAR * reach
@@ -79,7 +85,9 @@ def _soften(measure, radius_squared, squared_distance):
     return out
 
 
-def _oriented(points, sources, size):
+def _oriented(
+    points: ArrayLike, sources: ArrayLike, size: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Coordinates from the lower left corner, the one along the short side first."""
     points, sources = np.asarray(points, float), np.asarray(sources, float)
     order = [0, 1] if size[0] <= size[1] else [1, 0]
@@ -87,7 +95,15 @@ def _oriented(points, sources, size):
     return (points[:, order] + sides / 2).T, (sources[:, order] + sides / 2).T, *sides
 
 
-def _near(x, y, s, t, short, long, radius):
+def _near(
+    x: np.ndarray,
+    y: np.ndarray,
+    s: np.ndarray,
+    t: np.ndarray,
+    short: float,
+    long: float,
+    radius: ArrayLike,
+) -> np.ndarray:
     """The mode that is constant along the short side, and the nearest images of all the others."""
     ladder = ((y**2 + t**2) / (2 * long) - np.maximum(y, t) + long / 3) / short
     half = np.pi / (2 * short)
@@ -99,11 +115,13 @@ def _near(x, y, s, t, short, long, radius):
         1 - np.exp(-2 * half * (long - y)) * np.exp(-2 * half * (long - t)),
     )
     radius_squared = (np.pi * np.asarray(radius) / short) ** 2
-    product = 1.0
+    product = np.ones(1)
     for gap in gaps:
         for chord in chords:
 
-            def squared(near, gap=gap, chord=chord):
+            def squared(
+                near: np.ndarray, gap: np.ndarray = gap, chord: np.ndarray = chord
+            ) -> np.ndarray:
                 across = 2 * np.arcsin(np.minimum(np.sqrt(chord[near]) / 2, 1))
                 with np.errstate(divide="ignore"):  # q rounded to 0: as good as infinitely far
                     return np.log1p(-gap[near]) ** 2 + across**2
@@ -112,7 +130,9 @@ def _near(x, y, s, t, short, long, radius):
     return ladder - np.log(product) / (4 * np.pi)
 
 
-def _remainder(x, y, s, t, short, long):
+def _remainder(
+    x: np.ndarray, y: np.ndarray, s: np.ndarray, t: np.ndarray, short: float, long: float
+) -> tuple[np.ndarray, np.ndarray]:
     """What the three images leave out, as two thin matrices to be multiplied mode by mode.
 
     From cosh(k (long - d)) / sinh(k long) = e^-kd + 2 cosh(kd) / (e^(2k long) - 1) for d = |y - t|,

@@ -28,7 +28,7 @@ class Locator:
         self._to_weights = _to_weights(self._corners)
         self._number = np.where(kept, np.cumsum(kept) - 1, -1)
         self._kept = np.flatnonzero(kept)
-        self._raster = None
+        self._raster: tuple[np.ndarray, float, np.ndarray] | None = None
         self._tree = cKDTree(self._corners[kept].sum(axis=1) / 3, balanced_tree=False)
 
     def __call__(self, where: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ class Locator:
             weights[:, lost] = np.eye(3)[:, apart.argmin(axis=1)]
         return self._number[found], weights.T
 
-    def _start(self, where):
+    def _start(self, where: np.ndarray) -> np.ndarray:
         """(Q,) kept triangle to begin with: that with the nearest centre, or, for many points,
         the one nearest to the middle of the square of a raster that the point lies in.
         """
@@ -71,7 +71,7 @@ class Locator:
         column, row = np.clip((where - low) / cell, 0, np.array(table.shape) - 1).astype(int).T
         return table[column, row]
 
-    def _make_raster(self):
+    def _make_raster(self) -> tuple[np.ndarray, float, np.ndarray]:
         """Lower left corner, side of a square, (columns, rows) triangle nearest to its middle."""
         centres = self._tree.data
         low, high = centres.min(axis=0), centres.max(axis=0)
@@ -80,7 +80,7 @@ class Locator:
         middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1)
         return low, cell, self._tree.query(low + cell * (middles + 0.5))[1]
 
-    def _weights(self, triangle, where):
+    def _weights(self, triangle: np.ndarray | slice, where: np.ndarray) -> np.ndarray:
         """(3, Q) barycentric weights of points in their triangles."""
         x, y = where.T
         at_x, at_y, over_x, over_y, up_x, up_y = self._to_weights[triangle].T
@@ -89,7 +89,7 @@ class Locator:
         return np.stack([1 - second - third, second, third])
 
 
-def _to_weights(corners):
+def _to_weights(corners: np.ndarray) -> np.ndarray:
     """(T, 6) first corner of each triangle, m, and the gradients of the other two's weights."""
     first = corners[:, 0]
     over, up = corners[:, 1] - first, corners[:, 2] - first
@@ -101,6 +101,6 @@ def _to_weights(corners):
     return np.hstack([first, second, third])
 
 
-def _least(weights):
+def _least(weights: np.ndarray) -> np.ndarray:
     """(Q,) smallest of three (3, Q)."""
     return np.minimum(np.minimum(weights[0], weights[1]), weights[2])

@@ -86,7 +86,9 @@ class Merged:
                 out[:, part, other] -= log
 
 
-def _log(first, second, radii, others):
+def _log(
+    first: np.ndarray, second: np.ndarray, radii: np.ndarray, others: np.ndarray
+) -> np.ndarray:
     """(T, q, r) 2 ln |x_i - x_j| between points (T, q, 2) and (T, r, 2) of radii (q,), (r,).
 
     |x - y|^2 as a product of (x, |x|^2, 1) and (-2 y, 1, |y|^2).
@@ -103,7 +105,7 @@ def _log(first, second, radii, others):
     return np.log(squared, out=squared)
 
 
-def _squares(vectors):
+def _squares(vectors: np.ndarray) -> np.ndarray:
     return vectors[..., 0] ** 2 + vectors[..., 1] ** 2
 
 
@@ -145,7 +147,7 @@ def merge(layout: Layout, tracks: Sequence[Track], reach: float) -> Merged:
     return Merged(points, radii, resistance, owner, nearest, active, leads, way, tuple(parts))
 
 
-def _inside(outline: Outline, points, centers, far):
+def _inside(outline: Outline, points: np.ndarray, centers: np.ndarray, far: float) -> np.ndarray:
     """(T, q) which points are on the sheet; none is farther than `far` (m) from its centre."""
     inside = np.ones(points.shape[:2], bool)
     reach = far + _distance(centers, centers[0]).max()
@@ -157,7 +159,9 @@ def _inside(outline: Outline, points, centers, far):
     return inside
 
 
-def _nearest(layout, points, centers, far, reach):
+def _nearest(
+    layout: Layout, points: np.ndarray, centers: np.ndarray, far: float, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(T, q) distance, m, and number of the electrode nearest to each point, up to `reach` (m);
     else infinite and -1."""
     apart, nearest = np.full(points.shape[:2], np.inf), np.full(points.shape[:2], -1)
@@ -173,13 +177,20 @@ def _nearest(layout, points, centers, far, reach):
     return apart, nearest
 
 
-def _distance(first, second):
+def _distance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(...) m between points (..., 2)."""
     x, y = first[..., 0] - second[..., 0], first[..., 1] - second[..., 1]
     return np.sqrt(x * x + y * y)
 
 
-def _leaders(tracks, parts, points, radii, inside, owner):
+def _leaders(
+    tracks: Sequence[Track],
+    parts: list[slice],
+    points: np.ndarray,
+    radii: np.ndarray,
+    inside: np.ndarray,
+    owner: np.ndarray,
+) -> np.ndarray:
     """(T, n) point that stands for each: the first on its electrode, or the first so close."""
     states, count = owner.shape
     first = np.broadcast_to(np.arange(count), owner.shape).copy()
@@ -188,18 +199,20 @@ def _leaders(tracks, parts, points, radii, inside, owner):
     leader = np.empty((states, electrode.max(initial=0) + 1), int)
     leader[state[::-1], electrode[::-1]] = point[::-1]  # of several the last, which is the first
     first[state, point] = leader[state, electrode]
-    pairs = {}
+    pairs: dict[tuple[int, int], np.ndarray] = {}
     for i, part in enumerate(parts):
         for other, track in zip(parts[i:], tracks[i:]):
             pairs |= _close(points, radii, part, other, tracks[i], track)
     off = inside & (owner < 0)
-    for one, other in sorted(pairs):
-        both = off[:, one] & off[:, other] & pairs[one, other]
-        first[both, other] = first[both, one]
+    for one, same in sorted(pairs):
+        both = off[:, one] & off[:, same] & pairs[one, same]
+        first[both, same] = first[both, one]
     return first
 
 
-def _close(points, radii, part, other, track, along):
+def _close(
+    points: np.ndarray, radii: np.ndarray, part: slice, other: slice, track: Track, along: Track
+) -> dict[tuple[int, int], np.ndarray]:
     """Pairs of points of two contacts that are one, with the states (T,) in which they are."""
     limit = SAME * np.minimum.outer(radii[part], radii[other])
     if part == other:

@@ -101,7 +101,9 @@ def make_mesh(
     return Mesh(points, corners, electrodes, rims, size.ring, last, locate)
 
 
-def _electrode_nodes(layout, points):
+def _electrode_nodes(
+    layout: Layout, points: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], tuple[int, ...]]:
     """For each electrode the nodes on it, from the rim to the centre, and the number on the rim."""
     distance, nearest = layout.nearest(points)
     on = np.flatnonzero(distance < layout.radius * (1 + 1e-6))

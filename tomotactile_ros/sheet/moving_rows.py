@@ -41,7 +41,7 @@ _LITTLE = 5e7  # bytes, that are there whenever Python is; to ask what is free t
 
 
 def moving_rows(
-    sheet: Sheet,
+    sheet: FemSheet,
     tracks: Sequence[Track],
     grounded: np.ndarray,
     drive_voltage: float,
@@ -71,7 +71,13 @@ def moving_rows(
     return out
 
 
-def _one_by_one(sheet, tracks, grounded, drive_voltage, to_ground):
+def _one_by_one(
+    sheet: Sheet,
+    tracks: Sequence[Track],
+    grounded: np.ndarray,
+    drive_voltage: float,
+    to_ground: np.ndarray,
+) -> np.ndarray:
     rows = []
     for i, (ground, wire) in enumerate(zip(grounded, to_ground)):
         contacts = [track.contact(i) for track in tracks if track.there[i]]
@@ -80,7 +86,13 @@ def _one_by_one(sheet, tracks, grounded, drive_voltage, to_ground):
     return np.array(rows)
 
 
-def _few_states(sheet, tracks, grounded, drive_voltage, to_ground):
+def _few_states(
+    sheet: FemSheet,
+    tracks: Sequence[Track],
+    grounded: np.ndarray,
+    drive_voltage: float,
+    to_ground: np.ndarray,
+) -> np.ndarray:
     """(L, E) from as many of the L states as it takes; all contacts are there in all of them."""
     path = _path(tracks)
     chosen = np.diff(np.floor(path), prepend=-1) > 0
@@ -116,11 +128,11 @@ def _few_states(sheet, tracks, grounded, drive_voltage, to_ground):
     return out
 
 
-def _merge(sheet, tracks, states):
+def _merge(sheet: FemSheet, tracks: Sequence[Track], states: np.ndarray) -> Merged:
     return merge(sheet.layout, [track.states(states) for track in tracks], sheet.reach)
 
 
-def _check_memory(tracks, states):
+def _check_memory(tracks: Sequence[Track], states: int) -> None:
     points = sum(len(track.patches[1]) for track in tracks)
     what = f"contacts: {len(tracks)}, in {points} patches that change,"
     needed = _BYTES * states * points**2
@@ -128,7 +140,7 @@ def _check_memory(tracks, states):
         memory.check(needed, what)
 
 
-def _path(tracks):
+def _path(tracks: Sequence[Track]) -> np.ndarray:
     """(L,) how far the states have changed since the first one, in steps that must be solved."""
     steps = np.zeros(len(tracks[0].centers) - 1)
     for track in tracks:
@@ -143,7 +155,14 @@ def _path(tracks):
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _solve(sheet, found, state, grounded, drive_voltage, to_ground):
+def _solve(
+    sheet: FemSheet,
+    found: Merged,
+    state: np.ndarray,
+    grounded: np.ndarray,
+    drive_voltage: float,
+    to_ground: np.ndarray,
+) -> np.ndarray:
     """(P, E) potentials in `state` (P,) with `grounded` (P,) at ground, behind `to_ground` (P,)."""
     place = _on_mesh(sheet, found)
     system = _green(sheet, found, place)
@@ -188,7 +207,7 @@ class _Place:
     excess: np.ndarray
 
 
-def _on_mesh(sheet, found: Merged) -> _Place:
+def _on_mesh(sheet: FemSheet, found: Merged) -> _Place:
     shape = found.owner.shape
     element, weights = sheet.mesh.locate(found.points.reshape(-1, 2))
     corners = sheet.unknown[sheet.mesh.triangles[element]]
@@ -210,7 +229,7 @@ def _on_mesh(sheet, found: Merged) -> _Place:
     on = found.owner >= 0
     corners[:, on] = found.owner[on]
     weights[:, on] = [[1.0], [0.0], [0.0]]
-    used = np.zeros(len(sheet.where), bool)
+    used = np.zeros(len(sheet.where), np.bool_)
     used[corners] = True
     nodes = np.flatnonzero(used)
     number = np.empty(len(used), np.intp)
@@ -218,12 +237,12 @@ def _on_mesh(sheet, found: Merged) -> _Place:
     return _Place(nodes, number[corners], weights, local, excess)
 
 
-def _sum(three):
+def _sum(three: np.ndarray) -> np.ndarray:
     """Sum over the first of the axes, which has three places."""
     return three[0] + three[1] + three[2]
 
 
-def _green(sheet, found: Merged, place: _Place):
+def _green(sheet: FemSheet, found: Merged, place: _Place) -> np.ndarray:
     """(T, n, n) Green function between the points of each state, but for those on electrodes.
 
     Right in its upper triangle only.
@@ -239,7 +258,7 @@ def _green(sheet, found: Merged, place: _Place):
     return out
 
 
-def _sandwich(sheet, found: Merged, place: _Place):
+def _sandwich(sheet: FemSheet, found: Merged, place: _Place) -> np.ndarray:
     """(T, n, n) W_t S W_t' for the symmetric smooth part S of the Green function of a mesh.
 
     States in which the contacts are nearly in the same places share their unknowns.
@@ -253,7 +272,7 @@ def _sandwich(sheet, found: Merged, place: _Place):
     starts = np.arange(0, 3 * states * points + 1, 3)
     weights = place.weights.transpose(1, 2, 0).astype(np.float32).ravel()
 
-    def mixing(part, parts):
+    def mixing(part: np.ndarray, parts: int) -> sparse.csr_matrix:
         columns = (number + size * part[:, None]).transpose(1, 2, 0).ravel()
         shape = states * points, parts * size
         return sparse.csr_matrix((weights, columns, starts), shape)
@@ -264,7 +283,7 @@ def _sandwich(sheet, found: Merged, place: _Place):
     return out.reshape(states, points, points)
 
 
-def _of_each_group(place: _Place, group):
+def _of_each_group(place: _Place, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(G, U) unknowns in each group of states, (3, T, n) which of them points are mixed of.
 
     Groups with fewer of them than others have some unknown again.
@@ -281,7 +300,7 @@ def _of_each_group(place: _Place, group):
     return nodes, table[group[:, None], place.number]
 
 
-def _put_electrodes(system, sheet, found: Merged, place: _Place):
+def _put_electrodes(system: np.ndarray, sheet: FemSheet, found: Merged, place: _Place) -> None:
     """Exchange rows and columns of points on electrodes for what the electrodes see."""
     state, point = np.nonzero((found.owner >= 0) & found.active)
     if not len(state):
@@ -291,7 +310,9 @@ def _put_electrodes(system, sheet, found: Merged, place: _Place):
     system[state, :, point] = seen
 
 
-def _to_electrode(sheet, found: Merged, place: _Place, state, electrode):
+def _to_electrode(
+    sheet: FemSheet, found: Merged, place: _Place, state: np.ndarray, electrode: np.ndarray
+) -> np.ndarray:
     """(P, n) ohm, between all points of `state` (P,) and `electrode` (P,)."""
     between = sheet.to_electrodes[place.nodes[place.number[:, state]], electrode[:, None]]
     between *= place.weights[:, state]
@@ -300,7 +321,9 @@ def _to_electrode(sheet, found: Merged, place: _Place, state, electrode):
     return seen
 
 
-def _fed(sheet, found: Merged, place: _Place, state, current):
+def _fed(
+    sheet: FemSheet, found: Merged, place: _Place, state: np.ndarray, current: np.ndarray
+) -> np.ndarray:
     """(P, E) sum over the points of `state` (P,) of `_to_electrode` times `current` (P, n)."""
     count = len(place.nodes)
     number = place.number[:, state] + count * np.arange(len(state))[:, None]
@@ -313,7 +336,14 @@ def _fed(sheet, found: Merged, place: _Place, state, current):
     return out
 
 
-def _currents(green, resistance, used, state, half, drive_voltage):
+def _currents(
+    green: np.ndarray,
+    resistance: np.ndarray,
+    used: np.ndarray,
+    state: np.ndarray,
+    half: np.ndarray,
+    drive_voltage: float,
+) -> np.ndarray:
     """(P, n) current of each point, A, of rows with no point on their grounded electrodes.
 
     Z_l(i, j) + R_l = G(i, j) - half_i - half_j. One factorisation serves all rows of a state: with
@@ -347,7 +377,13 @@ def _currents(green, resistance, used, state, half, drive_voltage):
     return np.where(used[state], current, 0.0)
 
 
-def _own_currents(green, resistance, used, half, drive_voltage):
+def _own_currents(
+    green: np.ndarray,
+    resistance: np.ndarray,
+    used: np.ndarray,
+    half: np.ndarray,
+    drive_voltage: float,
+) -> np.ndarray:
     """(n,) of one row with a point on its grounded electrode, near a short circuit."""
     system = np.triu(green) + np.triu(green, 1).T - half - half[:, None]
     system = system[np.ix_(used, used)] + np.diag(resistance[used])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.sheet.rim import Segment, curves
+from tomotactile_ros.sheet.rim import Arc, Segment, curves
 
 _TINY = 1e-6  # keeps counts of elements from rounding either way
 _ON_LINE = 0.5  # of the local element size between nodes on a line
@@ -54,7 +54,7 @@ class LocalSize:
         return np.clip(distance * self.step, smallest * self.step, self.h)
 
 
-def _rim(layout, size):
+def _rim(layout: Layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the rim and its crossings with electrodes; nodes between them, by local size."""
     pieces = []  # curve, samples of its parameter
     for curve in curves(layout.outline):
@@ -66,7 +66,7 @@ def _rim(layout, size):
     return np.array([curve(t[0]) for curve, t in pieces]), _between(pieces, size)
 
 
-def _on_lines(layout, size, lines):
+def _on_lines(layout: Layout, size: LocalSize, lines: Sequence[np.ndarray]) -> np.ndarray:
     """Nodes along polylines on the sheet, outside electrodes.
 
     They are half as far apart as others and from these at least `_CROWDED`: no other node comes
@@ -87,7 +87,9 @@ def _on_lines(layout, size, lines):
     return points[layout.nearest(points)[0] > clear]
 
 
-def _between(pieces, size, part=1.0):
+def _between(
+    pieces: Sequence[tuple[Segment | Arc, np.ndarray]], size: LocalSize, part: float = 1.0
+) -> np.ndarray:
     """Nodes between the ends of `pieces` of curves, apart by a `part` of the local size."""
     local = part * size(np.concatenate([curve((t[1:] + t[:-1]) / 2) for curve, t in pieces]))
     ends = np.cumsum([len(t) - 1 for _, t in pieces])[:-1]
@@ -100,7 +102,7 @@ def _between(pieces, size, part=1.0):
     return np.concatenate(between)
 
 
-def _rings(layout, size):
+def _rings(layout: Layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:
     """Rings of every electrode, out to the local size h or half way to the next electrode.
 
     Returns the nodes, centres included, and the radius of each electrode's last ring.
@@ -120,17 +122,17 @@ def _rings(layout, size):
         radius *= 1 + size.step
         spacing = radius * size.step
         growing = (radius < half_way - spacing / 3) & (finest or spacing < size.h)
-    points = np.concatenate(points)
-    apart, owner = layout.nearest(points)
+    nodes = np.concatenate(points)
+    apart, owner = layout.nearest(nodes)
     to_rim = layout.outline.rim_distance(centres)[owner] - apart  # at least
     doubtful = np.flatnonzero(to_rim < size.h)
-    to_rim[doubtful] = layout.outline.rim_distance(points[doubtful])
+    to_rim[doubtful] = layout.outline.rim_distance(nodes[doubtful])
     kept = (to_rim > _CROWDED * size.at(apart)) | (apart < size.radius * (1 + 1e-9))
-    kept[doubtful] &= layout.outline.contains(points[doubtful])
-    return points[kept | (to_rim < 1e-9 * max(layout.outline.size))], last
+    kept[doubtful] &= layout.outline.contains(nodes[doubtful])
+    return nodes[kept | (to_rim < 1e-9 * max(layout.outline.size))], last
 
 
-def _background(layout, size, last):
+def _background(layout: Layout, size: LocalSize, last: np.ndarray) -> np.ndarray:
     """Square lattice outside the last rings, symmetric about the centre."""
     a, b = layout.outline.size
     x, y = (
@@ -144,7 +146,7 @@ def _background(layout, size, last):
     return points[clear & layout.outline.contains(points)]
 
 
-def _thin(groups, size):
+def _thin(groups: Sequence[np.ndarray], size: LocalSize) -> np.ndarray:
     """Points of all groups but those too close to a point of the same or an earlier group."""
     points = np.concatenate(groups)
     rank = np.repeat(np.arange(len(groups)), [len(group) for group in groups])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tomotactile_ros.layouts.outline import Outline
 
@@ -10,14 +11,14 @@ from tomotactile_ros.layouts.outline import Outline
 class Segment:
     """A straight piece of a rim, t in [0, 1]."""
 
-    def __init__(self, start, end):
+    def __init__(self, start: np.ndarray, end: np.ndarray) -> None:
         self.start, self.way = start, end - start
         self.length = np.linalg.norm(self.way)
 
-    def __call__(self, t):
+    def __call__(self, t: ArrayLike) -> np.ndarray:
         return self.start + np.multiply.outer(t, self.way)
 
-    def crossings(self, centres, radius):
+    def crossings(self, centres: np.ndarray, radius: float) -> np.ndarray:
         """Where the line meets circles: |start + t way - centre| = radius."""
         to_start = self.start - centres
         half = to_start @ self.way / self.length**2
@@ -29,15 +30,15 @@ class Segment:
 class Arc:
     """A quarter of a circle around the origin, t in [0, 1]."""
 
-    def __init__(self, radius, quarter):
+    def __init__(self, radius: float, quarter: int) -> None:
         self.radius, self.first = radius, quarter * np.pi / 2
         self.length = radius * np.pi / 2
 
-    def __call__(self, t):
+    def __call__(self, t: ArrayLike) -> np.ndarray:
         angle = self.first + np.pi / 2 * np.asarray(t)
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
-    def crossings(self, centres, radius):
+    def crossings(self, centres: np.ndarray, radius: float) -> np.ndarray:
         """Where the arc meets circles, by the law of cosines."""
         apart = np.linalg.norm(centres, axis=1)
         centres, apart = centres[apart > 0], apart[apart > 0]

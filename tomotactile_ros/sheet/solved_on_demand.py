@@ -60,7 +60,7 @@ class KeptGreen:
             block, place = self._block, self._place[unknowns]
         return block.ravel().take((len(block) * place)[:, :, None] + place[:, None, :])
 
-    def _keep(self, unknowns):
+    def _keep(self, unknowns: np.ndarray) -> None:
         missing = unknowns[self._place[unknowns] < 0]
         if not len(missing):
             return

@@ -114,7 +114,7 @@ def make_transfer(
     to_points[:, covered] = between[:, owner[covered]]
     self_terms[covered] = between[owner[covered], owner[covered]]
 
-    def green_with_electrodes(i, j):
+    def green_with_electrodes(i: np.ndarray, j: np.ndarray) -> np.ndarray:
         block = green(i, j)
         first, second = owner[i], owner[j]
         block[first >= 0] = to_points[first[first >= 0]][:, j]

@@ -82,7 +82,14 @@ def frame(
     return out
 
 
-def _row_under_contact(contacts, green, resistance, ground, drive_voltage, switch_resistance):
+def _row_under_contact(
+    contacts: Transfer,
+    green: np.ndarray,
+    resistance: np.ndarray,
+    ground: int,
+    drive_voltage: float,
+    switch_resistance: np.ndarray,
+) -> np.ndarray:
     """(E,) with a contact on the grounded electrode, near a short circuit: no cancellation."""
     impedance = contacts.impedance(ground) + switch_resistance
     to_ground = contacts.electrode_point[ground]
@@ -96,7 +103,14 @@ def _row_under_contact(contacts, green, resistance, ground, drive_voltage, switc
     return impedance[:, kept] @ np.linalg.solve(system[np.ix_(kept, kept)], drive)
 
 
-def _rows(system, coupling, between, grounded, drive_voltage, switch_resistance):
+def _rows(
+    system: np.ndarray,
+    coupling: np.ndarray,
+    between: np.ndarray,
+    grounded: np.ndarray,
+    drive_voltage: float,
+    switch_resistance: np.ndarray,
+) -> np.ndarray:
     """(L, E) for A = `system` (n, n), G(E, C) = `coupling` (E, n) and G(E, E) = `between`."""
     solved = np.linalg.solve(system, np.column_stack([np.ones(len(system)), coupling.T]))
     alpha = solved[:, 0].sum()
