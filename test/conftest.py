@@ -36,6 +36,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 # a shell ignores it for what runs in its background, and all children would
 signal.signal(signal.SIGINT, signal.default_int_handler)
+# who ends the tests, as `timeout` does, ends the programs that they have started: left behind, they
+# would publish in the domain of a later test
+signal.signal(signal.SIGTERM, signal.default_int_handler)
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
 # an example may take as long as it takes: a busy machine is no defect. A quarter of the usual number of
 # them, as every run draws others

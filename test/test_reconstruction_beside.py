@@ -103,7 +103,7 @@ def test_it_ends_with_whoever_started_it():
         "made.takes(Pipeline(load_layout('equal-4x4'), Settings('fast'))); "
         "print(made.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
-    ended = python("-c", program)
+    ended = python("-c", program, stderr=None)
     assert ended.returncode == -signal.SIGKILL
     while running(int(ended.stdout)):
         time.sleep(0.02)
