@@ -1,5 +1,6 @@
 """Parameters: a bad value is refused with the reason, at the start and at run time."""
 
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
     ListParameters,
+    SetParameters,
 )
 from rclpy.context import Context
+from rclpy.parameter import Parameter
 from ros_support import Process, ends_cleanly, program, ros_arguments
 from sensor_msgs.msg import Image
 
@@ -283,6 +286,56 @@ def test_paths_are_fixed_at_the_start_unless_asked_for(probe, start, scene):
         assert not result.successful and f"{name}: is read-only" in result.reason
         assert "allow_path_changes" in result.reason
     assert probe.set_parameter("/driver", "scene", "idle").successful  # as it is
+
+
+SLOW_SETTINGS = """
+import sys, time
+from pathlib import Path
+from tomotactile_ros.nodes.reconstruction import main
+from tomotactile_ros.reconstruction import Pipeline
+
+folder = Path(sys.argv.pop(1))
+prepare = Pipeline.with_settings
+
+def slowly(self, settings):
+    (folder / "begun").touch()
+    while not (folder / "enough").exists():
+        time.sleep(0.01)
+    return prepare(self, settings)
+
+Pipeline.with_settings = slowly
+sys.exit(main())
+"""
+
+
+def test_images_go_on_while_parameters_are_put_into_effect(domain, probe, start, tmp_path):
+    """The change ends only after images and diagnostics that were made meanwhile."""
+    start("driver", {"scene": "idle", "rate": "10.0"})
+    words = ["-c", SLOW_SETTINGS, str(tmp_path), *ros_arguments({})]
+    reconstruction = Process([sys.executable, *words], domain)
+    try:
+        images = probe.listen(Image, "/pressure")
+        reports = probe.listen(DiagnosticArray, "/diagnostics")
+        probe.until(lambda: len(images) > 2, "images")
+        client = probe.node.create_client(SetParameters, "/reconstruction/set_parameters")
+        probe.until(client.service_is_ready, "service")
+        wish = Parameter("resolution", value=20).to_parameter_msg()
+        client.call_async(SetParameters.Request(parameters=[wish]))
+        probe.until((tmp_path / "begun").exists, "change under way")
+        images.clear()
+        reports.clear()
+
+        def well():
+            said = [s for report in reports for s in report.status if "reconstruction" in s.name]
+            return len(images) > 5 and len(said) > 2
+
+        probe.until(well, "images and reports meanwhile")
+        assert images[-1].height == 40
+        (tmp_path / "enough").touch()
+        probe.until(lambda: images[-1].height == 20, "images of the new resolution")
+        ends_cleanly(reconstruction)
+    finally:
+        reconstruction.kill()
 
 
 KEYS = [
