@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,3 +108,25 @@ def test_it_ends_with_whoever_started_it():
     assert ended.returncode == -signal.SIGKILL
     while running(int(ended.stdout)):
         time.sleep(0.02)
+
+
+class Grows:
+    """Whoever takes it to pieces adds to what it belongs to, as another thread may."""
+
+    def __init__(self, to):
+        self.to = to
+
+    def __reduce__(self):
+        self.to.__dict__["worked_out"] = np.ones(3)
+        return int, ()
+
+
+def test_what_is_given_away_may_be_worked_at_meanwhile(beside):
+    """Two nodes in a process have one layout, of which each works out what it needs: a driver failed, once,
+    as it gave that to its process ("dictionary changed size during iteration")."""
+    pipeline = pipeline_of()
+    settings = replace(pipeline.settings)
+    object.__setattr__(settings, "grows", Grows(settings))
+    pipeline.settings = settings
+    until_it_takes(beside, pipeline)
+    assert "worked_out" in vars(settings)

@@ -6,9 +6,12 @@ started it, however that ends. Its modules are the same as here, whatever the wo
 
 from __future__ import annotations
 
+import io
 import os
+import pickle
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -99,7 +102,7 @@ class Process:
         if self._pipe is None:
             raise ConnectionError(self._ended)
         try:
-            self._pipe.send(words)
+            self._pipe.send_bytes(_packed(words))
         except OSError as error:
             raise ConnectionError(self._ended) from error
 
@@ -113,6 +116,25 @@ class Process:
         if isinstance(answer, Exception):
             raise answer
         return answer
+
+
+class _Pickler(pickle.Pickler):
+    """Takes all attributes of an object at once: another thread may add to them what is worked out once."""
+
+    def reducer_override(self, given: Any) -> Any:
+        """What an object is made of again; NotImplemented: as always."""
+        if not is_dataclass(given) or isinstance(given, type):
+            return NotImplemented
+        parts = given.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+        if isinstance(parts, str):  # the name of something that is there
+            return NotImplemented
+        return tuple(dict(each) if isinstance(each, dict) else each for each in parts)
+
+
+def _packed(words: tuple) -> bytes:
+    into = io.BytesIO()
+    _Pickler(into, pickle.HIGHEST_PROTOCOL).dump(words)
+    return into.getvalue()
 
 
 def serve(pipe: int, module: str, name: str, nice: int) -> None:
