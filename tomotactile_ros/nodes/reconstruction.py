@@ -260,18 +260,24 @@ class Reconstruction:
         holds = later(header, result.holds)
         if not followed:
             self._outputs.say_touched(not result.idle, holds)
-        if result.reason:
+        shown = result
+        if (
+            followed and result.reason and self._rows.draws(pipeline, True)
+        ):  # rows know nevertheless
+            with self._rows_lock:
+                shown = self._rows.image(pipeline, True) or result
+        if shown.reason:
             if not followed:
                 self._outputs.withhold(result.reason, holds, result.complete)
         else:
             drawn = values["image"] != "none"
-            if drawn and not np.isfinite(pipeline.grid.gather(result.pressure)).all():
+            if drawn and not np.isfinite(pipeline.grid.gather(shown.pressure)).all():
                 raise InputError("the voltages give an image with infinite pressures")
             if not followed and values["contacts"]:  # before the pictures, which may take long
-                self._outputs.publish_contacts(result.contacts, holds, result.complete)
+                self._outputs.publish_contacts(shown.contacts, holds, shown.complete)
             if drawn:  # with the time of its frame, which may be one before
-                shown = header if result.holds >= 0 else holds
-                self._outputs.publish(result.pressure, result.contacts, shown)
+                when = header if shown.holds >= 0 else holds
+                self._outputs.publish(shown.pressure, shown.contacts, when)
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise

@@ -120,18 +120,18 @@ class Rows:
         self._left_out = mixed and not self._left_out
         return self._left_out
 
-    def draws(self, pipeline: Pipeline, left_out: bool) -> bool:
+    def draws(self, pipeline: Pipeline, instead: bool) -> bool:
         """Whether rows tell all that an image of a frame would show, or more as something slides or the
         frame is left out."""
         state = self._state
         if state is None or not state.begun or self._of[0] is not pipeline:
             return False
-        return state.known if pipeline.fits or left_out else state.clear
+        return state.known if pipeline.fits or instead else state.clear
 
-    def image(self, pipeline: Pipeline, left_out: bool) -> Result | None:
+    def image(self, pipeline: Pipeline, instead: bool) -> Result | None:
         """An image of what rows tell; None where that has come to an end meanwhile."""
         state = self._state
-        draws = self.draws(pipeline, left_out)
+        draws = self.draws(pipeline, instead)
         return pipeline.image_after_row(state) if state and draws else None
 
     def process(self, pipeline: Pipeline, frame: Frame, deadline: float) -> Result:
