@@ -98,9 +98,15 @@ def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
     silent = "nobody publishes /voltage_frame"
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, silent)
     ros_checks.has_logged(probe, reconstruction, "ERROR", silent)
+    ends_cleanly(reconstruction)
+
+
+def test_without_a_publisher_there_is_no_tare(probe, start):
+    start("reconstruction", {"layout": "equal-4x4"})
+    silent = "nobody publishes /voltage_frame"
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, silent)
     answer = probe.call(Trigger, "/reconstruction/tare")
     assert not answer.success and silent in answer.message
-    ends_cleanly(reconstruction)
 
 
 def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):
