@@ -159,6 +159,13 @@ def test_a_stop_counts_once_and_is_not_lost():
     assert (done.returncode, done.stdout) == (0, "cleaned\n"), done
 
 
+def test_a_context_that_is_shut_down_meanwhile_is_no_failure():
+    """rclpy's thread of signals can shut it down after `try_shutdown` has asked whether it is."""
+    twice = "import rclpy.context; rclpy.context.Context.try_shutdown = lambda c: (c.shutdown(), c.shutdown())"
+    done = python("-c", twice + STOPS)
+    assert (done.returncode, done.stdout) == (0, "cleaned\n"), done
+
+
 def test_a_managed_node_says_why_a_transition_cannot_be(probe, start):
     from lifecycle_msgs.msg import Transition
     from lifecycle_msgs.srv import ChangeState

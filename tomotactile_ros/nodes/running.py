@@ -259,7 +259,7 @@ def run(
             signal.signal(number, signal.SIG_IGN)
         for node in nodes:
             node.destroy_node()
-        rclpy.try_shutdown()
+        _shut_down()
     return 0
 
 
@@ -290,6 +290,14 @@ def _init(words: list[str]) -> None:
         rclpy.init(args=words)
     except RuntimeError as error:
         raise InputError(not_understood(error)) from None
+
+
+def _shut_down() -> None:
+    try:
+        rclpy.try_shutdown()
+    except RuntimeError:  # rclpy's thread, which a signal wakes, can do so between its question and its deed
+        if rclpy.ok():
+            raise
 
 
 @contextmanager
