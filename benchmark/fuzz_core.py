@@ -125,6 +125,8 @@ def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
     model.limited(given["mean"], fit.mean, int(random.integers(-2, 4)))
     model.idle_fit(given["mean"], given["readings"], given["valid"])
     model.shares(row["contacts"])
+    model.core.shares_added(spoilt(unknowns.contacts[:, :2], random))
+    model.core.alike(row["contacts"], unknowns.contacts[:, :4])
     model.row(**row)
 
 

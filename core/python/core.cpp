@@ -277,6 +277,12 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         std::array<Matrix, 2> slopes;
         sheet.discs_at(matrix<Points>(places, "places", 2), radius, share, slopes);
         return py::make_tuple(share, py::make_tuple(slopes[0], slopes[1]));
+      }, "places"_a, "radius"_a)
+      .def("even_discs", [](const Sheet& sheet, const Array& places, double radius) {
+        Matrix share;
+        std::array<Matrix, 2> slopes;
+        sheet.even_discs_at(matrix<Points>(places, "places", 2), radius, share, slopes);
+        return share;
       }, "places"_a, "radius"_a);
 
   py::class_<Touches, std::shared_ptr<Touches>>(m, "Touches")
@@ -555,6 +561,12 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         model.shares(matrix<Discs>(contacts, "contacts", 4), share, slopes);
         return py::make_tuple(array(share), py::make_tuple(array(slopes[0]), array(slopes[1])));
       }, "contacts"_a)
+      .def("shares_added", [](const RowModel& model, const Array& places) {
+        return model.shares_added(matrix<Points>(places, "places", 2));
+      }, "places"_a)
+      .def("alike", [](const RowModel& model, const Array& one, const Array& other) {
+        return model.alike(matrix<Discs>(one, "one", 4), matrix<Discs>(other, "other", 4));
+      }, "one"_a, "other"_a)
       .def("row", [](const RowModel& model, const Array& contacts, Index ground, const Array& shift, const py::object& mutual,
                      const py::object& valid) {
         const Read all(model.count(), true);

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "tomotactile/contact.hpp"
 #include "tomotactile/equations.hpp"
@@ -49,6 +50,11 @@ RowModel::RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix imp
   for (Index j = 0; j < modes(); ++j) change_.middleCols(n * j, n) = change[j].cast<float>();
   const Tables& t = sheet_->tables();
   inside_ = (t.outline.size / 2).array() - kInside * t.pitch;
+  if (!sheet_->even(s.sheet)) {
+    std::vector<int> nodes(t.coarse.points());
+    std::iota(nodes.begin(), nodes.end(), 0);
+    added_ = sheet_->share_added(s.sheet, nodes);
+  }
   const double largest = t.admittance.diagonal().maxCoeff();
   least_ = std::log(kConducts * largest), most_ = std::log(kBareConducts * largest);
 }
@@ -94,7 +100,7 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
   }
   Matrix potentials;
   std::array<Matrix, 2> slopes;
-  sheet_->potentials_at(beside, potentials, slopes);
+  sheet_->potentials_at(beside, &potentials, &slopes);
   for (std::size_t i = 0; i < on.size(); ++i) {  // in the middle they do not know which way
     const auto& [p, out] = on[i];
     const Vector along = out.x() * slopes[0].col(p) + out.y() * slopes[1].col(p);
@@ -130,11 +136,17 @@ void RowModel::shares(const Discs& contacts, Matrix& share, std::array<Matrix, 2
       share.col(i) = own, slopes[0].col(i) = steep[0], slopes[1].col(i) = steep[1];
     }
   }
-  if (sheet_->even(sensor_.sheet)) return;
+  if (!added_.size()) return;
   const Around around(sheet_->tables().coarse, contacts.topRows<2>());
-  const Matrix added = sheet_->share_added(sensor_.sheet, around.nodes);
+  const Matrix added = added_(Eigen::all, around.nodes);
   share += around.values(added);
   slopes[0] += around.along_x(added, 0, k), slopes[1] += around.along_y(added, 0, k);
+}
+
+Matrix RowModel::shares_added(const Points& places) const {
+  if (!added_.size()) return Matrix::Zero(count(), places.cols());
+  const Around around(sheet_->tables().coarse, places);
+  return around.values(added_(Eigen::all, around.nodes));
 }
 
 const Eigen::MatrixXf& RowModel::by_sheet(const Eigen::Vector2d& place) const {

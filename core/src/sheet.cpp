@@ -94,12 +94,10 @@ std::vector<Matrix> Sheet::admittance_change(const Vector& sheet) const {
 }
 
 Matrix Sheet::share_added(const Vector& sheet, const std::vector<int>& nodes) const {
-  Matrix out = Matrix::Zero(count(), nodes.size());
-  for (std::size_t m = 0; m < nodes.size(); ++m) {
-    if (rest_) out.col(m) = rest_->share.col(nodes[m]);
-    for (Index j = 0; j < modes(); ++j)
-      if (sheet[j] != 0) out.col(m) += sheet[j] * tables_->share_change[j].col(nodes[m]);
-  }
+  Matrix out = rest_ ? Matrix(rest_->share(Eigen::all, nodes)) : Matrix::Zero(count(), nodes.size());
+  for (Index j = 0; j < modes(); ++j)
+    if (sheet[j] != 0)
+      for (std::size_t m = 0; m < nodes.size(); ++m) out.col(m) += sheet[j] * tables_->share_change[j].col(nodes[m]);
   return out;
 }
 
@@ -122,56 +120,34 @@ Matrix Sheet::field_at(const Points& places) const {
 }
 
 Matrix Sheet::potentials_at(const Points& places) const {
-  const Tables& t = *tables_;
-  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
-  Matrix out(count(), places.cols());
-  for (Index p = 0; p < places.cols(); ++p) {
-    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
-    const Eigen::ArrayXd squared = (t.used.colwise() - places.col(p)).colwise().squaredNorm().transpose().array().max(least);
-    out.col(p) = (-0.5 * scale * squared.log()).matrix();
-    for (int k = 0; k < 16; ++k) out.col(p) += stencil.weights[k] * t.potentials.col(stencil.nodes[k]);
-  }
+  Matrix out;
+  potentials_at(places, &out, nullptr);
   return out;
 }
 
 std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
-  const Tables& t = *tables_;
-  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
-  std::array<Matrix, 2> out{Matrix(count(), places.cols()), Matrix(count(), places.cols())};
-  for (Index p = 0; p < places.cols(); ++p) {
-    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
-    const Points from = t.used.colwise() - places.col(p);  // to the electrodes
-    const Eigen::ArrayXd rate = scale / from.colwise().squaredNorm().transpose().array().max(least);
-    out[0].col(p) = (rate * from.row(0).transpose().array()).matrix();
-    out[1].col(p) = (rate * from.row(1).transpose().array()).matrix();
-    for (int k = 0; k < 16; ++k) {
-      out[0].col(p) += stencil.along_x[k] * t.potentials.col(stencil.nodes[k]);
-      out[1].col(p) += stencil.along_y[k] * t.potentials.col(stencil.nodes[k]);
-    }
-  }
+  std::array<Matrix, 2> out;
+  potentials_at(places, nullptr, &out);
   return out;
 }
 
-void Sheet::potentials_at(const Points& places, Matrix& potentials, std::array<Matrix, 2>& slopes) const {
+void Sheet::potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const {
   const Tables& t = *tables_;
   const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
   const Index n = count();
-  potentials.resize(n, places.cols());
-  for (Matrix& each : slopes) each.resize(n, places.cols());
-  Matrix near(n, 16), read(n, 3);
-  Eigen::Matrix<double, 16, 3> weights;
+  if (potentials) potentials->resize(n, places.cols());
+  if (slopes)
+    for (Matrix& each : *slopes) each.resize(n, places.cols());
   for (Index p = 0; p < places.cols(); ++p) {
     const Stencil stencil = t.fine.at(places(0, p), places(1, p));
-    for (int k = 0; k < 16; ++k) {
-      near.col(k) = t.potentials.col(stencil.nodes[k]);
-      weights.row(k) << stencil.weights[k], stencil.along_x[k], stencil.along_y[k];
-    }
-    read.noalias() = near * weights;
+    const Matrix near = t.potentials(Eigen::all, stencil.nodes);
+    const auto read = [&](const std::array<double, 16>& weights) { return (near * Eigen::Map<const Vector>(weights.data(), 16)).array(); };
     const Eigen::ArrayXd x = t.used.row(0).transpose().array() - places(0, p), y = t.used.row(1).transpose().array() - places(1, p);
-    const Eigen::ArrayXd squared = (x * x + y * y).max(least), rate = scale / squared;
-    potentials.col(p) = read.col(0).array() - 0.5 * scale * squared.log();
-    slopes[0].col(p) = read.col(1).array() + rate * x;
-    slopes[1].col(p) = read.col(2).array() + rate * y;
+    const Eigen::ArrayXd squared = (x * x + y * y).max(least);
+    if (potentials) potentials->col(p) = read(stencil.weights) - 0.5 * scale * squared.log();
+    if (!slopes) continue;
+    (*slopes)[0].col(p) = read(stencil.along_x) + scale / squared * x;
+    (*slopes)[1].col(p) = read(stencil.along_y) + scale / squared * y;
   }
 }
 
@@ -182,7 +158,7 @@ void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, st
   const Tables& t = *tables_;
   const Index n = count();
   Matrix potentials;
-  potentials_at(places, potentials, slopes);
+  potentials_at(places, &potentials, &slopes);
   const double scale = t.resistance / (2 * kPi), wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
   for (Index p = 0; p < places.cols(); ++p)
     for (Index e = 0; e < n; ++e) {

@@ -40,9 +40,7 @@ class Births:
         self._operator = operator
         across = int(np.ceil(max(operator.layout.outline.size) / operator.pitch * _PER_PITCH))
         self.places = Grid.for_outline(operator.layout.outline, max(across, 2)).pixels
-        discs = np.zeros((len(self.places), 4))
-        discs[:, :2], discs[:, 3] = self.places, np.log(radius)
-        self._discs = discs
+        self._even = operator.core.even_discs(self.places, radius)
         false_alarms = 1 / (HOURS * 3600 * RATE)
         self.threshold = float(ndtri(false_alarms / (_SUMS * len(self.places))) ** 2)
         self._limit = float(operator.admittance.diagonal().max())
@@ -63,7 +61,7 @@ class Births:
         """
         row, misfit, root = fit.row, fit.misfit, fit.root
         if self._model is not model:
-            self._shares = model.shares(self._discs)[0].T
+            self._shares = self._even + model.core.shares_added(self.places)
             self._spread = model.impedance @ self._shares
             self._model = model
         share, spread = self._shares, self._spread

@@ -52,16 +52,16 @@ class Displacement:
         potentials: PotentialTable,
         inverse: np.ndarray,
     ):
-        self._centres, self._radius = layout.positions[used], layout.radius
+        centres, radius = layout.positions[used], layout.radius
         pitch, rectangular = float(np.median(layout.pitches)), layout.outline.is_uniform_rectangle
         mirrors = _rectangle if rectangular else _nearest
-        self._mirrors = mirrors(layout.outline, self._centres, pitch)
+        self._mirrors = mirrors(layout.outline, centres, pitch)
         turn = 2 * np.pi / _RING * np.arange(_RING)
         ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        ring = (self._centres[:, None] + _AT * self._radius * ways).reshape(-1, 2)
+        ring = (centres[:, None] + _AT * radius * ways).reshape(-1, 2)
         seen = potentials(_inside(layout.outline, ring))[0].T
         shares = (inverse[:-1, :-1] @ seen + inverse[:-1, -1:]).reshape(len(used), len(used), _RING)
-        size = _RING / 2 * self._radius * (_AT - 1 / _AT)
+        size = _RING / 2 * radius * (_AT - 1 / _AT)
         self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
 
     def fields(self) -> np.ndarray:

@@ -259,12 +259,14 @@ class RowEstimator:
         if seen is not None:
             self._take(seen, state)
         voltages = known = read
-        if state.settling is not None and state.before is not None:
-            voltages = state.settling.less(read, state.before)
+        before = None if state.settling is None else state.before
+        if state.settling is not None and before is not None:
+            voltages = state.settling.less(read, before)
             known = np.where(np.isnan(voltages), read, voltages)
         state.last_row = known, grounded
-        driven, used = voltages, list(state.used)
-        if len(used) < len(voltages) or self.estimator.sensor is not None:
+        driven = voltages
+        if len(state.used) < len(voltages) or self.estimator.sensor is not None:
+            used = list(state.used)
             driven = np.full(len(voltages), np.nan)  # electrodes that are used may change
             driven[used] = voltages[used] - self.estimator.offsets(state.used)
         noise = max(self.estimator.noise, state.noise)
@@ -280,10 +282,10 @@ class RowEstimator:
         # where the wire of a channel that rows contradict leads is not known: its row tells nothing
         if at >= 0 and valid.any() and not state.end.most and not state.rows.distrusted[at]:
             readings = voltages[follower.operator.used] / drive_voltage
-            before = state.rows.touched
+            touched = state.rows.touched
             self._follow(state, follower, readings, valid, at, time)
             after, untouched = state.rows.touched, state.rows.untouched
-            if state.turns.take(before, after, untouched, time):
+            if state.turns.take(touched, after, untouched, time):
                 state.rows.confused = np.inf
         elif at >= 0:
             state.rows.distrusted = np.maximum(state.rows.distrusted - 1, 0)

@@ -13,8 +13,6 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 
-# spacings, and of ln c, that contacts change before D between them is taken anew
-_ALIKE, _AS_STRONG = 0.01, 0.1
 # spacings: deviation of places of electrodes while nothing was learned: 0.3 mm at 8 x 8 on 200 mm.
 # With electrodes 1 mm off, of 30 touches 6 had ghosts with 0 or 0.003, 1 with 0.01 and 0.02
 # (`benchmark/rows.py --sensor aside`); exact sensors have the same places with all of these, but
@@ -103,24 +101,15 @@ class RowModel:
         self.core = compiled.RowModel(operator, known, alone, known.aside, unsure, *seen)
         self.fit, self.idle_fit, self.limited = self.core.fit, self.core.idle_fit, self.core.limited
         self.row, self.shares = self.core.row, self.core.shares
-        self._mutual: tuple[list, np.ndarray | None] = [], None
-
-    def _alike(self, ones: list, others: list) -> bool:
-        """Whether contacts x, y, ln c, ln a are nearly the same."""
-        near = _ALIKE * self.operator.pitch
-        return len(ones) == len(others) and all(
-            abs(x - u) < near and abs(y - v) < near and abs(c - d) < _AS_STRONG and a == b
-            for (x, y, c, a), (u, v, d, b) in zip(ones, others)
-        )
+        self._mutual = np.empty((0, 4)), np.empty((0, 0))  # contacts, and D between them
 
     def mutual(self, contacts: np.ndarray) -> np.ndarray | None:
         """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
         them; None where they do everywhere. As derivatives, it is kept while contacts stay."""
-        here = contacts.tolist()
-        if not _near(here, SCREENED * self.operator.pitch):
+        if not _near(contacts.tolist(), SCREENED * self.operator.pitch):
             return None
-        if not self._alike(self._mutual[0], here):
-            self._mutual = here, self._mutual_of(contacts)
+        if not self.core.alike(self._mutual[0], contacts):
+            self._mutual = contacts, self._mutual_of(contacts)
         return self._mutual[1]
 
     def _mutual_of(self, contacts: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Publishers of the nodes: all reliable, and none listens to events.
+"""Publishers of what sensors say: all reliable, and none listens to events.
 
 An executor of rclpy asks everything that it waits for, one after the other, whenever a message comes. What rclpy
 adds to each publisher by default only says in the log that somebody subscribes with another quality of service,

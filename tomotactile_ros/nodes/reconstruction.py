@@ -40,7 +40,7 @@ from tomotactile_ros.nodes.turns import FairLock
 from tomotactile_ros.nodes.watch import FrameWatch
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.deadline import period_of
-from tomotactile_ros.reconstruction.settings import doubt_of_noise, doubt_of_settling
+from tomotactile_ros.reconstruction.settings import Result, doubt_of_noise, doubt_of_settling
 from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
@@ -241,9 +241,8 @@ class Reconstruction:
         followed, result = self._rows.followed, None
         self._rows.watch.frame_has(len(frame.grounded))
         left_out = followed and self._rows.leaves_out(pipeline, frame)
-        if followed and self._rows.draws(pipeline, left_out):
-            with self._rows_lock:
-                result = self._rows.image(pipeline, left_out)
+        if followed:
+            result = self._drawn_by_rows(pipeline, left_out)
         if result is None and left_out:
             return
         limit = values["deadline"] or period_of(frame)
@@ -291,6 +290,13 @@ class Reconstruction:
         )
         if followed and not left_out:
             self._rows.correct(pipeline, frame, max(limit - took, 0.0))
+
+    def _drawn_by_rows(self, pipeline: Pipeline, instead: bool) -> Result | None:
+        """`Rows.image`, where they draw one."""
+        if not self._rows.draws(pipeline, instead):
+            return None
+        with self._rows_lock:
+            return self._rows.image(pipeline, instead)
 
     def _use_sensor(self, sensor: SensorState) -> None:
         """Go on with what was learned."""

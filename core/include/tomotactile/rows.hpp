@@ -67,6 +67,9 @@ class RowModel {
   Index count() const { return sheet_->count(); }
   Index modes() const { return sheet_->modes(); }
   void shares(const Discs& contacts, Matrix& share, std::array<Matrix, 2>& slopes) const;  // H, n x k; slopes, 1/m
+  Matrix shares_added(const Points& places) const;  // n x K: what the sheet as it is known adds to H of an even one
+  // Whether contacts are nearly the same: what changes slowly with them is kept.
+  bool alike(const Discs& one, const Discs& other) const;
   // `shift` (J + n) of the sheet's coefficients and of gains from those known; `mutual` D, k x k, or none.
   Row row(const Discs& contacts, Index ground, const Vector& shift, const Matrix& mutual, const Read& valid) const;
   Row idle() const;  // of an untouched sheet
@@ -93,12 +96,12 @@ class RowModel {
   std::array<Matrix, 2> fields_;
   bool background_;
   Eigen::MatrixXf change_;  // n x (n J): derivatives of Y0; memory is what they cost, once a row
+  Matrix added_;            // n x M: what the sheet adds to H at the points of the coarse lattice, or none
   Eigen::Vector2d inside_;
   double least_, most_;     // ln c
   mutable std::vector<Kept> kept_;
   mutable std::map<std::pair<int, int>, Eigen::MatrixXf> by_sheet_;
 
-  bool alike(const Discs& one, const Discs& other) const;
   bool at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix<double, Eigen::Dynamic, 3>& found) const;
   const Eigen::MatrixXf& by_sheet(const Eigen::Vector2d& place) const;  // n x J
   Kept derivatives(const Discs& contacts, Index ground, const Row& row, const Matrix& share, std::array<Matrix, 2> slopes,

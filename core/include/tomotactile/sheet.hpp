@@ -93,10 +93,10 @@ class Sheet {
   Vector own_added(const Around& around) const;                        // P, ohm of an even sheet
   Matrix field_at(const Points& places) const;                         // Q x J
 
-  // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m.
+  // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m; or both at once, each where it is wanted.
   Matrix potentials_at(const Points& places) const;
   std::array<Matrix, 2> steep_at(const Points& places) const;
-  void potentials_at(const Points& places, Matrix& potentials, std::array<Matrix, 2>& slopes) const;  // both at once
+  void potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const;
   // H of discs of a radius, m, at places, n x P, on an even sheet and on that it is right about; its slopes, 1/m.
   void even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
   void discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
