@@ -18,6 +18,7 @@ import numpy as np
 
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -66,7 +67,10 @@ def sensor():
 
 def one(random, operator, unknowns, rows, prior) -> None:
     """A call with one argument spoilt."""
-    where = random.integers(6)
+    where = random.integers(8)
+    if where > 5:
+        of_follow(random, operator, unknowns, prior)
+        return
     if where > 3:
         of_rows(random, operator, unknowns, prior, where == 4)
         return
@@ -101,7 +105,7 @@ def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
     known = Known.before(prior, 1e-7)
     if of_sensor:
         name = str(random.choice([f.name for f in fields(Known)][:7]))
-        known = replace(known, **{name: spoilt(getattr(known, name), random)})
+        known = replace(known, **{name: np.asarray(spoilt(getattr(known, name), random))})
     model = RowModel(operator, known)
     numbers = 10 + modes + count
     given = {
@@ -127,7 +131,34 @@ def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
     model.shares(row["contacts"])
     model.core.shares_added(spoilt(unknowns.contacts[:, :2], random))
     model.core.alike(row["contacts"], unknowns.contacts[:, :4])
+    model.mutual(spoilt(row["contacts"], random))
+    compiled.outliers(spoilt(fit.misfit, random), spoilt(fit.root, random), given["valid"], 3)
     model.row(**row)
+
+
+def of_follow(random, operator, unknowns, prior) -> None:
+    """Some rows of a state whose belief, or one of the rows, is spoilt."""
+    known = Known.before(prior, 1e-7)
+    follower = Follower(operator, 0.008, 0.6)
+    state, count = follower.begin(known), operator.count
+    belief, name = state.belief, str(random.choice(["mean", "covariance", "sizes", "rows", "none"]))
+    for i, (x, y, strength, size) in enumerate(unknowns.contacts[:, :4]):
+        mean, own = [x, y, 0.1, 0.0, strength], 1e-4 * np.eye(5)
+        belief = belief.with_contact(np.array(mean), own, np.array([size, 0.1]), i + 1, 0.0)
+    if name != "none":
+        belief = belief.replaced(**{name: spoilt(getattr(belief, name), random)})
+    state.belief, at = belief, int(random.integers(6))
+    for i in range(6):
+        row = [np.full(count, 0.5), np.arange(count) != i, i, i * 1e-3]
+        row[0][random.integers(count)] = random.random()
+        if i == at:
+            which = int(random.integers(4))
+            row[which] = spoilt(np.array(row[which]), random)
+            row[2:] = [each.item() if getattr(each, "size", 0) == 1 else each for each in row[2:]]
+        wait = [row[k] for k in (0, 1, 3)]
+        follower.wait(state, *wait) if random.random() < 0.2 else follower.follow(state, *row)
+    state.belief.unlearned(spoilt(known.shift_deviation, random))
+    state.belief.without(int(random.integers(-1, 3)))
 
 
 def main() -> None:

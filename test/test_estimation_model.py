@@ -322,7 +322,7 @@ def test_impedance_is_reciprocal_and_currents_balance():
     np.testing.assert_allclose(share.sum(axis=0), 1.0, atol=1e-9)
     assert (own >= 0).all()
     np.testing.assert_allclose(
-        OPERATOR.share_added(unknowns.sheet, Around(OPERATOR.lattice, places))[0].sum(axis=0),
+        OPERATOR.share_added(unknowns.sheet, Around(OPERATOR.lattice, places)).sum(axis=0),
         0.0,
         atol=1e-9,
     )

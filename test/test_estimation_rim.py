@@ -48,7 +48,7 @@ def test_a_larger_outline_changes_couplings_and_shares_as_another_mesh_of_it_say
     assert np.abs(change - told).max() < 0.25 * np.abs(change).max()
     places = off_electrodes(np.random.default_rng(0).uniform(-0.06, 0.06, (99, 2)), drawn.layout)
     shares = [each.points(places, np.full(99, 0.003))[0] for each in (drawn, cut)]
-    change, told = shares[1] - shares[0], drawn.share_added(sheet, Around(drawn.lattice, places))[0]
+    change, told = shares[1] - shares[0], drawn.share_added(sheet, Around(drawn.lattice, places))
     assert 0.6 < np.polyfit(told.ravel(), change.ravel(), 1)[0] < 1.2
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
@@ -12,7 +13,6 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
-from tomotactile_ros.estimation.row_outliers import WRONG, outliers
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -54,10 +54,10 @@ def test_what_a_reading_takes_with_it_is_what_leaving_it_out_takes():
         own = covariance[np.ix_(kept, kept)]
         return misfit[kept] @ np.linalg.solve(own, misfit[kept]) + np.linalg.slogdet(own)[1]
 
-    found, gained = outliers(misfit, np.linalg.cholesky(covariance), np.ones(16, bool), 3)
+    found, gained = compiled.outliers(misfit, np.linalg.cholesky(covariance), np.ones(16, bool), 3)
     assert set(found) == {2, 7}
     kept = np.setdiff1d(np.arange(16), found)
-    price = -2 * np.log(WRONG) - np.log(2 * np.pi)
+    price = -2 * np.log(compiled.WRONG) - np.log(2 * np.pi)
     assert cost(np.arange(16)) - cost(kept) - 2 * price == pytest.approx(gained)
 
 

@@ -60,7 +60,7 @@ def followed(operator, known, contacts, count):
         valid = np.arange(16) != i % 16
         follower.follow(state, np.nan_to_num(row) / DRIVE, valid, i % 16, i * ROW_PERIOD)
         belief = state.belief
-        out.append(dict(zip(belief.numbers, belief.contacts()[:, :2])))
+        out.append(dict(zip(belief.numbers, belief.contacts[:, :2])))
     return out
 
 

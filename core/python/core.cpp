@@ -11,7 +11,9 @@
 
 #include "tomotactile/equations.hpp"
 #include "tomotactile/first_look.hpp"
+#include "tomotactile/follow.hpp"
 #include "tomotactile/linear_algebra.hpp"
+#include "tomotactile/outliers.hpp"
 #include "tomotactile/rows.hpp"
 
 namespace py = pybind11;
@@ -228,13 +230,43 @@ Eigen::Map<const Matrix> square(const Array& a, const char* name) {
 }
 
 std::shared_ptr<RowModel> row_model(const py::object& operator_, const py::object& known, const Array& alone, const Array& aside,
-                                    const Array& unsure, const Array& impedance, const Array& fields, bool background) {
+                                    const Array& unsure, const Array& impedance, const Array& fields, const Array& wide) {
   const auto of = [&](const char* name) { return vector(known.attr(name).cast<Array>(), name); };
   Sensor sensor{of("sheet"), of("gain"), of("offset"), of("resistance"),
                 vector(py::sequence(known.attr("deviations"))[2].cast<Array>(), "deviations"),
-                matrix<Eigen::MatrixX2d>(aside, "aside"), matrix<Eigen::MatrixX2d>(unsure, "unsure"), vector(alone, "variance")};
+                matrix<Eigen::MatrixX2d>(aside, "aside"), matrix<Eigen::MatrixX2d>(unsure, "unsure"), vector(alone, "variance"),
+                of("shift_deviation")};
   return std::make_shared<RowModel>(behind<Sheet>(operator_), std::move(sensor), matrix(impedance, "impedance"), two(fields, "fields"),
-                                    background);
+                                    matrix<Discs>(wide, "wide", 4));
+}
+
+// Numbers that stay where they are: read, not written, as long as somebody holds them.
+Array view(const Matrix& m, const py::handle& held) {
+  Array out({m.cols(), m.rows()}, m.data(), held);
+  out.attr("setflags")("write"_a = false);
+  return out;
+}
+
+std::shared_ptr<Belief> replaced(const Belief& b, const py::object& mean, const py::object& covariance, const py::object& sizes,
+                                 const py::object& rows) {
+  auto out = std::make_shared<Belief>(b);
+  if (!mean.is_none()) out->mean = vector(mean.cast<Array>(), "mean");
+  if (!covariance.is_none()) out->covariance = square(covariance.cast<Array>(), "covariance");
+  if (!sizes.is_none()) out->sizes = matrix<Points>(sizes.cast<Array>(), "sizes", 2);
+  if (!rows.is_none()) out->rows = rows.cast<std::vector<int>>();
+  out->check();
+  return out;
+}
+
+// Takes a row into a state, which stays as it was where that fails.
+template <class Take>
+void taken(RowState& state, Take take) {
+  RowState after = state;
+  {
+    Free free;
+    after = take(std::move(after));
+  }
+  state = std::move(after);
 }
 
 py::object solution(const Solution& found) {
@@ -554,7 +586,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         return out;
       }, "covariance"_a);
   py::class_<RowModel, std::shared_ptr<RowModel>>(m, "RowModel")
-      .def(py::init(&row_model), "operator"_a, "known"_a, "alone"_a, "aside"_a, "unsure"_a, "impedance"_a, "fields"_a, "background"_a)
+      .def(py::init(&row_model), "operator"_a, "known"_a, "alone"_a, "aside"_a, "unsure"_a, "impedance"_a, "fields"_a, "wide"_a)
       .def("shares", [](const RowModel& model, const Array& contacts) {
         Matrix share;
         std::array<Matrix, 2> slopes;
@@ -567,6 +599,10 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       .def("alike", [](const RowModel& model, const Array& one, const Array& other) {
         return model.alike(matrix<Discs>(one, "one", 4), matrix<Discs>(other, "other", 4));
       }, "one"_a, "other"_a)
+      .def("mutual", [](const RowModel& model, const Array& contacts) {
+        const Matrix found = model.mutual(matrix<Discs>(contacts, "contacts", 4));
+        return found.size() ? py::object(array(found)) : py::none();
+      }, "contacts"_a)
       .def("row", [](const RowModel& model, const Array& contacts, Index ground, const Array& shift, const py::object& mutual,
                      const py::object& valid) {
         const Read all(model.count(), true);
@@ -589,6 +625,80 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       .def("limited", [](const RowModel& model, const Array& now, const Array& wanted, Index contacts) {
         return array(model.limited(vector(now, "now"), vector(wanted, "wanted"), contacts));
       }, "now"_a, "wanted"_a, "contacts"_a);
+
+  py::class_<Belief, std::shared_ptr<Belief>>(m, "Belief")
+      .def_static("untouched", [](const Array& deviation) { return Belief::untouched(vector(deviation, "deviation")); }, "deviation"_a)
+      .def_property_readonly("count", &Belief::count)
+      .def_property_readonly("mean", [](const Belief& b) { return array(b.mean); })
+      .def_property_readonly("shift", [](const Belief& b) { return array(Vector(b.mean.tail(b.mean.size() - kState * b.count()))); })
+      .def_property_readonly("covariance", [](const py::object& b) { return view(b.cast<const Belief&>().covariance, b); })
+      .def_property_readonly("sizes", [](const Belief& b) { return array({b.count(), 2}, b.sizes.data()); })
+      .def_property_readonly("numbers", [](const Belief& b) { return py::tuple(py::cast(b.numbers)); })
+      .def_property_readonly("begun", [](const Belief& b) { return py::tuple(py::cast(b.begun)); })
+      .def_property_readonly("rows", [](const Belief& b) { return py::tuple(py::cast(b.rows)); })
+      .def_property_readonly("contacts", [](const Belief& b) { return array({b.count(), 4}, b.contacts().data()); })
+      .def_property_readonly("places", [](const Belief& b) {
+        py::dict out;
+        for (Index i = 0; i < b.count(); ++i) out[py::int_(b.numbers[i])] = array({2}, b.mean.data() + kState * i);
+        return out;
+      })
+      .def("without", [](const Belief& b, Index which) {
+        if (which < 0 || which >= b.count()) throw py::index_error("no such contact");
+        return b.without(which);
+      }, "which"_a)
+      .def("with_contact", [](const Belief& b, const Array& mean, const Array& covariance, const Array& size, int number, double begun) {
+        if (mean.ndim() != 1 || mean.size() != kState || size.ndim() != 1 || size.size() != 2 || square(covariance, "covariance").rows() != kState)
+          refuse("mean, covariance, size", "(5,), (5, 5), (2,)");
+        return b.with_contact(vector(mean, "mean"), square(covariance, "covariance"), vector(size, "size"), number, begun);
+      }, "mean"_a, "covariance"_a, "size"_a, "number"_a, "begun"_a)
+      .def("unlearned", [](const Belief& b, const Array& deviation) { return b.unlearned(vector(deviation, "deviation")); }, "deviation"_a)
+      .def("replaced", &replaced, "mean"_a = py::none(), "covariance"_a = py::none(), "sizes"_a = py::none(), "rows"_a = py::none());
+
+  py::class_<RowState>(m, "RowState")
+      .def(py::init([](std::shared_ptr<Belief> belief) {
+        RowState state;
+        state.belief = std::move(belief);
+        return state;
+      }), "belief"_a)
+      .def_property("belief", [](const RowState& s) { return std::const_pointer_cast<Belief>(s.belief); },
+                    [](RowState& s, std::shared_ptr<Belief> belief) { s.belief = std::move(belief); })
+      .def("take_model", [](RowState& s, const py::object& model) {
+        s.model = behind<RowModel>(model), s.sums.resize(0, 0);
+        s.distrusted.resize(s.model->count(), 0);
+      }, "model"_a)
+      .def_property("distrusted", [](const RowState& s) { return Integers(s.distrusted.size(), s.distrusted.data()); },
+                    [](RowState& s, const Integers& rows) { s.distrusted = integers(rows, "distrusted"); })
+      .def_readwrite("time", &RowState::time)
+      .def_readwrite("last", &RowState::last)
+      .def_readwrite("unexplained", &RowState::unexplained)
+      .def_readwrite("confused", &RowState::confused)
+      .def_readwrite("read", &RowState::read)
+      .def_readwrite("touched_at_once", &RowState::touched_at_once)
+      .def_readonly("untouched", &RowState::untouched)
+      .def_readonly("misfit", &RowState::misfit);
+
+  py::class_<Follower>(m, "Follower")
+      .def(py::init([](const py::object& sheet, const Array& places, double threshold, double radius, double spread, double rate,
+                       const Array& limits) {
+        return Follower(behind<Sheet>(sheet), matrix<Points>(places, "places", 2), threshold, radius, spread, rate, matrix(limits, "limits", 3));
+      }), "sheet"_a, "places"_a, "threshold"_a, "radius"_a, "spread"_a, "rate"_a, "limits"_a)
+      .def("follow", [](const Follower& f, RowState& state, const Array& readings, const Booleans& valid, Index ground, double time) {
+        const Vector row = vector(readings, "readings");
+        taken(state, [&, which = read(valid)](RowState before) { return f.follow(std::move(before), row, which, ground, time); });
+      }, "state"_a, "readings"_a, "valid"_a, "ground"_a, "time"_a)
+      .def("wait", [](const Follower& f, RowState& state, const Array& readings, const Booleans& valid, double time) {
+        const Vector row = vector(readings, "readings");
+        taken(state, [&, which = read(valid)](RowState before) { return f.wait(std::move(before), row, which, time); });
+      }, "state"_a, "readings"_a, "valid"_a, "time"_a);
+  m.def("outliers", [](const Array& misfit, const Array& root, const Booleans& valid, int most) {
+    const Outliers out = outliers(vector(misfit, "misfit"), square(root, "root").transpose(), read(valid), most);
+    return py::make_tuple(out.found, out.gained);
+  }, "misfit"_a, "root"_a, "valid"_a, "most"_a);
+  m.attr("STATE") = kState;
+  m.attr("YOUNG") = kYoung;
+  m.attr("ENDURING") = kEnduring;
+  m.attr("WITHIN") = kWithin;
+  m.attr("WRONG") = kWrong;
   m.attr("REACH") = kReach;
   m.attr("REACH_STRENGTH") = kReachStrength;
   m.attr("SIMILAR") = kSimilar;

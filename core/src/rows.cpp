@@ -8,6 +8,7 @@
 #include "tomotactile/contact.hpp"
 #include "tomotactile/equations.hpp"
 #include "tomotactile/linear_algebra.hpp"
+#include "tomotactile/touches.hpp"
 
 namespace tomotactile {
 namespace {
@@ -24,6 +25,7 @@ constexpr double kConducts = 1e-6, kBareConducts = 10;  // of the largest admitt
 constexpr int kAcross = 6;         // patches to the width of a disc on a rim
 constexpr double kBeside = 1e-3;   // of the area of a disc: less beside the electrode is nothing
 constexpr double kCells = 32;      // to a spacing: derivatives of shares by the sheet are those of the middle of one
+constexpr double kNear = 2.0;      // spacings between contacts beyond which D between them is nothing
 constexpr std::size_t kMost = 128; // of them are kept: what some contacts pass in a frame
 
 Matrix lower(const Matrix& scatter) {
@@ -34,13 +36,13 @@ Matrix lower(const Matrix& scatter) {
 
 }  // namespace
 
-RowModel::RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix impedance, std::array<Matrix, 2> fields, bool background)
+RowModel::RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix impedance, std::array<Matrix, 2> fields, Discs wide)
     : sheet_(std::move(sheet)), sensor_(std::move(sensor)), impedance_(std::move(impedance)), fields_(std::move(fields)),
-      background_(background), kept_(sheet_->count()) {
+      wide_(std::move(wide)), kept_(sheet_->count()) {
   const Index n = count();
   const Sensor& s = sensor_;
   const bool fits = s.sheet.size() == modes() && s.gain.size() == n && s.offset.size() == n && s.resistance.size() == n &&
-                    s.resistance_deviation.size() == n && s.aside.rows() == n && s.unsure.rows() == n && s.alone.size() == n &&
+                    s.resistance_deviation.size() == n && s.aside.rows() == n && s.unsure.rows() == n && s.alone.size() == n && s.deviation.size() == modes() + n &&
                     impedance_.rows() == n && impedance_.cols() == n;
   if (!fits) throw BadInput("what is known of the sensor does not fit its electrodes");
   for (const Matrix& each : fields_)
@@ -86,33 +88,26 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
   if (weight.sum() < kBeside) return false;
   const Eigen::Vector2d half = t.outline.size / 2;
   Points beside = places(Eigen::all, there);
-  std::vector<std::pair<Index, Eigen::Vector2d>> on;  // these move along a rim: which way out, over what
-  std::vector<double> far;
+  const Vector part = weight(there);
+  const Points rising = steep(Eigen::all, there);
+  // of potentials and of their slopes along x and y: a share (first column), and its change with the place along x and y
+  std::array<Matrix, 3> weights{Matrix(beside.cols(), 3), Matrix::Zero(beside.cols(), 3), Matrix::Zero(beside.cols(), 3)};
+  weights[0] << part, rising.transpose();
   for (Index p = 0; p < beside.cols(); ++p) {
     const Eigen::Vector2d at = beside.col(p).cwiseMax(-half).cwiseMin(half);
     Index nearest;
     const double distance = std::sqrt((t.centres.colwise() - at).colwise().squaredNorm().minCoeff(&nearest));
+    Eigen::Matrix2d moves = Eigen::Matrix2d::Identity();
     beside.col(p) = at;
-    if (distance >= kRim * t.radius) continue;
-    const Eigen::Vector2d out = (at - t.centres.col(nearest)) / std::max(distance, 1e-12);
-    beside.col(p) = t.centres.col(nearest) + kRim * t.radius * out;
-    on.push_back({p, out}), far.push_back(distance);
+    if (distance < kRim * t.radius) {  // these move along a rim; in the middle they do not know which way
+      const Eigen::Vector2d out = (at - t.centres.col(nearest)) / std::max(distance, 1e-12);
+      beside.col(p) = t.centres.col(nearest) + kRim * t.radius * out;
+      moves = kRim * t.radius / std::max(distance, 0.1 * t.radius) * (moves - out * out.transpose());
+    }
+    for (int d = 0; d < 2; ++d) weights[1 + d].row(p).tail<2>() = part[p] * moves.row(d);
   }
-  Matrix potentials;
-  std::array<Matrix, 2> slopes;
-  sheet_->potentials_at(beside, &potentials, &slopes);
-  for (std::size_t i = 0; i < on.size(); ++i) {  // in the middle they do not know which way
-    const auto& [p, out] = on[i];
-    const Vector along = out.x() * slopes[0].col(p) + out.y() * slopes[1].col(p);
-    const double factor = kRim * t.radius / std::max(far[i], 0.1 * t.radius);
-    for (int d = 0; d < 2; ++d) slopes[d].col(p) = factor * (slopes[d].col(p) - out[d] * along);
-  }
-  const Vector part = weight(there);
-  const Points rising = steep(Eigen::all, there);
   const Index n = count();
-  Eigen::Matrix<double, Eigen::Dynamic, 3> sums(n, 3);
-  sums.col(0) = potentials * part;
-  for (int d = 0; d < 2; ++d) sums.col(1 + d) = slopes[d] * part + potentials * rising.row(d).transpose();
+  const Matrix sums = sheet_->potentials_sum(beside, weights);
   const Eigen::RowVector3d parts(part.sum(), rising.row(0).sum(), rising.row(1).sum());
   found = t.inverse.topLeftCorner(n, n) * sums + t.inverse.topRightCorner(n, 1) * parts;
   found.row(which) += Eigen::RowVector3d(1, 0, 0) - parts;
@@ -170,6 +165,22 @@ bool RowModel::alike(const Discs& one, const Discs& other) const {
   return (apart.topRows<2>().array() < near).all() && (apart.row(2).array() < kAsStrong).all() && apart.row(3).isZero(0.0);
 }
 
+Matrix RowModel::mutual(const Discs& contacts) const {
+  if (!contacts.allFinite()) throw BadInput("contacts of a row are not finite");
+  const Index k = contacts.cols();
+  const double reach = kNear * sheet_->tables().pitch;
+  Eigen::ArrayXXd near = Eigen::ArrayXXd::Zero(k, k);
+  for (Index i = 0; i < k; ++i)
+    for (Index j = 0; j < i; ++j)
+      if ((contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm() < reach) near(i, j) = near(j, i) = 1;
+  if (near.isZero(0.0)) return {};
+  if (!alike(mutual_.first, contacts)) {
+    const Matrix between = mutual_impedance(*sheet_, contacts.topRows<2>(), contacts.row(3).transpose().array().exp());
+    mutual_ = {contacts, (near * between.array().max(0.0)).matrix()};
+  }
+  return mutual_.second;
+}
+
 Row RowModel::idle() const {
   Row row;
   const Index n = count();
@@ -189,7 +200,7 @@ Row RowModel::row(const Discs& contacts, Index ground, const Vector& shift, cons
   if (ground < 0 || ground >= n || shift.size() != modes + n || Index(valid.size()) != n || (mutual.size() && (mutual.rows() != k || mutual.cols() != k)))
     throw BadInput("a row does not fit the electrodes, or the contacts");
   if (!contacts.allFinite()) throw BadInput("contacts of a row are not finite");
-  if (!k && !background_) return idle();
+  if (!k && !wide_.cols()) return idle();
   Row row;
   Matrix share(n, 0);
   std::array<Matrix, 2> slopes{share, share};
@@ -205,7 +216,7 @@ Row RowModel::row(const Discs& contacts, Index ground, const Vector& shift, cons
     right.col(0) = row.spread.row(ground);
     const Matrix found = solved(row.matrix, right);
     z -= row.spread * found.col(0);
-    if (!background_) {
+    if (!wide_.cols()) {
       const double lifting = found.col(1).sum();
       if (!(lifting > 0)) throw std::domain_error("contacts conduct less than nothing");
       row.lifted = (1.0 - (row.spread * found.col(1)).array()) / std::sqrt(lifting);
@@ -322,7 +333,7 @@ RowFit RowModel::fit(const Vector& before, const Eigen::Ref<const Matrix>& covar
   if (gains != sensor + modes() || covariance.rows() != before.size() || covariance.cols() != before.size() ||
       (start && start->size() != before.size()))
     throw BadInput("what is believed does not fit the contacts and the sensor");
-  if (!k && !background_) return idle_fit(before, readings, valid);
+  if (!k && !wide_.cols()) return idle_fit(before, readings, valid);
   if (readings.size() != n || Index(valid.size()) != n) throw BadInput("a row does not fit the electrodes");
   Vector is_read(n), unread(n);
   for (Index e = 0; e < n; ++e) is_read[e] = valid[e] ? 1.0 : 0.0, unread[e] = valid[e] ? 0.0 : kNotRead;

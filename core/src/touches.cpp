@@ -87,7 +87,42 @@ void for_near(const Eigen::ArrayXXd& squared, const Eigen::ArrayXd& radii, const
     }
 }
 
+// ln of the product of squared distances between clouds and to their images.
+Eigen::ArrayXXd log_distances(const Outline& outline, const Points& mine, const Eigen::ArrayXd& radii, const Points& theirs,
+                              const Eigen::ArrayXd& their_radii) {
+  const auto x = ways(mine.row(0), theirs.row(0), outline.size.x(), outline.rectangle);
+  const auto y = ways(mine.row(1), theirs.row(1), outline.size.y(), outline.rectangle);
+  Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(mine.cols(), theirs.cols());
+  for (const Eigen::ArrayXXd& across : x)
+    for (const Eigen::ArrayXXd& up : y) {
+      Eigen::ArrayXXd squared = across.square() + up.square();
+      for_near(squared, radii, their_radii,
+               [&](Index p, Index q, double mutual) { squared(p, q) = softened(squared(p, q), mutual); });
+      product *= squared;
+    }
+  return product.log();
+}
+
 }  // namespace
+
+Matrix mutual_impedance(const Sheet& sheet, const Points& places, const Vector& radii) {
+  const Tables& t = sheet.tables();
+  const Index n = sheet.count(), count = places.cols();
+  const Matrix potentials = sheet.potentials_at(places);
+  const Around around(t.coarse, places);
+  const Charges charges(t.induced, places);
+  std::vector<int> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  Matrix out = around.values(around.values(t.smooth(around.nodes, around.nodes)).transpose());
+  charges.add_between(0, count, all, out);
+  const Matrix solved = (t.inverse.topLeftCorner(n, n) * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
+  out.noalias() -= potentials.transpose() * solved;
+  const Eigen::RowVectorXd constant = t.inverse.row(n).head(n) * potentials;
+  out.rowwise() -= constant;
+  out.array() -= t.inverse(n, n);
+  out.array() -= t.resistance / (4 * kPi) * log_distances(t.outline, places, radii.array(), places, radii.array());
+  return (out + out.transpose()) / 2;
+}
 
 Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_, bool cells)
     : sheet(std::move(on)), contacts(std::move(parameters)), across(std::move(wide)), coefficients(sheet_), cells_(cells) {
@@ -185,17 +220,7 @@ void Touches::connect() {
     block.rowwise() -= constant(others).transpose();
     const Points mine = place_.middleCols(first, size(i)), theirs = place_(Eigen::all, others);
     const Eigen::ArrayXd radii = radii_.segment(first, size(i)).array(), their_radii = radii_(others).array();
-    const auto x = ways(mine.row(0), theirs.row(0), t.outline.size.x(), t.outline.rectangle);
-    const auto y = ways(mine.row(1), theirs.row(1), t.outline.size.y(), t.outline.rectangle);
-    Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(block.rows(), block.cols());
-    for (const Eigen::ArrayXXd& across : x)
-      for (const Eigen::ArrayXXd& up : y) {
-        Eigen::ArrayXXd squared = across.square() + up.square();
-        for_near(squared, radii, their_radii,
-                 [&](Index p, Index q, double mutual) { squared(p, q) = softened(squared(p, q), mutual); });
-        product *= squared;
-      }
-    block.array() += scale * product.log();
+    block.array() += scale * log_distances(t.outline, mine, radii, theirs, their_radii);
     auto own = block.rightCols(size(i));
     own.colwise() += alone.segment(first, size(i)) / 2;
     own.rowwise() += alone.segment(first, size(i)).transpose() / 2;

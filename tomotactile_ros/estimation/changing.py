@@ -89,4 +89,4 @@ class Changing:
         each = belief.mean[: STATE * belief.count].reshape(-1, STATE)
         lasts = (len(grounded) - 1 - first) * period
         slides = bool(sliding(belief))
-        return FollowedRows(estimate, belief.contacts(), each[:, SPEED], lasts, slides)
+        return FollowedRows(estimate, belief.contacts, each[:, SPEED], lasts, slides)

@@ -59,7 +59,7 @@ class Displacement:
         turn = 2 * np.pi / _RING * np.arange(_RING)
         ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         ring = (centres[:, None] + _AT * radius * ways).reshape(-1, 2)
-        seen = potentials(_inside(layout.outline, ring))[0].T
+        seen = potentials(_inside(layout.outline, ring)).T
         shares = (inverse[:-1, :-1] @ seen + inverse[:-1, -1:]).reshape(len(used), len(used), _RING)
         size = _RING / 2 * radius * (_AT - 1 / _AT)
         self._alone = np.einsum("mna,ad->dnm", shares, ways) / size

@@ -143,7 +143,7 @@ def corrected(
     state.wide_time, state.wide_step, state.wide_carried = seen.ended, step, 0.0
     misfit, left = max(1.0, fit.chi_squared / fit.count), dict(then)
     if confused:
-        belief = unlearned(belief, state.model.known)
+        belief = belief.unlearned(state.model.known.shift_deviation)
         state.distrusted = np.zeros_like(state.distrusted)  # the frame has left out which are wrong
     for i in np.flatnonzero(~is_wide & ~blurred):
         contact, (size, own) = found.contacts[i], _covariance(fit, int(i), misfit)
@@ -156,7 +156,7 @@ def corrected(
             number = None
         if number is None:
             mean[:2] += since * found.rates[i, :2]
-            later = dict(zip(belief.numbers, belief.contacts()[:, :2]))
+            later = dict(zip(belief.numbers, belief.contacts[:, :2]))
             fresh = {n: place for n, place in later.items() if n not in then}
             known_by_now = _nearest(fresh, mean[:2], reach) is not None
             if confused or not (known_by_now or ended or partial):
@@ -177,7 +177,7 @@ def corrected(
         number = belief.numbers[j]
         missed = number in left and (confused or belief.begun[j] <= seen.begun)
         missed = missed and _nearest(unclear, left[number], reach) is None
-        in_wide = number in taken_over or _lies_in(belief.contacts()[j], found.contacts[is_wide])
+        in_wide = number in taken_over or _lies_in(belief.contacts[j], found.contacts[is_wide])
         if in_wide or (missed and number not in slide):
             belief = belief.without(j)
     known = state.model.known.moved(belief.shift, None)
@@ -188,7 +188,7 @@ def corrected(
         wide = chosen(found, is_wide) if is_wide.any() else None
         state.wide_ways = found.rates[is_wide, :2]
         known = replace(known, sheet=found.sheet, gain=found.gain, aside=found.aside, wide=wide)
-        belief = unlearned(belief, known)
+        belief = belief.unlearned(known.shift_deviation)
     linearised(follower, state, known, belief)
     state.confused, state.touched_at_once = 0.0, False
     state.read = max(state.read, 1)  # a first row that is touched needs no other frame
@@ -261,23 +261,13 @@ def _agreed(
     unlike = change @ np.linalg.solve(own[:2, :2] + covariance[:2, :2] + _FLOOR * np.eye(2), change)
     sized = belief.sizes.copy()
     sized[which] = sizes
-    belief = replace(belief, sizes=sized)
+    belief = belief.replaced(sizes=sized)
     if not confused and (not resting or unlike < chdtri(2, _CONTRADICTS)):
         return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
     moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0
     spread[at, at] = covariance
-    return replace(belief, mean=moved, covariance=spread)
-
-
-def unlearned(belief: Belief, known: Known) -> Belief:
-    """The contacts of `belief` alone, of a sensor of which no row has told anything yet."""
-    alone = Belief.untouched(known.shift_deviation)
-    for i, (number, begun) in enumerate(zip(belief.numbers, belief.begun)):
-        own = slice(STATE * i, STATE * (i + 1))
-        mean, covariance = belief.mean[own], belief.covariance[own, own]
-        alone = alone.with_contact(mean, covariance, belief.sizes[i], number, begun)
-    return replace(alone, rows=belief.rows)
+    return belief.replaced(mean=moved, covariance=spread)
 
 
 def linearised(follower: Follower, state: RowState, known: Known, belief: Belief) -> None:
@@ -288,11 +278,10 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
         touched = Prediction(operator, wide, np.arange(operator.count))
         background = np.linalg.inv(touched.impedance) - operator.admittance_of(wide.sheet)
         fields = touched.fields
-    state.model = RowModel(operator, known, background, fields)
+    state.go_on(RowModel(operator, known, background, fields))
     mean = belief.mean.copy()
     mean[STATE * belief.count :] = 0.0
-    state.belief, state.unexplained = replace(belief, mean=mean), 0
-    state.sums = follower.births.nothing()
+    state.belief, state.unexplained = belief.replaced(mean=mean), 0
 
 
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
@@ -336,7 +325,7 @@ def _numbered(
     """
     if not is_wide.any():
         return []
-    small = zip(state.belief.numbers, state.belief.begun, state.belief.contacts())
+    small = zip(state.belief.numbers, state.belief.begun, state.belief.contacts)
     before = [(number, began, c.x, c.y, c) for number, began, c in state.wide]
     before += [(number, began, c[X], c[Y], None) for number, began, c in small]
     found = []

@@ -12,8 +12,6 @@ together it is one product of matrices.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 # radii from the centre of an electrode: patches on it are moved here and have no weight
@@ -52,11 +50,6 @@ class InducedCharges:
         far = self._fading(squared)
         return 1 - far**2 * (3 - 2 * far)
 
-    def nearness_slope(self, squared: np.ndarray) -> np.ndarray:
-        """Change of `nearness` with the squared distance, 1/m²."""
-        far, width = self._fading(squared), self.pitch * (CLOSE[1] - CLOSE[0])
-        return -3 * far * (1 - far) / (np.sqrt(squared) * width)
-
     def _fading(self, squared: np.ndarray) -> np.ndarray:
         """How far `squared` distances, m², are between those where electrodes begin and end to fade."""
         return np.clip((np.sqrt(squared) / self.pitch - CLOSE[0]) / (CLOSE[1] - CLOSE[0]), 0, 1)
@@ -78,59 +71,31 @@ class Charges:
         rest = largest[~self._few].max(initial=_EXACT)
         self._terms = np.arange(1, max(int(np.ceil(np.log(_EXACT) / np.log(rest))), 1) + 1)
 
-    @cached_property
-    def _powers(self) -> np.ndarray:
-        """(m, P, K + 1) z^k, the last one for slopes, for m electrodes that are not close."""
-        ways = (
-            self._apart[~self._few]
-            * (self._electrodes.radius / self._squared[~self._few])[..., None]
-        )
-        z = ways[..., 0] + 1j * ways[..., 1]
-        return z[..., None] ** np.append(self._terms, self._terms[-1] + 1)
-
-    @cached_property
     def _columns(self) -> np.ndarray:
-        """(P, 2 K m) B with B B^T what their charges take away, ohm."""
-        return _flat(self._rooted(self._weight[~self._few, :, None] * self._powers[..., :-1]))
+        """(P, 2 K m) B with B B^T what charges of m electrodes that are not close take away, ohm."""
+        far = ~self._few
+        ways = self._apart[far] * (self._electrodes.radius / self._squared[far])[..., None]
+        powers = (ways[..., 0] + 1j * ways[..., 1])[..., None] ** self._terms
+        rooted = np.sqrt(2 * self._electrodes.scale / self._terms)
+        return _flat(self._weight[far, :, None] * powers * rooted)
 
-    def _rooted(self, columns: np.ndarray) -> np.ndarray:
-        return columns * np.sqrt(2 * self._electrodes.scale / self._terms)
-
-    def among(self, chosen: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """(p, p) what they add to G between the places `chosen`, ohm."""
-        columns = self._columns[chosen]
+    def among(self) -> np.ndarray:
+        """(P, P) what they add to G between the places, ohm."""
+        columns, radius = self._columns(), self._electrodes.radius
         out = -(columns @ columns.T)
         for electrode in map(int, np.flatnonzero(self._few)):
-            on, weight, share, image, _, _ = self._close(electrode, chosen)
-            part = np.multiply.outer(share, share) - (2 / self._electrodes.radius**2) * (
-                image @ image.T
-            )
+            on = np.flatnonzero(self._weight[electrode])
+            weight, squared = self._weight[electrode, on], self._squared[electrode, on]
+            share = radius**2 / squared
+            image = share[:, None] * self._apart[electrode, on]  # inverse points
+            part = np.multiply.outer(share, share) - (2 / radius**2) * (image @ image.T)
             np.log1p(np.maximum(part, RIM - 2, out=part), out=part)
             part *= np.multiply.outer(weight, self._electrodes.scale * weight)
-            _add(out, on, on, part)
+            out[np.ix_(on, on)] += part
         return out
-
-    def _close(self, electrode: int, chosen: slice | np.ndarray) -> tuple[np.ndarray, ...]:
-        """Of a close electrode and the places `chosen` that are near it: which of them, weights, |z|^2,
-        inverse points and ways from the centre, m, and change of the weights with the squared distance,
-        1/m²."""
-        weight, squared = self._weight[electrode, chosen], self._squared[electrode, chosen]
-        on = np.flatnonzero(weight)
-        weight, squared, apart = weight[on], squared[on], self._apart[electrode, chosen][on]
-        share = self._electrodes.radius**2 / squared
-        fading = self._electrodes.nearness_slope(squared)
-        return on, weight, share, share[:, None] * apart, apart, fading
 
 
 def _flat(columns: np.ndarray) -> np.ndarray:
     """(P, 2 K m) real ones for complex (m, P, K)."""
     together = np.ascontiguousarray(columns.transpose(1, 0, 2)).view(float)
     return together.reshape(len(together), -1)
-
-
-def _add(out: np.ndarray, rows: np.ndarray, columns: np.ndarray, part: np.ndarray) -> None:
-    """Adds `part` to `rows` and `columns` of a matrix."""
-    if part.shape == out.shape:
-        out += part
-    else:
-        out[np.ix_(rows, columns)] += part

@@ -56,8 +56,6 @@ _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouc
 # of a coefficient: distance from the field of the last expansion that asks for a new one; second
 # order is then 1e-3
 _NEAR = 0.03
-# spacings between contacts beyond which D between them is nothing: electrodes take all
-SCREENED = 2.0
 _ROUND = 64  # points around an electrode, of which it is asked whether they are on the sheet
 _NO_PATCHES = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
 
@@ -200,7 +198,7 @@ class SheetOperator:
         if self._rest is None:
             return shares[:-1], own
         around = Around(self.lattice, places)
-        shares = shares[:-1] + self.share_added(self._mean, around)[0]
+        shares = shares[:-1] + self.share_added(self._mean, around)
         own = np.maximum(own + self.own_added(around), 0.0)
         return shares, own * np.exp(-(self.field_at(places) @ self._mean))
 
@@ -235,11 +233,9 @@ class SheetOperator:
         scaled = self._scaled(self._changed(sheet))
         return _balanced(self._change * np.where(self._seen, scaled, 1.0))
 
-    def share_added(self, sheet: np.ndarray, around: Around) -> tuple[np.ndarray, np.ndarray]:
-        """(n, Q) what the coefficients `sheet` (J,) add to H at places, and (2, n, Q) its slopes,
-        1/m."""
-        added = self.added_at(sheet, around.nodes)
-        return added @ around.weights.T, np.matmul(added, around.slopes.transpose(0, 2, 1))
+    def share_added(self, sheet: np.ndarray, around: Around) -> np.ndarray:
+        """(n, Q) what the coefficients `sheet` (J,) add to H at places."""
+        return self.added_at(sheet, around.nodes) @ around.weights.T
 
     def added_at(self, sheet: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """(n, m) what the coefficients `sheet` (J,) add to H at `nodes` (m,) of the lattice."""
@@ -257,11 +253,6 @@ class SheetOperator:
         out = np.zeros((len(places), self.modes))
         out[:, : self.field.count] = self.field.at(places)
         return out
-
-    @property
-    def bordered(self) -> np.ndarray:
-        """(n + 1, n + 1) inverse of [G 1; 1^T 0] for the electrodes."""
-        return self._inverse
 
     @property
     def modes(self) -> int:

@@ -30,7 +30,6 @@ from tomotactile_ros.estimation.frames_in_rows import (
     corrected,
     linearised,
     sliding,
-    unlearned,
     wide_now,
 )
 from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
@@ -53,7 +52,7 @@ from tomotactile_ros.estimation.touch import PARAMETERS, Touches, conductance, p
 from tomotactile_ros.estimation.tracks import REACH
 
 Doubt = Callable[[np.ndarray, np.ndarray, float], str]
-# spacings that a contact may go without rows (`row_state._ENDURING`), 0.44 s with spacings of 25
+# spacings that a contact may go without rows (`row_state.known_for`), 0.44 s with spacings of 25
 # mm, 0.69 s with 50 mm: what was there before is not known any more. In `slide`, first row after a
 # pause, all contacts were within 5 mm after 0.3 s without rows (38 times), 3 of 38 times not after
 # 0.6 s, 15 of 38 after 0.8 s. With 1 s for all, single stamps 0.9 s ahead gave valid contacts 10 to
@@ -289,7 +288,7 @@ class RowEstimator:
                 state.rows.confused = np.inf
         elif at >= 0:
             state.rows.distrusted = np.maximum(state.rows.distrusted - 1, 0)
-        state.past.append((time, state.rows.belief.places()))
+        state.past.append((time, state.rows.belief.places))
         if not (state.waits and self._frames):
             return
         state.read.append(read)
@@ -372,7 +371,7 @@ class RowEstimator:
         known = self._known(state, state.used, state.drive)
         known = replace(known, wide=rows.model.known.wide)
         state.sensor = self.estimator.sensor
-        linearised(follower, rows, known, unlearned(rows.belief, known))
+        linearised(follower, rows, known, rows.belief.unlearned(known.shift_deviation))
 
     def _known(self, state: RowsState, used: tuple[int, ...], drive_voltage: float) -> Known:
         """What is expected of the sensor, with as much noise as frames have shown."""
@@ -466,7 +465,7 @@ class RowEstimator:
         for row, until in zip([None, *kept], [*after[: len(kept)], np.inf]):
             if row is not None:
                 self._follow(state, follower, *row)
-            places, since = state.rows.belief.places(), -np.inf if row is None else row[-1]
+            places, since = state.rows.belief.places, -np.inf if row is None else row[-1]
             state.past.extend((at, places) for at in times if since <= at < until)
 
     def report(self, state: RowsState) -> Followed:
@@ -500,7 +499,7 @@ class RowEstimator:
             return Followed([], "withheld", reason)
         wide = wide_now(rows)
         found = [(number, max(rows.time - begun, 0.0), each) for number, begun, each in wide]
-        belief, contacts = rows.belief, rows.belief.contacts()
+        belief, contacts = rows.belief, rows.belief.contacts
         if state.means.keys() - belief.numbers:
             state.means = {n: each for n, each in state.means.items() if n in belief.numbers}
         for i, number in enumerate(belief.numbers):
@@ -529,7 +528,7 @@ class RowEstimator:
         new = state.new
         if not any(new):
             return False
-        places = belief.contacts()[:, :2]
+        places = belief.contacts[:, :2]
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
         near = apart < CLOSE * self._follower(state.used, state.drive).operator.pitch
         np.fill_diagonal(near, False)

@@ -1,6 +1,4 @@
-"""The sensor as rows see it, and what stands between two contacts; one row's model and fit are compiled
-(`core/include/tomotactile/rows.hpp`).
-"""
+"""The sensor as rows see it; one row's model and fit are compiled (`core/include/tomotactile/rows.hpp`)."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ import numpy as np
 
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.operator import SCREENED, SheetOperator
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 
 # spacings: deviation of places of electrodes while nothing was learned: 0.3 mm at 8 x 8 on 200 mm.
@@ -78,7 +76,7 @@ class RowModel:
     background (n, n) what wide contacts add to the admittance, S; fields (2, n, n) at the electrodes
         with them (`displacement`); None: there are none
     impedance (n, n) Zb, ohm
-    row, fit, idle_fit, limited, shares : of the compiled model
+    row, fit, idle_fit, limited, shares, mutual : of the compiled model
     """
 
     def __init__(
@@ -97,43 +95,8 @@ class RowModel:
         least = 0.0 if known.learned else _ASIDE * operator.pitch
         unsure = np.maximum(np.array(known.deviations[3:]), least)
         fields = operator.displacement.fields() if fields is None else fields
-        seen = self.impedance, fields, background is not None
+        wide = np.empty((0, 4)) if known.wide is None else known.wide.contacts[:, :4]
+        seen = self.impedance, fields, wide
         self.core = compiled.RowModel(operator, known, alone, known.aside, unsure, *seen)
         self.fit, self.idle_fit, self.limited = self.core.fit, self.core.idle_fit, self.core.limited
-        self.row, self.shares = self.core.row, self.core.shares
-        self._mutual = np.empty((0, 4)), np.empty((0, 0))  # contacts, and D between them
-
-    def mutual(self, contacts: np.ndarray) -> np.ndarray | None:
-        """(k, k) D between contacts (k, 4), ohm; 0 for each with itself and where electrodes screen
-        them; None where they do everywhere. As derivatives, it is kept while contacts stay."""
-        if not _near(contacts.tolist(), SCREENED * self.operator.pitch):
-            return None
-        if not self.core.alike(self._mutual[0], contacts):
-            self._mutual = contacts, self._mutual_of(contacts)
-        return self._mutual[1]
-
-    def _mutual_of(self, contacts: np.ndarray) -> np.ndarray:
-        count = len(contacts)
-        out = np.zeros((count, count))
-        apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
-        close = (apart < SCREENED * self.operator.pitch) & ~np.eye(count, dtype=bool)
-        chosen = np.flatnonzero(close.any(axis=1))
-        places, radii = contacts[chosen, :2], np.exp(contacts[chosen, 3])
-        block = self.operator.mutual(places, radii, np.arange(len(chosen)))
-        potentials = self.operator.potentials(places)[0]
-        inverse = self.operator.bordered[:-1]
-        solved = inverse[:, :-1] @ potentials.T + inverse[:, -1:]
-        border = self.operator.bordered[-1]
-        block = block - potentials @ solved - (border[:-1] @ potentials.T + border[-1])
-        block = np.maximum((block + block.T) / 2, 0.0)
-        out[np.ix_(chosen, chosen)] = block
-        return np.where(close, out, 0.0)
-
-
-def _near(places: list, reach: float) -> bool:
-    """Whether some two of few places (x, y, ...) are within `reach`, m."""
-    for i, (x, y, *_) in enumerate(places):
-        for u, v, *_ in places[:i]:
-            if abs(x - u) < reach and (x - u) ** 2 + (y - v) ** 2 < reach**2:
-                return True
-    return False
+        self.row, self.shares, self.mutual = self.core.row, self.core.shares, self.core.mutual

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.induced import Charges, InducedCharges
+from tomotactile_ros.estimation.induced import InducedCharges
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import Sheet
 from tomotactile_ros.sheet.green import FAR, softened
@@ -52,7 +52,7 @@ class Lattice:
         low = np.clip(np.floor(at).astype(int), 1, self._counts - 3)
         part = np.clip(at - low, 0.0, 1.0)
         first = (low[:, 0] - 1) * self._counts[1] + low[:, 1] - 1
-        return Stencil(first[:, None] + self._offsets, part, self.step)
+        return Stencil(first[:, None] + self._offsets, part)
 
     @classmethod
     def fine(cls, layout: Layout, pitch: float) -> Lattice:
@@ -63,52 +63,28 @@ class Lattice:
 
 class Stencil:
     """Points (Q, 16) of a lattice around each of Q places, at the positions `part` (Q, 2) between the
-    middle ones, `step` (2,), m, apart."""
+    middle ones, and their weights (Q, 16)."""
 
-    def __init__(self, points: np.ndarray, part: np.ndarray, step: np.ndarray):
-        self.points, self._part, self._step = points, part, step
-        t = part[..., None]
-        self._along = t ** np.arange(4) @ _KEYS  # (Q, 2, 4) four neighbours each way
-
-    @cached_property
-    def weights(self) -> np.ndarray:
-        """(Q, 16)."""
-        return self._both(self._along[:, 0], self._along[:, 1])
-
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        """(2, Q, 16) weights of the slopes, 1/m."""
-        t = self._part[..., None]
-        slopes = np.concatenate([np.zeros_like(t), np.ones_like(t), 2 * t, 3 * t**2], axis=-1)
-        slopes = slopes @ _KEYS / self._step[:, None]
-        x, y = self._along[:, 0], self._along[:, 1]
-        return np.array([self._both(slopes[:, 0], y), self._both(x, slopes[:, 1])])
-
-    def _both(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return (x[:, :, None] * y[:, None]).reshape(-1, 16)
+    def __init__(self, points: np.ndarray, part: np.ndarray):
+        self.points = points
+        x, y = (part[..., None] ** np.arange(4) @ _KEYS).transpose(
+            1, 0, 2
+        )  # four neighbours each way
+        self.weights = (x[:, :, None] * y[:, None]).reshape(-1, 16)
 
 
 class Around:
-    """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m), and those of slopes
-    (2, Q, m), 1/m."""
+    """Points of a lattice around `places` (Q, 2): nodes (m,), weights (Q, m)."""
 
     def __init__(self, lattice: Lattice, places: np.ndarray):
-        self._stencil = lattice.stencil(places)
+        stencil = lattice.stencil(places)
         used = np.zeros(len(lattice.points), bool)
-        used[self._stencil.points] = True
+        used[stencil.points] = True
         self.nodes = np.flatnonzero(used)
         at = np.empty(len(used), int)
         at[self.nodes] = np.arange(len(self.nodes))
-        self._at = np.arange(len(places))[:, None], at[self._stencil.points]
         self.weights = np.zeros((len(places), len(self.nodes)))
-        self.weights[self._at] = self._stencil.weights
-
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        out = np.zeros((2, *self.weights.shape))
-        for slopes, of_stencil in zip(out, self._stencil.slopes):
-            slopes[self._at] = of_stencil
-        return out
+        self.weights[np.arange(len(places))[:, None], at[stencil.points]] = stencil.weights
 
 
 _KEYS = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
@@ -162,38 +138,19 @@ class PotentialTable:
         self._centres = layout.positions[used]
         self._radius = layout.radius
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
-        self.rest = sensed.between - self._logarithm(lattice.points)[0]
+        self.rest = sensed.between - self._logarithm(lattice.points)
 
-    def _logarithm(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(Q, n) the part with the logarithm, ohm; (Q, n, 2) from each electrode, m; (Q, n) squared
-        distance."""
+    def _logarithm(self, places: np.ndarray) -> np.ndarray:
+        """(Q, n) the part with the logarithm, ohm."""
         apart = places[:, None] - self._centres
         squared = np.einsum("qnd,qnd->qn", apart, apart)
-        squared = np.maximum(squared, self._radius**2)
-        return -0.5 * self._scale * np.log(squared), apart, squared
+        return -0.5 * self._scale * np.log(np.maximum(squared, self._radius**2))
 
-    def __call__(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(Q, n) potentials at `places` (Q, 2), ohm, and (2, Q, n) their slopes, ohm/m."""
+    def __call__(self, places: np.ndarray) -> np.ndarray:
+        """(Q, n) potentials at `places` (Q, 2), ohm."""
         stencil = self.lattice.stencil(places)
-        around = self.rest[stencil.points]
-        smooth = np.matmul(np.stack([stencil.weights, *stencil.slopes], axis=1), around)
-        singular, apart, squared = self._logarithm(places)
-        values = smooth[:, 0] + singular
-        steep = (-self._scale / squared)[..., None] * apart
-        return values, smooth[:, 1:].transpose(1, 0, 2) + steep.transpose(2, 0, 1)
-
-    def values(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
-        """(Q, n) potentials at `places` (Q, 2), ohm, `stencil` of `lattice` there: `__call__` without
-        slopes and discs."""
         smooth = np.matmul(stencil.weights[:, None], self.rest[stencil.points])[:, 0]
-        return smooth + self._logarithm(places)[0]
-
-    def steep(self, places: np.ndarray, stencil: Stencil) -> np.ndarray:
-        """(2, Q, n) slopes of `values`, ohm/m."""
-        smooth = np.matmul(stencil.slopes.transpose(1, 0, 2), self.rest[stencil.points])
-        _, apart, squared = self._logarithm(places)
-        steep = (-self._scale / squared)[..., None] * apart
-        return smooth.transpose(1, 0, 2) + steep.transpose(2, 0, 1)
+        return smooth + self._logarithm(places)
 
 
 class MutualTable:
@@ -203,7 +160,8 @@ class MutualTable:
     included; the charges that it induces on floating electrodes close by (circle theorem); a part
     that is smooth over the whole sheet, known on a coarse lattice on both sides; and what
     electrodes farther away and rims of other outlines add, which is known for a patch with itself
-    and taken as the mean of two for others of the same contact.
+    and taken as the mean of two for others of the same contact. What is made of it is compiled
+    (`touches.hpp`).
     """
 
     def __init__(
@@ -224,14 +182,13 @@ class MutualTable:
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
         self.smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
-        self._fine = potentials.lattice
         sensed = sensed.moved(off_electrodes(sensed.points, layout))
         own = sensed.own.copy()
         for start in range(0, len(own), _BLOCK):
             part = slice(start, start + _BLOCK)
             places = sensed.points[part]
             own[part] -= self._own_part(places, np.full(len(places), sensed.tiny))
-            for sign, seen in ((1, sensed.between[part]), (-1, potentials(places)[0])):
+            for sign, seen in ((1, sensed.between[part]), (-1, potentials(places))):
                 fed = np.vstack([seen.T, np.ones(len(places))])
                 own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
         self.own_rest = own
@@ -265,46 +222,13 @@ class MutualTable:
         return np.array(ways)
 
     def _own_part(self, places: np.ndarray, radii: np.ndarray) -> np.ndarray:
-        """(P,) what `__call__` says of a patch with itself but for `_own`, ohm."""
+        """(P,) what all that says of a patch with itself but for `own_rest`, ohm."""
         stencil = self._coarse.stencil(places)
         points, weights = stencil.points, stencil.weights
         block = self.smooth[points[:, :, None], points[:, None, :]]
         smooth = np.einsum("pi,pij,pj->p", weights, block, weights)
         smooth += self.induced.own(places)
         return smooth + self._logarithm(places, radii, own_only=True)
-
-    def alone(self, stencil: Stencil) -> np.ndarray:
-        """(P,) what is only known of patches with themselves, ohm; `stencil` of the potentials'
-        lattice around them."""
-        return np.einsum("pi,pi->p", stencil.weights, self.own_rest[stencil.points])
-
-    def __call__(
-        self,
-        places: np.ndarray,
-        radii: np.ndarray,
-        owner: np.ndarray,
-        alone: np.ndarray | None = None,
-        around: Around | None = None,
-        charges: Charges | None = None,
-        chosen: slice | np.ndarray = slice(None),
-    ) -> np.ndarray:
-        """(P, P) G between patches, ohm.
-
-        Parameters
-        ----------
-        places (P, 2), radii (P,), m; owner (P,) the contacts that they belong to
-        alone (P,) what `alone` says of them, where it is known
-        around, charges : of more patches, `chosen` (P,) of which are meant, where known
-        """
-        if alone is None:
-            alone = self.alone(self._fine.stencil(places))
-        around = around or Around(self._coarse, places)
-        charges = charges or self.induced.by(places)
-        weights = around.weights[chosen]
-        out = weights @ self.smooth[np.ix_(around.nodes, around.nodes)] @ weights.T
-        out += self._logarithm(places, radii) + charges.among(chosen)
-        out += np.where(owner[:, None] == owner, (alone[:, None] + alone) / 2, 0.0)
-        return out
 
 
 def off_electrodes(places: np.ndarray, layout: Layout) -> np.ndarray:

@@ -31,7 +31,7 @@ _RESTS = 1e-3  # probability of a way as long between two frames of a contact th
 # spacings: standard deviation of a place, along each axis, where none is stated
 _UNSTATED = 0.01
 # s: for which a velocity tells where a contact went while nothing was told of it
-# (`row_state._WITHIN`); no time without frames or rows ends a contact
+# (`belief.hpp`); no time without frames or rows ends a contact
 _GOES_ON = 1.0
 # s: how much earlier than the last one a frame may be, or a row: of a clock that was set back if more
 _DISORDER = 0.3

@@ -295,7 +295,9 @@ def _init(words: list[str]) -> None:
 def _shut_down() -> None:
     try:
         rclpy.try_shutdown()
-    except RuntimeError:  # rclpy's thread, which a signal wakes, can do so between its question and its deed
+    except (
+        RuntimeError
+    ):  # rclpy's thread, which a signal wakes, can do so between its question and its deed
         if rclpy.ok():
             raise
 

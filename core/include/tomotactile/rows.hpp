@@ -35,6 +35,7 @@ struct Sensor {
   Vector resistance_deviation;     // n, ohm
   Eigen::MatrixX2d aside, unsure;  // n x 2: how far electrodes lie aside, mean and standard deviation, m
   Vector alone;                    // n: variance of single readings, parts of V0 squared
+  Vector deviation;                // J + n: standard deviations of coefficients and gains before rows told of them
 };
 
 struct Row {
@@ -61,15 +62,21 @@ struct RowFit {
 
 class RowModel {
  public:
-  // background: whether wide contacts are part of `impedance` (Zb) and `fields`, n x n each.
-  RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix impedance, std::array<Matrix, 2> fields, bool background);
+  // `wide` contacts are part of `impedance` (Zb) and `fields`, n x n each.
+  RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix impedance, std::array<Matrix, 2> fields, Discs wide);
 
   Index count() const { return sheet_->count(); }
   Index modes() const { return sheet_->modes(); }
+  const Matrix& impedance() const { return impedance_; }
+  const Vector& gain() const { return sensor_.gain; }
+  const Vector& deviation() const { return sensor_.deviation; }
+  const Discs& wide() const { return wide_; }
   void shares(const Discs& contacts, Matrix& share, std::array<Matrix, 2>& slopes) const;  // H, n x k; slopes, 1/m
   Matrix shares_added(const Points& places) const;  // n x K: what the sheet as it is known adds to H of an even one
   // Whether contacts are nearly the same: what changes slowly with them is kept.
   bool alike(const Discs& one, const Discs& other) const;
+  // D between contacts, k x k, ohm; 0 for each with itself and where electrodes screen them; none where they do everywhere.
+  Matrix mutual(const Discs& contacts) const;
   // `shift` (J + n) of the sheet's coefficients and of gains from those known; `mutual` D, k x k, or none.
   Row row(const Discs& contacts, Index ground, const Vector& shift, const Matrix& mutual, const Read& valid) const;
   Row idle() const;  // of an untouched sheet
@@ -94,12 +101,13 @@ class RowModel {
   Sensor sensor_;
   Matrix impedance_;
   std::array<Matrix, 2> fields_;
-  bool background_;
+  Discs wide_;
   Eigen::MatrixXf change_;  // n x (n J): derivatives of Y0; memory is what they cost, once a row
   Matrix added_;            // n x M: what the sheet adds to H at the points of the coarse lattice, or none
   Eigen::Vector2d inside_;
   double least_, most_;     // ln c
   mutable std::vector<Kept> kept_;
+  mutable std::pair<Discs, Matrix> mutual_;
   mutable std::map<std::pair<int, int>, Eigen::MatrixXf> by_sheet_;
 
   bool at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix<double, Eigen::Dynamic, 3>& found) const;

@@ -90,4 +90,7 @@ class Touches {
   void take();
 };
 
+// D between discs at places, of radii, m, as their middles have it, P x P, ohm; without what each has with itself.
+Matrix mutual_impedance(const Sheet& sheet, const Points& places, const Vector& radii);
+
 }  // namespace tomotactile
