@@ -77,4 +77,15 @@ Matrix Around::spread(const Matrix& at_places) const {
   return out;
 }
 
+Matrix Around::spread(const std::array<Matrix, 3>& at_places) const {
+  Matrix out = Matrix::Zero(at_places[0].rows(), nodes.size());
+  for (std::size_t p = 0; p < stencils_.size(); ++p) {
+    const Stencil& stencil = stencils_[p];
+    for (int k = 0; k < 16; ++k)
+      out.col(stencil.nodes[k]) += stencil.weights[k] * at_places[0].col(p) + stencil.along_x[k] * at_places[1].col(p) +
+                                   stencil.along_y[k] * at_places[2].col(p);
+  }
+  return out;
+}
+
 }  // namespace tomotactile

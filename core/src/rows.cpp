@@ -91,8 +91,8 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
   const Vector part = weight(there);
   const Points rising = steep(Eigen::all, there);
   // of potentials and of their slopes along x and y: a share (first column), and its change with the place along x and y
-  std::array<Matrix, 3> weights{Matrix(beside.cols(), 3), Matrix::Zero(beside.cols(), 3), Matrix::Zero(beside.cols(), 3)};
-  weights[0] << part, rising.transpose();
+  std::array<Matrix, 3> weights{Matrix(3, beside.cols()), Matrix::Zero(3, beside.cols()), Matrix::Zero(3, beside.cols())};
+  weights[0] << part.transpose(), rising;
   for (Index p = 0; p < beside.cols(); ++p) {
     const Eigen::Vector2d at = beside.col(p).cwiseMax(-half).cwiseMin(half);
     Index nearest;
@@ -104,7 +104,7 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
       beside.col(p) = t.centres.col(nearest) + kRim * t.radius * out;
       moves = kRim * t.radius / std::max(distance, 0.1 * t.radius) * (moves - out * out.transpose());
     }
-    for (int d = 0; d < 2; ++d) weights[1 + d].row(p).tail<2>() = part[p] * moves.row(d);
+    for (int d = 0; d < 2; ++d) weights[1 + d].col(p).tail<2>() = part[p] * moves.col(d);
   }
   const Index n = count();
   const Matrix sums = sheet_->potentials_sum(beside, weights);

@@ -157,26 +157,13 @@ void Sheet::potentials_at(const Points& places, Matrix* potentials, std::array<M
 Matrix Sheet::potentials_sum(const Points& places, const std::array<Matrix, 3>& weights) const {
   const Tables& t = *tables_;
   const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
-  const Index m = weights[0].cols();
-  std::vector<int> nodes;
-  Matrix at_nodes(0, m), singular = Matrix::Zero(count(), m);
-  for (Index p = 0; p < places.cols(); ++p) {
-    const Stencil stencil = t.fine.at(places(0, p), places(1, p));
-    for (int k = 0; k < 16; ++k) {
-      const auto row = std::find(nodes.begin(), nodes.end(), stencil.nodes[k]) - nodes.begin();
-      if (row == Index(nodes.size())) {
-        nodes.push_back(stencil.nodes[k]);
-        at_nodes.conservativeResize(row + 1, m), at_nodes.row(row).setZero();
-      }
-      at_nodes.row(row) += stencil.weights[k] * weights[0].row(p) + stencil.along_x[k] * weights[1].row(p) + stencil.along_y[k] * weights[2].row(p);
-    }
-    const Eigen::ArrayXd x = t.used.row(0).transpose().array() - places(0, p), y = t.used.row(1).transpose().array() - places(1, p);
-    const Eigen::ArrayXd squared = (x * x + y * y).max(least), value = -0.5 * squared.log(), falls = squared.inverse();
-    for (Index j = 0; j < m; ++j)
-      singular.col(j).array() += weights[0](p, j) * value + (weights[1](p, j) * x + weights[2](p, j) * y) * falls;
-  }
-  Matrix out = scale * singular;
-  out.noalias() += t.potentials(Eigen::all, nodes) * at_nodes;
+  const Around around(t.fine, places);
+  Matrix out = t.potentials(Eigen::all, around.nodes) * around.spread(weights).transpose();
+  const Eigen::ArrayXXd x = t.used.row(0).transpose().replicate(1, places.cols()).array().rowwise() - places.row(0).array();
+  const Eigen::ArrayXXd y = t.used.row(1).transpose().replicate(1, places.cols()).array().rowwise() - places.row(1).array();
+  const Eigen::ArrayXXd squared = (x * x + y * y).max(least), rate = scale / squared;
+  out.noalias() += (-0.5 * scale * squared.log()).matrix() * weights[0].transpose();
+  out.noalias() += (rate * x).matrix() * weights[1].transpose() + (rate * y).matrix() * weights[2].transpose();
   return out;
 }
 

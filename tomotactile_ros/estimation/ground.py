@@ -6,6 +6,7 @@ wrong place, would explain them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -57,17 +58,17 @@ def no_ground_is_seen(rows: np.ndarray, drive_voltage: float, noise: float) -> b
     noise : of a reading, V rms
     """
     valid = ~np.isnan(rows)
-    number = np.count_nonzero(valid)
-    if number < _LEAST_READINGS:
+    read = rows[valid]
+    if len(read) < _LEAST_READINGS:
         return False
-    filled = np.where(valid, rows, 0.0)
-    mean = filled.sum() / number
+    mean = float(np.add.reduce(read)) / len(read)
     if mean < max(_PRESSED * drive_voltage, _CLEAR * noise):
         return False
-    usual = mean
+    away = read - mean
     if len(rows) > 2:  # of fewer rows only whether all readings are the same
-        usual = filled.sum(axis=0) / np.maximum(np.count_nonzero(valid, axis=0), 1)
-    changes = np.sqrt((np.where(valid, rows - usual, 0.0) ** 2).sum() / number)
+        sums = np.where(valid, rows, 0.0).sum(axis=0)
+        away = (rows - sums / np.maximum(np.count_nonzero(valid, axis=0), 1))[valid]
+    changes = math.sqrt(float(away @ away) / len(read))
     hidden = _HIDDEN * max(1.0 - mean / drive_voltage, 0.0) * mean
     return bool(changes < max(_CHANGES * mean, min(_NOISES * noise, hidden)))
 

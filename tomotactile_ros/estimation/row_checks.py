@@ -100,7 +100,8 @@ class RangeEnd:
             self._look(np.array(self._rows), drive_voltage)
             self._rows = []
         out = row >= self.value
-        self.most = bool(out.sum() > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row)))
+        ended = np.count_nonzero(out)
+        self.most = ended > 0 and ended > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row))
         if self.most:
             self._since = 0
         elif self._since is not None:
@@ -113,7 +114,7 @@ class RangeEnd:
 
     def _look(self, rows: np.ndarray, drive_voltage: float) -> None:
         read = rows[np.isfinite(rows)]
-        highest = float(read.max()) if read.size else 0.0
+        highest = float(np.maximum.reduce(read)) if read.size else 0.0
         if highest > self.value:  # what was taken for the end is none
             self.value = np.inf
         below, above = (part * drive_voltage for part in _ENDS)

@@ -21,7 +21,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions, Pace
 from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames, subscribe_to_rows
+from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.node_time import is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
@@ -33,6 +33,7 @@ from tomotactile_ros.nodes.reconstruction_parameters import (
     settings_of,
 )
 from tomotactile_ros.nodes.row_contacts import Rows
+from tomotactile_ros.nodes.row_subscription import RowSubscription
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
@@ -81,9 +82,11 @@ class Reconstruction:
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
         self._rows_topic = node.resolve_topic_name("voltage_rows")
+        self._subscription: RowSubscription | None = None
         if subscribe:
             subscribe_to_frames(node, self.accept, self.refuse, self._watch.incompatible_qos)
-            subscribe_to_rows(node, self.accept_rows, self.refuse)
+            skip = self._rows.watch.skip
+            self._subscription = RowSubscription(node, self.accept_rows, skip, self.refuse)
         self._taring = Taring(
             node,
             lambda: self.parameters.values,
@@ -119,6 +122,8 @@ class Reconstruction:
         with unless_stopped(self._node):
             self._outputs.begin()
         self._active = True
+        if self._subscription is not None:
+            self._subscription.start()
 
     def deactivate(self) -> None:
         """Stop processing frames, and say last that it is not known any more what touches."""
@@ -129,6 +134,8 @@ class Reconstruction:
         if self._node.context.ok():
             with unless_stopped(self._node):
                 self._outputs.take_back("the reconstruction was stopped")
+        if self._subscription is not None:
+            self._subscription.stop()
         self._rows.stop()
         self._learning.stop()
 

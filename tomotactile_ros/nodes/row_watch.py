@@ -11,7 +11,7 @@ from tomotactile_ros.devices.health import Recent, Trouble, late_of
 
 _RESTART = 2**16  # frames: a number farther away is that of another start
 _SOME = 0.01  # of the rows
-_LATE = 0.02  # s from a row to the contacts that hold for it
+LATE = 0.02  # s from a row to the contacts that hold for it
 _WINDOW = 10  # s
 
 
@@ -47,7 +47,7 @@ class RowWatch:
     def followed(self, sequence: int, rows: int, latency: float, duration: float) -> None:
         """Note rows that were followed: s from the last of them until now, s of work for them."""
         self.rows += rows
-        self._recent.add(rows, 0, 0, rows if latency > _LATE else 0)
+        self._recent.add(rows, 0, 0, rows if latency > LATE else 0)
         self._latencies.append(latency)
         self._arrivals.append(self._now())
         self._durations.append(duration / rows)
@@ -72,7 +72,7 @@ class RowWatch:
             (
                 "rows late",
                 late,
-                f"were evaluated later than {1e3 * _LATE:g} ms after they were taken",
+                f"were evaluated later than {1e3 * LATE:g} ms after they were taken",
             ),
         ):
             if number > _SOME * (rows + lost + skipped):

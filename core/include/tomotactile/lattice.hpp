@@ -36,6 +36,7 @@ class Around {
   Matrix along_x(const Matrix& at_nodes, Index first, Index count) const { return read(at_nodes, first, count, &Stencil::along_x); }
   Matrix along_y(const Matrix& at_nodes, Index first, Index count) const { return read(at_nodes, first, count, &Stencil::along_y); }
   Matrix spread(const Matrix& at_places) const;  // r x m: the transpose of `values`
+  Matrix spread(const std::array<Matrix, 3>& at_places) const;  // of `values`, `along_x` and `along_y` together
 
  private:
   std::vector<Stencil> stencils_;  // `nodes` of these count those above

@@ -97,7 +97,7 @@ class Sheet {
   Matrix potentials_at(const Points& places) const;
   std::array<Matrix, 2> steep_at(const Points& places) const;
   void potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const;
-  // Sums over places of these, n x m: weights (P x m) of G, of its slope along x and along y.
+  // Sums over places of these, n x m: weights (m x P) of G, of its slope along x and along y.
   Matrix potentials_sum(const Points& places, const std::array<Matrix, 3>& weights) const;
   // H of discs of a radius, m, at places, n x P, on an even sheet and on that it is right about; its slopes, 1/m.
   void even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const;
