@@ -79,8 +79,8 @@ class Recent:
     def __init__(
         self, counts: int, seconds: int = 10, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self._sums = np.zeros((seconds, counts))
-        self._seconds = np.full(seconds, -1)
+        self._sums = [[0.0] * counts for _ in range(seconds)]
+        self._seconds = [-1] * seconds
         self._now = now
 
     def add(self, *numbers: float) -> None:
@@ -89,14 +89,15 @@ class Recent:
         place = second % len(self._seconds)
         if self._seconds[place] != second:
             self._seconds[place] = second
-            self._sums[place] = 0.0
-        self._sums[place] += numbers
+            self._sums[place] = [0.0] * len(numbers)
+        self._sums[place] = [a + b for a, b in zip(self._sums[place], numbers, strict=True)]
 
     def sums(self) -> np.ndarray:
         """(counts,) sums over the last seconds; of a time that was set back, none of those ahead."""
         now = int(self._now())
-        recent = (self._seconds > now - len(self._seconds)) & (self._seconds <= now)
-        return self._sums[recent].sum(axis=0)
+        seconds = np.array(self._seconds)
+        recent = (seconds > now - len(seconds)) & (seconds <= now)
+        return np.array(self._sums)[recent].sum(axis=0)
 
 
 class Health:

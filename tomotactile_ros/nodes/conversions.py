@@ -4,6 +4,7 @@ A float32[] or uint16[] field takes an `array.array` of the right type as it is;
 be checked element by element. Images have row 0 at the +y edge, as everywhere in this package.
 """
 
+import math
 import sys
 from array import array
 
@@ -89,7 +90,7 @@ def check_frame(frame: Frame, layout: Layout) -> None:
             f"electrode {frame.grounded.max()} is said to be grounded, layout {layout.id} has "
             f"0 to {layout.electrodes - 1}"
         )
-    if not (np.isfinite(frame.drive_voltage) and frame.drive_voltage > 0):
+    if not 0 < frame.drive_voltage < math.inf:
         raise InputError(f"the drive voltage is {frame.drive_voltage:g} V, it must be positive")
     if not 0 <= frame.row_period * len(frame.grounded) <= _LONGEST:
         raise InputError(

@@ -107,13 +107,16 @@ class PassingTime:
         self._clock, self._lock = clock_of(node), threading.Lock()
         self._passed = 0.0
         self._steady = self._moved = time.monotonic()
-        self._there = self._clock.now().nanoseconds
+        self._there = 0  # ns, simulated; 0 while there is none
 
     def now(self) -> float:
         """s since it was made."""
         with self._lock:
-            steady, there = time.monotonic(), self._clock.now().nanoseconds
-            if not self._clock.ros_time_is_active:
+            steady, simulated = time.monotonic(), self._clock.ros_time_is_active
+            there = (
+                self._clock.now().nanoseconds if simulated else 0
+            )  # asked only then: it takes 10 us
+            if not simulated:
                 self._passed += steady - self._steady
             elif there != self._there:
                 self._moved = steady
