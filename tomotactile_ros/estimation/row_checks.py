@@ -101,7 +101,7 @@ class RangeEnd:
             self._rows = []
         out = row >= self.value
         ended = np.count_nonzero(out)
-        self.most = ended > 0 and ended > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row))
+        self.most = bool(ended and ended > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row)))
         if self.most:
             self._since = 0
         elif self._since is not None:
