@@ -60,7 +60,9 @@ class Audit:
                 continue
             seen.add(nearest)
             ids = self.ids[nearest, self._touches[nearest]]
-            if contact.id not in ids:
+            if (
+                contact.id and contact.id not in ids
+            ):  # 0: a frame was cut before contacts were told apart
                 ids.append(contact.id)
         firm = {i for i, c in present.items() if (c.total_force or 0.0) >= FIRM}
         self.missed += len(firm - seen)

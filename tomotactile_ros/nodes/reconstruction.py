@@ -295,7 +295,7 @@ class Reconstruction:
         self._watch.accepted(
             frame.sequence, frame.stamp, now - frame.stamp, took, lasts, limit, result.complete
         )
-        if followed and not left_out:
+        if self._rows.come and not left_out:
             self._rows.correct(pipeline, frame, max(limit - took, 0.0))
 
     def _drawn_by_rows(self, pipeline: Pipeline, instead: bool) -> Result | None:

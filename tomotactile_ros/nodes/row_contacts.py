@@ -61,6 +61,7 @@ class Rows:
         self._last = -math.inf
         self._since = 0
         self._touching: tuple[int, ...] | None = None
+        self._known = False
         self._left_out = False  # the last frame
         self._beside = Beside()
 
@@ -71,17 +72,23 @@ class Rows:
         return values["contacts"] and values["publish_every"] > 0
 
     @property
-    def followed(self) -> bool:
-        """Whether contacts are those of rows now."""
+    def come(self) -> bool:
+        """Whether rows come, and are wanted."""
         return self.wanted and self._now() - self._last <= _PATIENCE
+
+    @property
+    def followed(self) -> bool:
+        """Whether contacts are those of rows now: not before rows have known once what touches, which a
+        frame has to tell where something did already when they began."""
+        return self._known and self.come
 
     def take(self, pipeline: Pipeline, rows: Frame, frame_id: str) -> None:
         """Follow rows, and publish what is due."""
         of = pipeline, pipeline.baseline
         new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
         state = self._state
-        if new or state is None or not self.followed:
-            follows = pipeline.follows
+        if new or state is None or not self.come:
+            follows, self._known = pipeline.follows, False
             state = self._state = pipeline.rows(waits=False)
             self._of = of
             if not follows:  # that took seconds, in which contacts came from frames
@@ -94,7 +101,8 @@ class Rows:
             pipeline.follow_row(voltages, int(ground), rows.drive_voltage, now, state)
             self._since += 1
             touching = state.touching
-            if self._since >= every or touching != self._touching:
+            self._known = self._known or touching is not None
+            if self._known and (self._since >= every or touching != self._touching):
                 self._since, self._touching = 0, touching
                 self._publish(pipeline, state, make_header(now, frame_id))
             took = time.monotonic() - begun
@@ -162,15 +170,15 @@ class Rows:
 
     def troubles(self, publishers: int = 1) -> list[Trouble]:
         """What is wrong with the rows of the last seconds, which so many publish."""
-        return self.watch.troubles(publishers, self._values()["max_age"]) if self.followed else []
+        return self.watch.troubles(publishers, self._values()["max_age"]) if self.come else []
 
     def late(self) -> str:
         """How many rows of late were told late or not at all, for people; empty where none come."""
-        return self.watch.late() if self.followed else ""
+        return self.watch.late() if self.come else ""
 
     def figures(self) -> dict[str, float | int]:
         """Counts and times, where rows come."""
-        return self.watch.figures() if self.followed else {}
+        return self.watch.figures() if self.come else {}
 
     def _publish(self, pipeline: Pipeline, state: RowsState, header: Header) -> None:
         result = pipeline.after_row(state)
