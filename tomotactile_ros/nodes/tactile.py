@@ -2,7 +2,7 @@
 
 The device's thread leaves each frame in a queue, a thread of the reconstruction takes the newest
 from there: a slow image costs frames, never the device's time. Rows have a queue and a thread of
-their own, which takes them all in turn: a slow image does not delay them either. Images of several
+their own, which takes them in turn, but those of 20 ms before others that wait: a slow image does not delay them either. Images of several
 sensors in one process are made one after the other. Topics, services
 and parameters are those of the two nodes.
 """
@@ -21,12 +21,12 @@ from tomotactile_ros.nodes.driver import SPECS as DRIVER_SPECS
 from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
+from tomotactile_ros.nodes.row_watch import LATE
 from tomotactile_ros.nodes.running import ManagedNode, P, PlainNode, run
 from tomotactile_ros.nodes.turns import Turns
 
 # of all sensors in this process; waiting for those of eight small sheets takes no longer
 IMAGES = Turns(0.02)
-_MOST_WAITING = 32  # rows; whoever has no time for more leaves the oldest out
 PARAMETERS = {Driver.name: DRIVER_SPECS, Reconstruction.name: RECONSTRUCTION_SPECS}
 
 
@@ -92,17 +92,19 @@ class DirectReconstruction(Reconstruction):
                 self._do(self.accept, item)
 
     def _work_on_rows(self) -> None:
-        while True:
-            item = self._row_queue.get()
-            while item is not None:
-                rows = len(item[0].grounded)
-                if self._row_queue.qsize() <= max(_MOST_WAITING // rows, 1):
-                    break
-                self._rows.watch.skip(item[0].sequence, rows)
-                item = self._row_queue.get()
-            if item is None:
-                return
-            self._do(self.accept_rows, item)
+        ended = False
+        while not ended:
+            items = [self._row_queue.get()]
+            while not self._row_queue.empty():
+                items.append(self._row_queue.get())
+            waiting = [item for item in items if item is not None]
+            ended = len(waiting) < len(items)
+            since = waiting[-1][0].stamp - LATE if waiting else 0.0
+            for item in waiting:
+                if item[0].stamp < since:
+                    self._rows.watch.skip(item[0].sequence, len(item[0].grounded))
+                else:
+                    self._do(self.accept_rows, item)
 
     def _do(self, accept: Callable[[Frame, str, Header], None], item: tuple) -> None:
         try:

@@ -564,9 +564,10 @@ class Pipeline:
             reason=followed.reason,
             faults=dict(state.left_out),
         )
-        if state.before is None or not contacts or screening.STUCK not in state.left_out.values():
+        if not contacts or screening.STUCK not in state.left_out.values():
             return result
-        return self._without_covered(result, state.before, state.drive)
+        before = state.before
+        return result if before is None else self._without_covered(result, before, state.drive)
 
     def image_after_row(self, state: RowsState) -> Result:
         """`after_row` with an image of its contacts: what profiles that fit contacts show of a
