@@ -2,9 +2,9 @@
 
 The device's thread leaves each frame in a queue, a thread of the reconstruction takes the newest
 from there: a slow image costs frames, never the device's time. Rows have a queue and a thread of
-their own, which takes them in turn, but those of 20 ms before others that wait: a slow image does not delay them either. Images of several
-sensors in one process are made one after the other. Topics, services
-and parameters are those of the two nodes.
+their own, which takes them in turn, but those of 20 ms before others that wait: a slow image does
+not delay them either. Images of several sensors in one process are made one after the other.
+Topics, services and parameters are those of the two nodes.
 """
 
 import sys
