@@ -100,39 +100,21 @@ def one(random, operator, unknowns, rows, prior) -> None:
 
 
 def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
-    """Calls of the model of rows with one argument spoilt: of the sensor, or of a row and what is believed."""
+    """Calls of the model of rows with one argument spoilt: of the sensor, or of a row."""
     count, modes = operator.count, operator.modes
     known = Known.before(prior, 1e-7)
     if of_sensor:
         name = str(random.choice([f.name for f in fields(Known)][:7]))
         known = replace(known, **{name: np.asarray(spoilt(getattr(known, name), random))})
     model = RowModel(operator, known)
-    numbers = 10 + modes + count
-    given = {
-        "mean": np.concatenate([np.ravel(unknowns.contacts[:, :5]), np.zeros(modes + count)]),
-        "covariance": 1e-3 * np.eye(numbers),
-        "sizes": unknowns.contacts[:, 3],
-        "mutual": np.zeros((2, 2)),
-        "readings": np.full(count, 0.5),
-        "valid": np.ones(count, bool),
-        "ground": 3,
-        "steps": 2,
-        "start": None,
-    }
     row = {"contacts": unknowns.contacts[:, :4], "ground": 3, "shift": np.zeros(modes + count)}
     if not of_sensor:
-        for call in (given, row):
-            name = str(random.choice(list(call)))
-            call[name] = spoilt(np.zeros(numbers) if call[name] is None else call[name], random)
-    fit = model.fit(**given, learns=bool(random.integers(2)))
-    fit.corrected(spoilt(given["covariance"], random))
-    model.limited(given["mean"], fit.mean, int(random.integers(-2, 4)))
-    model.idle_fit(given["mean"], given["readings"], given["valid"])
+        name = str(random.choice(list(row)))
+        row[name] = spoilt(row[name], random)
     model.shares(row["contacts"])
-    model.core.shares_added(spoilt(unknowns.contacts[:, :2], random))
-    model.core.alike(row["contacts"], unknowns.contacts[:, :4])
     model.mutual(spoilt(row["contacts"], random))
-    compiled.outliers(spoilt(fit.misfit, random), spoilt(fit.root, random), given["valid"], 3)
+    misfit, root = np.full(count, 0.1), 0.01 * np.eye(count)
+    compiled.outliers(spoilt(misfit, random), spoilt(root, random), np.ones(count, bool), 3)
     model.row(**row)
 
 
@@ -141,7 +123,7 @@ def of_follow(random, operator, unknowns, prior) -> None:
     known = Known.before(prior, 1e-7)
     follower = Follower(operator, 0.008, 0.6)
     state, count = follower.begin(known), operator.count
-    belief, name = state.belief, str(random.choice(["mean", "covariance", "sizes", "rows", "none"]))
+    belief, name = state.belief, str(random.choice(["mean", "covariance", "sizes", "none"]))
     for i, (x, y, strength, size) in enumerate(unknowns.contacts[:, :4]):
         mean, own = [x, y, 0.1, 0.0, strength], 1e-4 * np.eye(5)
         belief = belief.with_contact(np.array(mean), own, np.array([size, 0.1]), i + 1, 0.0)

@@ -247,13 +247,11 @@ Array view(const Matrix& m, const py::handle& held) {
   return out;
 }
 
-std::shared_ptr<Belief> replaced(const Belief& b, const py::object& mean, const py::object& covariance, const py::object& sizes,
-                                 const py::object& rows) {
+std::shared_ptr<Belief> replaced(const Belief& b, const py::object& mean, const py::object& covariance, const py::object& sizes) {
   auto out = std::make_shared<Belief>(b);
   if (!mean.is_none()) out->mean = vector(mean.cast<Array>(), "mean");
   if (!covariance.is_none()) out->covariance = square(covariance.cast<Array>(), "covariance");
   if (!sizes.is_none()) out->sizes = matrix<Points>(sizes.cast<Array>(), "sizes", 2);
-  if (!rows.is_none()) out->rows = rows.cast<std::vector<int>>();
   out->check();
   return out;
 }
@@ -309,12 +307,6 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         std::array<Matrix, 2> slopes;
         sheet.discs_at(matrix<Points>(places, "places", 2), radius, share, slopes);
         return py::make_tuple(share, py::make_tuple(slopes[0], slopes[1]));
-      }, "places"_a, "radius"_a)
-      .def("even_discs", [](const Sheet& sheet, const Array& places, double radius) {
-        Matrix share;
-        std::array<Matrix, 2> slopes;
-        sheet.even_discs_at(matrix<Points>(places, "places", 2), radius, share, slopes);
-        return share;
       }, "places"_a, "radius"_a);
 
   py::class_<Touches, std::shared_ptr<Touches>>(m, "Touches")
@@ -561,30 +553,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
 
   py::class_<Row>(m, "Row")
       .def_property_readonly("readings", [](const Row& r) { return array(r.readings); })
-      .def_property_readonly("driven", [](const Row& r) { return array(r.driven); })
-      .def_property_readonly("variance", [](const Row& r) { return array(r.variance); })
-      .def_property_readonly("ratio", [](const Row& r) { return array(r.ratio); })
-      .def_property_readonly("changes", [](const Row& r) { return array(r.changes); })
-      .def_property_readonly("common", [](const Row& r) { return array(r.common); })
-      .def_readonly("own", &Row::own)
-      .def_property_readonly("spread", [](const Row& r) { return array(r.spread); })
-      .def_property_readonly("matrix", [](const Row& r) { return array(r.matrix); })
-      .def_property_readonly("lifted", [](const Row& r) { return array(r.lifted); });
-  py::class_<RowFit>(m, "RowFit")
-      .def_property_readonly("mean", [](const RowFit& f) { return array(f.mean); })
-      .def_readonly("chi_squared", &RowFit::chi_squared)
-      .def_readonly("row", &RowFit::row)
-      .def_property_readonly("misfit", [](const RowFit& f) { return array(f.misfit); })
-      .def_property_readonly("root", [](const RowFit& f) { return f.root; })
-      .def_property_readonly("cost", &RowFit::cost)
-      .def("corrected", [](const RowFit& f, const Array& covariance) {
-        square(covariance, "covariance");
-        Array out({covariance.shape(0), covariance.shape(1)});
-        Eigen::Map<Matrix> after(out.mutable_data(), out.shape(0), out.shape(0));
-        after = square(covariance, "covariance");
-        { Free free; f.correct(after); }
-        return out;
-      }, "covariance"_a);
+      .def_property_readonly("changes", [](const Row& r) { return array(r.changes); });
   py::class_<RowModel, std::shared_ptr<RowModel>>(m, "RowModel")
       .def(py::init(&row_model), "operator"_a, "known"_a, "alone"_a, "aside"_a, "unsure"_a, "impedance"_a, "fields"_a, "wide"_a)
       .def("shares", [](const RowModel& model, const Array& contacts) {
@@ -593,12 +562,6 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         model.shares(matrix<Discs>(contacts, "contacts", 4), share, slopes);
         return py::make_tuple(array(share), py::make_tuple(array(slopes[0]), array(slopes[1])));
       }, "contacts"_a)
-      .def("shares_added", [](const RowModel& model, const Array& places) {
-        return model.shares_added(matrix<Points>(places, "places", 2));
-      }, "places"_a)
-      .def("alike", [](const RowModel& model, const Array& one, const Array& other) {
-        return model.alike(matrix<Discs>(one, "one", 4), matrix<Discs>(other, "other", 4));
-      }, "one"_a, "other"_a)
       .def("mutual", [](const RowModel& model, const Array& contacts) {
         const Matrix found = model.mutual(matrix<Discs>(contacts, "contacts", 4));
         return found.size() ? py::object(array(found)) : py::none();
@@ -608,23 +571,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         const Read all(model.count(), true);
         return model.row(matrix<Discs>(contacts, "contacts", 4), ground, vector(shift, "shift"), mutual_of(mutual),
                          valid.is_none() ? all : read(valid.cast<Booleans>()));
-      }, "contacts"_a, "ground"_a, "shift"_a, "mutual"_a = py::none(), "valid"_a = py::none())
-      .def("idle_fit", [](const RowModel& model, const Array& mean, const Array& readings, const Booleans& valid) {
-        return model.idle_fit(vector(mean, "mean"), vector(readings, "readings"), read(valid));
-      }, "mean"_a, "readings"_a, "valid"_a)
-      .def("fit", [](const RowModel& model, const Array& mean, const Array& covariance, const Array& sizes, const py::object& mutual,
-                     const Array& readings, const Booleans& valid, Index ground, int steps, const py::object& start, bool learns) {
-        const Vector before = vector(mean, "mean"), size = vector(sizes, "sizes"), row = vector(readings, "readings");
-        const Vector first = start.is_none() ? Vector() : vector(start.cast<Array>(), "start");
-        const Matrix between = mutual_of(mutual);
-        const Read which = read(valid);
-        const Eigen::Map<const Matrix> known = square(covariance, "covariance");
-        Free free;
-        return model.fit(before, known, size, between, row, which, ground, steps, first.size() ? &first : nullptr, learns);
-      }, "mean"_a, "covariance"_a, "sizes"_a, "mutual"_a, "readings"_a, "valid"_a, "ground"_a, "steps"_a, "start"_a, "learns"_a)
-      .def("limited", [](const RowModel& model, const Array& now, const Array& wanted, Index contacts) {
-        return array(model.limited(vector(now, "now"), vector(wanted, "wanted"), contacts));
-      }, "now"_a, "wanted"_a, "contacts"_a);
+      }, "contacts"_a, "ground"_a, "shift"_a, "mutual"_a = py::none(), "valid"_a = py::none());
 
   py::class_<Belief, std::shared_ptr<Belief>>(m, "Belief")
       .def_static("untouched", [](const Array& deviation) { return Belief::untouched(vector(deviation, "deviation")); }, "deviation"_a)
@@ -652,7 +599,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         return b.with_contact(vector(mean, "mean"), square(covariance, "covariance"), vector(size, "size"), number, begun);
       }, "mean"_a, "covariance"_a, "size"_a, "number"_a, "begun"_a)
       .def("unlearned", [](const Belief& b, const Array& deviation) { return b.unlearned(vector(deviation, "deviation")); }, "deviation"_a)
-      .def("replaced", &replaced, "mean"_a = py::none(), "covariance"_a = py::none(), "sizes"_a = py::none(), "rows"_a = py::none());
+      .def("replaced", &replaced, "mean"_a = py::none(), "covariance"_a = py::none(), "sizes"_a = py::none());
 
   py::class_<RowState>(m, "RowState")
       .def(py::init([](std::shared_ptr<Belief> belief) {

@@ -25,7 +25,6 @@ constexpr double kConducts = 1e-6, kBareConducts = 10;  // of the largest admitt
 constexpr int kAcross = 6;         // patches to the width of a disc on a rim
 constexpr double kBeside = 1e-3;   // of the area of a disc: less beside the electrode is nothing
 constexpr double kCells = 32;      // to a spacing: derivatives of shares by the sheet are those of the middle of one
-constexpr double kNear = 2.0;      // spacings between contacts beyond which D between them is nothing
 constexpr std::size_t kMost = 128; // of them are kept: what some contacts pass in a frame
 
 Matrix lower(const Matrix& scatter) {
@@ -168,7 +167,7 @@ bool RowModel::alike(const Discs& one, const Discs& other) const {
 Matrix RowModel::mutual(const Discs& contacts) const {
   if (!contacts.allFinite()) throw BadInput("contacts of a row are not finite");
   const Index k = contacts.cols();
-  const double reach = kNear * sheet_->tables().pitch;
+  const double reach = kScreened * sheet_->tables().pitch;
   Eigen::ArrayXXd near = Eigen::ArrayXXd::Zero(k, k);
   for (Index i = 0; i < k; ++i)
     for (Index j = 0; j < i; ++j)

@@ -7,7 +7,6 @@ namespace tomotactile {
 namespace {
 
 constexpr double kEuler = 0.57721566490153286061;
-constexpr double kScreened = 2.0;  // spacings between contacts beyond which D between them is nothing
 constexpr double kFar = 12.0;      // E1 is below 5e-7 from here on
 constexpr double kTiny = 1e-15;    // m^2: a patch does not push itself
 const double kCloud = std::exp(kEuler);

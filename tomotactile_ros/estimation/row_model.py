@@ -76,7 +76,7 @@ class RowModel:
     background (n, n) what wide contacts add to the admittance, S; fields (2, n, n) at the electrodes
         with them (`displacement`); None: there are none
     impedance (n, n) Zb, ohm
-    row, fit, idle_fit, limited, shares, mutual : of the compiled model
+    row, shares, mutual : of the compiled model
     """
 
     def __init__(
@@ -98,5 +98,4 @@ class RowModel:
         wide = np.empty((0, 4)) if known.wide is None else known.wide.contacts[:, :4]
         seen = self.impedance, fields, wide
         self.core = compiled.RowModel(operator, known, alone, known.aside, unsure, *seen)
-        self.fit, self.idle_fit, self.limited = self.core.fit, self.core.idle_fit, self.core.limited
         self.row, self.shares, self.mutual = self.core.row, self.core.shares, self.core.mutual

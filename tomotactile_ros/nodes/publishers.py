@@ -2,8 +2,7 @@
 
 An executor of rclpy asks everything that it waits for, one after the other, whenever a message comes. What rclpy
 adds to each publisher by default only says in the log that somebody subscribes with another quality of service,
-which the subscriber says as well; it is half of what the reconstruction node would wait for, and rows come 125
-times a second.
+which the subscriber says as well; it is half of what the reconstruction node would wait for.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from tomotactile_ros.devices import Frame
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_frame, stamp_of
 from tomotactile_ros.nodes.qos_events import SubscriptionEventCallbacks
-from tomotactile_ros.nodes.row_watch import LATE
+from tomotactile_ros.nodes.row_watch import fall_behind
 from tomotactile_ros.support.errors import InputError
 
 ROWS_DEPTH = 16  # messages of rows that may wait
@@ -101,9 +101,9 @@ class RowSubscription:
                 waiting.add_subscription(handle)
                 waiting.wait(int(1e9 * _PATIENCE))
             messages = _all(self._subscription)
-            since = stamp_of(messages[-1].header) - LATE if messages else 0.0
-            for message in messages:
-                if stamp_of(message.header) < since:
+            behind = fall_behind([stamp_of(each.header) for each in messages])
+            for message, left_out in zip(messages, behind, strict=True):
+                if left_out:
                     self._skip(message.sequence, len(message.grounded))
                     continue
                 try:

@@ -295,10 +295,10 @@ def _init(words: list[str]) -> None:
 def _shut_down() -> None:
     try:
         rclpy.try_shutdown()
-    except (
-        RuntimeError
-    ):  # rclpy's thread, which a signal wakes, can do so between its question and its deed
-        if rclpy.ok():
+    except RuntimeError:
+        if (
+            rclpy.ok()
+        ):  # otherwise rclpy's thread of signals did so between its question and its deed
             raise
 
 

@@ -21,7 +21,7 @@ from tomotactile_ros.nodes.driver import SPECS as DRIVER_SPECS
 from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
-from tomotactile_ros.nodes.row_watch import LATE
+from tomotactile_ros.nodes.row_watch import fall_behind
 from tomotactile_ros.nodes.running import ManagedNode, P, PlainNode, run
 from tomotactile_ros.nodes.turns import Turns
 
@@ -99,9 +99,9 @@ class DirectReconstruction(Reconstruction):
                 items.append(self._row_queue.get())
             waiting = [item for item in items if item is not None]
             ended = len(waiting) < len(items)
-            since = waiting[-1][0].stamp - LATE if waiting else 0.0
-            for item in waiting:
-                if item[0].stamp < since:
+            behind = fall_behind([rows.stamp for rows, *_ in waiting])
+            for item, left_out in zip(waiting, behind, strict=True):
+                if left_out:
                     self._rows.watch.skip(item[0].sequence, len(item[0].grounded))
                 else:
                     self._do(self.accept_rows, item)

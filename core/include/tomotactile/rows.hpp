@@ -73,8 +73,6 @@ class RowModel {
   const Discs& wide() const { return wide_; }
   void shares(const Discs& contacts, Matrix& share, std::array<Matrix, 2>& slopes) const;  // H, n x k; slopes, 1/m
   Matrix shares_added(const Points& places) const;  // n x K: what the sheet as it is known adds to H of an even one
-  // Whether contacts are nearly the same: what changes slowly with them is kept.
-  bool alike(const Discs& one, const Discs& other) const;
   // D between contacts, k x k, ohm; 0 for each with itself and where electrodes screen them; none where they do everywhere.
   Matrix mutual(const Discs& contacts) const;
   // `shift` (J + n) of the sheet's coefficients and of gains from those known; `mutual` D, k x k, or none.
@@ -110,6 +108,8 @@ class RowModel {
   mutable std::pair<Discs, Matrix> mutual_;
   mutable std::map<std::pair<int, int>, Eigen::MatrixXf> by_sheet_;
 
+  // Whether contacts are nearly the same: what changes slowly with them is kept.
+  bool alike(const Discs& one, const Discs& other) const;
   bool at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix<double, Eigen::Dynamic, 3>& found) const;
   const Eigen::MatrixXf& by_sheet(const Eigen::Vector2d& place) const;  // n x J
   Kept derivatives(const Discs& contacts, Index ground, const Row& row, const Matrix& share, std::array<Matrix, 2> slopes,

@@ -15,6 +15,8 @@
 
 namespace tomotactile {
 
+constexpr double kScreened = 2.0;  // spacings between contacts beyond which D between them is nothing
+
 // How D between p patches of a contact and m `near` it changes with places of the former, p x m, ohm/m, and what it
 // falls by among themselves with the logarithm of their radii, p x p, ohm.
 struct Slope {
