@@ -16,8 +16,11 @@ DEFECT = """
 import sys
 from rclpy.node import Node
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes.row_subscription import RowSubscription
+from tomotactile_ros.nodes import row_subscription
 from tomotactile_ros.nodes.running import run
+
+rows = VoltageFrame(electrodes=2, voltages=[0.0, 1.0], grounded=[0])
+row_subscription._all = lambda _: [rows]
 
 def accept(*_):
     raise ArithmeticError("a defect")
@@ -25,10 +28,7 @@ def accept(*_):
 class Defect(Node):
     def __init__(self):
         super().__init__("defect", namespace="a_defect")
-        RowSubscription(self, accept, print, print).start()
-        publisher = self.create_publisher(VoltageFrame, "voltage_rows", 10)
-        rows = VoltageFrame(electrodes=2, voltages=[0.0, 1.0], grounded=[0])
-        self.create_timer(0.05, lambda: publisher.publish(rows))
+        row_subscription.RowSubscription(self, accept, print, print).start()
 
 sys.exit(run(lambda: [Defect()], [], "", {}))
 """

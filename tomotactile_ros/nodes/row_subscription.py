@@ -87,9 +87,11 @@ class RowSubscription:
         try:
             self._serve()
         except Exception as error:  # noqa: BLE001 - of a stop, or a defect that must end the node
-            executor = self._node.executor
-            if self._node.context.ok() and not self._stopped.is_set() and executor is not None:
-                executor.create_task(_raised, error)
+            while self._node.context.ok() and not self._stopped.wait(_PATIENCE):
+                executor = self._node.executor
+                if executor is not None:  # otherwise the node is being made still
+                    executor.create_task(_raised, error)
+                    return
 
     def _serve(self) -> None:
         handle, context = self._subscription.handle, self._node.context
