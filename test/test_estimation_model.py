@@ -440,7 +440,9 @@ def test_what_channels_do_to_readings():
         readings(unknowns), readings(ideal) * unknowns.gain + unknowns.offset, atol=1e-12
     )
     z = Prediction(OPERATOR, unknowns, ALL).impedance
-    expected = 1 - z / (z.diagonal() + unknowns.resistance)[:, None]
+    own = z.diagonal() - OPERATOR.by_radius * unknowns.sheet[-1] + unknowns.resistance
+    expected = 1 - z / own[:, None]
+    expected[np.diag_indices(E)] = unknowns.resistance / own
     np.testing.assert_allclose(readings(ideal), expected, atol=1e-12)
 
 

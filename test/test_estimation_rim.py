@@ -5,6 +5,7 @@ import pytest
 
 import tomotactile_ros as tt
 from tomotactile_ros.bench.trials import LAW
+from tomotactile_ros.estimation.as_cut import AsCut
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.tables import Around, off_electrodes
@@ -50,6 +51,61 @@ def test_a_larger_outline_changes_couplings_and_shares_as_another_mesh_of_it_say
     shares = [each.points(places, np.full(99, 0.003))[0] for each in (drawn, cut)]
     change, told = shares[1] - shares[0], drawn.share_added(sheet, Around(drawn.lattice, places))
     assert 0.6 < np.polyfit(told.ravel(), change.ravel(), 1)[0] < 1.2
+
+
+def wider(by):
+    return SheetOperator(square(0.2, radius=0.005 * np.exp(by)))
+
+
+def test_wider_electrodes_change_couplings_and_shares_as_solutions_with_them_differ():
+    step, drawn, sheet = 0.05, wider(0.0), np.zeros(wider(0.0).modes)
+    more, less = wider(step), wider(-step)
+    off, sheet[-1] = ~np.eye(16, dtype=bool), 1.0
+    change = ((more.admittance - less.admittance) / (2 * step))[off]
+    own = drawn.admittance @ (drawn.by_radius[:, None] * drawn.admittance)  # of less resistance
+    told = (drawn.admittance_change(0 * sheet)[-1] + own)[off]
+    assert np.abs(change - told).max() < 5e-3 * np.abs(change).max()
+    nodes = drawn.lattice.points[(np.abs(drawn.lattice.points) < 0.095).all(axis=1)]
+    nodes = nodes[drawn.layout.nearest(nodes)[0] > 0.015]
+    share, *shares = (
+        each.points(nodes, np.full(len(nodes), 1e-5))[0] for each in (drawn, more, less)
+    )
+    change = (shares[0] - shares[1]) / (2 * step)
+    told = drawn.admittance @ (drawn.by_radius[:, None] * share)
+    told += drawn.share_added(sheet, Around(drawn.lattice, nodes))
+    assert np.abs(change - told).max() < 0.05 * np.abs(change).max()
+
+
+@pytest.mark.parametrize(
+    "drawn, true",
+    [
+        (square(0.2), square(0.22, radius=0.0065)),
+        (
+            layout(tt.Outline.rectangle(0.2, 0.12), half=0.05),
+            layout(tt.Outline.rectangle(0.19, 0.14), half=0.05, radius=0.004),
+        ),
+    ],
+)
+def test_an_operator_about_what_was_cut_and_printed_is_that_of_a_layout_drawn_so(drawn, true):
+    operator, same = SheetOperator(drawn), SheetOperator(true)
+    sheet = np.zeros(operator.modes)
+    out = (np.array(true.outline.size) - drawn.outline.size) / 2
+    sheet[operator.of_rim][:4] = np.repeat(out, 2)
+    sheet[-1] = np.log(true.radius / drawn.radius)
+    about = operator.near(sheet)
+    np.testing.assert_allclose(about.expected, same.expected, rtol=1e-9, atol=1e-15)
+    places = np.random.default_rng(0).uniform(-0.05, 0.05, (50, 2))
+    pairs = zip(about.shares(places, 0.003), same.shares(places, 0.003), strict=True)
+    for ours, theirs in pairs:
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+    assert about.near(sheet) is about and operator.near(0 * sheet) is operator
+
+
+def test_a_sheet_is_never_taken_to_be_too_small_for_its_electrodes():
+    drawn = square(0.2)  # electrodes on its rim
+    smaller = AsCut(drawn, np.array([*4 * [-2e-3], 0, 0, 0, 0, 3.0]))
+    assert smaller.layout.outline.size == drawn.outline.size
+    assert 2 * smaller.layout.radius < drawn.pitches.min()
 
 
 def test_electrodes_have_no_shift_turn_or_scale_in_common():
@@ -112,8 +168,10 @@ def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     drawn, true, random = square(0.2), square(0.204), np.random.default_rng(11)
     frames = [pressed(true, random.uniform(-0.085, 0.085, 2))[0] for _ in range(20)]
     learned = tt.learn(drawn, np.array(frames), drawn.grounded, DRIVE, noise=NOISE)
-    out = learned.state.mean[learned.operator.of_rim][:4]
-    assert np.abs(out - 2e-3).max() < 0.7e-3
+    out, spread = (
+        each[learned.operator.of_rim][:4] for each in (learned.state.mean, learned.state.deviation)
+    )
+    assert (np.abs(out - 2e-3) < 3 * spread).all() and spread.max() < 0.4e-3
     assert any("left +" in line for line in lines(learned))
     save_sensor(tmp_path / "sensor.yaml", drawn, learned.operator, learned.state)
     again = load_sensor(tmp_path / "sensor.yaml", drawn)
@@ -121,10 +179,11 @@ def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     np.testing.assert_allclose(again.deviation, learned.state.deviation, rtol=1e-3)
     np.testing.assert_allclose(again.expected, learned.state.expected, rtol=1e-5)
     off = {None: [], again: []}
-    for at in random.uniform(-0.08, 0.08, (6, 2)):
+    for at in random.uniform(-0.08, 0.08, (12, 2)):
         frame = pressed(true, at)
         for sensor, ways in off.items():
             pipeline = Pipeline(drawn, Settings("accurate"), sensor=sensor)
             (found,) = pipeline.process(*frame, DRIVE).contacts
             ways.append(np.hypot(found.x - at[0], found.y - at[1]))
-    assert np.median(off[again]) < max(0.3e-3, np.median(off[None]))
+    learned, drawn_only = (np.sqrt(np.mean(np.square(off[each]))) for each in (again, None))
+    assert learned < drawn_only

@@ -299,14 +299,17 @@ def test_gains_offsets_and_resistances_from_eight_touches():
 
 @pytest.mark.parametrize("ohms", [0.0, 40.0])
 def test_resistances_are_not_negative_and_as_far_off_as_is_said(ohms):
-    """Finite elements take more off an electrode's impedance than an ideal sensor has to ground."""
     channels = Channels(ground_resistance=Uniform(ohms, ohms, 3))
     ideal = replace(simulator().scene, defects=Defects(channels=channels))
     sensor = Simulator(layout(), ideal, row_period=0.0)
     read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
     state = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE).state
-    said = findings.resistance(state)
-    assert (said >= 0).all() and (ohms or (state["resistance"] < 0).any())
+    said, below = findings.resistance(state), state.mean.copy()
+    below[state.slice("resistance")] -= (
+        500.0  # what the model's electrodes err, which none has to ground
+    )
+    assert (said >= 0).all()
+    assert (findings.resistance(state.learned(below, state.covariance)) == 0).all()
     error = said - channels.of(16).ground_resistance
     assert rms(error / findings.resistance_deviation(state, operator())) < 1.5
 
@@ -399,7 +402,7 @@ def test_sensor_file_keeps_all_of_it(tmp_path):
     state, path = learned().state, tmp_path / "sensor.yaml"
     save_sensor(path, layout(), operator(), state)
     back = load_sensor(path, layout())
-    assert back.mean == pytest.approx(state.mean, rel=1e-5, abs=1e-9)  # modes are float32
+    assert back.mean == pytest.approx(state.mean, rel=1e-5, abs=1e-8)  # modes are float32
     scale = np.outer(state.deviation, state.deviation)
     assert np.abs((back.covariance - state.covariance) / scale).max() < 1e-4
     assert (back.touches, back.frames, back.idle) == (8, 8, 8)

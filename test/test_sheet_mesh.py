@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.sheet.mesh import make_mesh
 
 ANGLE = 2 * np.pi * np.arange(24) / 24
@@ -72,3 +74,24 @@ def test_points_beyond_a_slanted_outline_are_found_too():
     inside = slanted.contains(points) & (slanted.rim_distance(points) > 1e-3)
     found = np.einsum("qc,qcx->qx", weights, mesh.points[mesh.triangles[element]])
     np.testing.assert_allclose(found[inside], points[inside], atol=1e-9)
+
+
+@pytest.mark.parametrize("from_rim", [False, True])
+def test_no_triangle_lies_across_a_slit(from_rim):
+    """Of a sheet that is cut at y = 27 mm, half a millimetre wide, 90 mm long or from the rim."""
+    low, high = -0.1 if from_rim else -0.045, 0.045
+    slit = [(low, 0.02675), (high, 0.02675), (high, 0.02725), (low, 0.02725)]
+    at = np.linspace(-0.1, 0.1, 8)
+    places = np.array([[x, y] for y in at for x in at])
+    notched = [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1), *slit[::-1]]
+    drawn = Outline.rectangle(0.2, 0.2)
+    cut = Outline.polygon(notched) if from_rim else Outline.rectangle(0.2, 0.2, holes=[slit])
+    torn, whole = (Layout("slit", each, 1e4, 0.0025, places) for each in (cut, drawn))
+    mesh = make_mesh(torn, 0.005)
+    inside = Region(slit)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        middles = mesh.points[mesh.triangles[:, [first, second]]].mean(axis=1)
+        assert not (inside.contains(middles) & (inside.rim_distance(middles) > 1e-6)).any()
+    torn, whole = (-SheetOperator(each, "fem").admittance for each in (torn, whole))
+    across = 36, 44  # electrodes on either side of the middle of the slit
+    assert 0 < torn[across] < 0.1 * whole[across]

@@ -209,6 +209,8 @@ std::shared_ptr<Tables> tables(const py::dict& of) {
   t->seen.resize(seen.shape(0), seen.shape(1));
   std::copy(seen.data(), seen.data() + seen.size(), t->seen.data());
   t->share_change = matrices(array_of("share_change"), "share_change");
+  t->inside = vector(array_of("inside"), "inside");
+  t->printed = of["printed"].cast<double>();
   t->cells = matrix<Points>(array_of("cells"), "cells", 2);
   t->reach = of["reach"].cast<double>();
   t->nodes = matrix(array_of("nodes"), "nodes").transpose();

@@ -90,12 +90,15 @@ Snapshot::Snapshot(std::shared_ptr<const Sheet> on, const Unknowns& u, const std
     impedance = sheet->untouched();
   }
   ratio = impedance(Eigen::all, rows);
-  own.resize(scan);
+  own.resize(scan), within.resize(scan);
+  const Vector inside = sheet->inside(u.sheet);
   for (Index l = 0; l < scan; ++l) {
-    own[l] = ratio(rows[l], l) + u.resistance[rows[l]];
+    own[l] = ratio(rows[l], l) + inside[rows[l]] + u.resistance[rows[l]];
     ratio.col(l) /= own[l];
+    within[l] = inside[rows[l]] / own[l];
   }
   shifted = 1.0 - ratio.array();
+  for (Index l = 0; l < scan; ++l) shifted(rows[l], l) -= within[l];
   if (!u.aside.isZero(0.0)) {
     const std::array<Matrix, 2> at = fields();
     const Matrix along = u.aside.col(0).asDiagonal() * at[0] + Matrix(u.aside.col(1).asDiagonal() * at[1]);
@@ -144,14 +147,18 @@ void Snapshot::aside(Matrix& read, Matrix& ground) const {
 }
 
 // Of a product Z dY rho, where it is known, what follows of the readings.
-static void grounded(const Matrix& ratio, const std::vector<int>& rows, Eigen::Map<Matrix> moved) {
-  for (Index l = 0; l < ratio.cols(); ++l) moved.col(l) -= moved(rows[l], l) * ratio.col(l);
+static void grounded(const Snapshot& at, Eigen::Map<Matrix> moved) {
+  for (Index l = 0; l < at.ratio.cols(); ++l) {
+    const double own = moved(at.rows[l], l);
+    moved.col(l) -= own * at.ratio.col(l);
+    moved(at.rows[l], l) -= own * at.within[l];
+  }
 }
 
 void Snapshot::respond(const Matrix& change, Eigen::Ref<Vector> out) const {
   Eigen::Map<Matrix> moved(out.data(), ratio.rows(), ratio.cols());
   moved.noalias() = impedance * (change * ratio);
-  grounded(ratio, rows, moved);
+  grounded(*this, moved);
 }
 
 Matrix Snapshot::columns(const Mask& free) const {
@@ -170,7 +177,7 @@ Matrix Snapshot::columns(const Mask& free) const {
       moved.noalias() += (inner * weight.asDiagonal()) * own;
       for (Index e = 0; e < n; ++e)
         if (direct[e] != 0) moved.noalias() += (direct[e] * impedance.col(e)) * ratio.row(e);
-      grounded(ratio, rows, moved);
+      grounded(*this, moved);
     };
     bool moves_patches = false;
     for (int which : kMoving) moves_patches |= free(which, i);
@@ -248,6 +255,12 @@ Matrix Snapshot::sheet_columns(const Vector& coefficients) const {
     for (Index j = 0; j < modes; ++j) change[j] -= field(i, j) * way;
   }
   for (Index j = 0; j < modes; ++j) respond(change[j], out.col(j));
+  Eigen::Map<Matrix> last(out.col(modes - 1).data(), n, scan);
+  for (Index l = 0; l < scan; ++l) {
+    const double rate = sheet->tables().inside[rows[l]] / own[l];
+    last.col(l) += rate * ratio.col(l);
+    last(rows[l], l) += rate * (within[l] - 1.0);
+  }
   return out;
 }
 

@@ -222,9 +222,11 @@ Row RowModel::row(const Discs& contacts, Index ground, const Vector& shift, cons
       z += row.lifted * row.lifted[ground];
     }
   }
-  row.own = z[ground] + sensor_.resistance[ground];
+  const double within = sheet_->inside(sensor_.sheet)[ground];
+  row.own = z[ground] + within + sensor_.resistance[ground];
   row.ratio = z / row.own;
   row.driven = 1.0 - row.ratio.array();
+  row.driven[ground] -= within / row.own;
   Kept& kept = kept_[ground];
   if (kept.valid != valid || !alike(kept.contacts, contacts))
     kept = derivatives(contacts, ground, row, share, slopes, between, valid);
@@ -269,6 +271,9 @@ RowModel::Kept RowModel::derivatives(const Discs& contacts, Index ground, const 
     currents.noalias() += fed.col(i).cast<float>() * (single.transpose() * moved);
   }
   kept.changes.rightCols(modes) = (impedance.cast<float>() * currents).cast<double>();
+  const double rate = sheet_->tables().inside[ground] / row.own;
+  kept.changes.rightCols<1>() += rate * row.ratio;
+  kept.changes(ground, kState * k + modes - 1) -= rate;
   Vector sees = sensor_.gain;
   for (Index e = 0; e < n; ++e)
     if (!valid[e]) sees[e] = 0.0;

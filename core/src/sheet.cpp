@@ -34,6 +34,7 @@ void Tables::complete() {
   expect(change.size() >= 2 && share_change.size() == change.size(), "modes of Y0 and of H differ in number");
   for (const Matrix& each : change) expect(each.rows() == n && each.cols() == n, "a mode of Y0 has another size");
   for (const Matrix& each : share_change) expect(each.rows() == n && each.cols() == points, "a mode of H has another size");
+  expect(inside.size() == n, "what a radius changes does not fit the electrodes");
   expect(seen.rows() == n && seen.cols() == n, "pairs that see each other do not fit the admittance");
   expect(nodes.rows() == cells.cols() && nodes.cols() <= Index(change.size()), "cells of the field do not fit the modes");
   for (const Matrix& each : fields) expect(each.rows() == n && each.cols() == n, "fields do not fit the admittance");

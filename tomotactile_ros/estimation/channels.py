@@ -10,7 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     from tomotactile_ros.estimation.operator import SheetOperator
 
-# of the variance of resistances to ground, and of radii, is common to all: switches and a print of one kind
+# of the variance of resistances to ground, and of radii, is common to all: switches and a print of one kind;
+# what radii have in common is a coefficient of the sheet (`as_cut`)
 ALIKE = 0.5
 _TOGETHER = 0.01  # of the deviation of each way aside: as good as nothing, and the covariance has an inverse
 KINDS = 5  # gain, offset, resistance to ground, and how far the electrode lies aside in x and y
@@ -40,11 +41,10 @@ class ChannelPrior:
     def covariance_of_resistances(
         self, operator: SheetOperator, among: np.ndarray | None = None
     ) -> np.ndarray:
-        """(n, n) ohm², of what switches and wires have and of what radii make of it."""
+        """(n, n) ohm², of what switches and wires have and of what radii of their own make of it."""
         by_radius = operator.by_radius[operator.used if among is None else among]
-        parts = np.array([np.full(len(by_radius), self.resistance), self.radius * by_radius])
-        own, common = np.diag((parts**2).sum(axis=0)), parts.T @ parts
-        return (1 - ALIKE) * own + ALIKE * common
+        own = np.diag(self.resistance**2 + (self.radius * by_radius) ** 2)
+        return (1 - ALIKE) * own + ALIKE * self.resistance**2
 
     def covariance_of_places(
         self, operator: SheetOperator, among: np.ndarray | None = None

@@ -14,7 +14,12 @@ the potential of its new place,
     d rho_ln = E_ln . d_n  (n is read),     d rho_l = Z_g B_l / N_l . d_l + (e_l - rho_l) E_ll . d_l
 
 where l is grounded, Z_g = Z - z_l z_l^T / N_l. Each place acts on one column and on one row, like a
-gain and a resistance.
+gain and a resistance. A disc whose radius grows by the part d has less resistance to the sheet around it,
+which acts like one to ground, and bends the field more in which it stands:
+
+    dY_mk = 2 d a^2 B_nm . B_nk / w,    dH_m(x) = -2 d a^2 B_nm . B_nx / w
+
+with w = R / 2 pi, more at a rim (`SheetOperator.by_radius`), B_nx the field at n of a unit current at x.
 """
 
 from __future__ import annotations
@@ -42,6 +47,10 @@ class Displacement:
     layout, used (n,) : electrodes in use; resistance : ohm/sq
     potentials : of places (Q, 2), (Q, n), ohm (`PotentialTable`); inverse (n + 1, n + 1) of the
         bordered Green function
+
+    Attributes
+    ----------
+    ring : (n _RING, 2) points around each electrode, m
     """
 
     def __init__(
@@ -53,16 +62,36 @@ class Displacement:
         inverse: np.ndarray,
     ):
         centres, radius = layout.positions[used], layout.radius
+        self._radius = radius
         pitch, rectangular = float(np.median(layout.pitches)), layout.outline.is_uniform_rectangle
         mirrors = _rectangle if rectangular else _nearest
         self._mirrors = mirrors(layout.outline, centres, pitch)
         turn = 2 * np.pi / _RING * np.arange(_RING)
-        ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        ring = (centres[:, None] + _AT * radius * ways).reshape(-1, 2)
-        seen = potentials(_inside(layout.outline, ring)).T
-        shares = (inverse[:-1, :-1] @ seen + inverse[:-1, -1:]).reshape(len(used), len(used), _RING)
-        size = _RING / 2 * radius * (_AT - 1 / _AT)
-        self._alone = np.einsum("mna,ad->dnm", shares, ways) / size
+        self._ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        ring = (centres[:, None] + _AT * radius * self._ways).reshape(-1, 2)
+        self.ring = _inside(layout.outline, ring)
+        shares = inverse[:-1, :-1] @ potentials(self.ring).T + inverse[:-1, -1:]
+        self._alone = self._field(shares.T)
+
+    def _field(self, on_ring: np.ndarray) -> np.ndarray:
+        """(2, n, K) field at each electrode of potentials (n _RING, K) on `ring`."""
+        size = _RING / 2 * self._radius * (_AT - 1 / _AT)
+        around = on_ring.reshape(-1, _RING, on_ring.shape[1])
+        return np.einsum("nak,ad->dnk", around, self._ways) / size
+
+    def wider(self, by_radius: np.ndarray) -> np.ndarray:
+        """(n, n) dY0, S, of wider discs as they bend fields, if all radii grow by one part; `by_radius`
+        (n,) is w."""
+        return self._bent(self._alone, by_radius)
+
+    def wider_seen(self, by_radius: np.ndarray, on_ring: np.ndarray) -> np.ndarray:
+        """(n, P) dH likewise at places whose unit currents have the potentials `on_ring` (n _RING, P),
+        ohm, with all electrodes at 0 V."""
+        return -self._bent(self._field(on_ring), by_radius)
+
+    def _bent(self, field: np.ndarray, by_radius: np.ndarray) -> np.ndarray:
+        dipole = 2 * self._radius**2 / by_radius[:, None]
+        return np.einsum("dnm,dnk->mk", self._alone, dipole * field)
 
     def fields(self) -> np.ndarray:
         """(2, n, n) field at the first electrode while the second is at 1 V, 1/m, all others at 0."""

@@ -9,6 +9,8 @@ difference of the logarithms along x and y, and along the diagonals.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
@@ -40,10 +42,9 @@ class SheetField:
         size = max(layout.outline.size)
         across = int(np.clip(np.ceil(2 * size / pitch), *_CELLS))
         cell = np.clip(((places / size + 0.5) * across).astype(int), 0, across - 1)
-        _, self.owner = np.unique(cell[:, 0] * across + cell[:, 1], return_inverse=True)
-        self.order = np.argsort(self.owner, kind="stable")
-        cells = self.owner.max() + 1
-        self.ends = np.searchsorted(self.owner[self.order], np.arange(cells + 1))
+        _, owner = np.unique(cell[:, 0] * across + cell[:, 1], return_inverse=True)
+        self._own(owner, owner.max() + 1)
+        cells = len(self.ends) - 1
         area = np.bincount(self.owner, areas)
         self.centres = np.stack(
             [np.bincount(self.owner, areas * places[:, i]) / area for i in range(2)], axis=-1
@@ -69,6 +70,16 @@ class SheetField:
         self.deviation = np.full(len(kept) + 2, UNEVEN)
         self.deviation[-2:] = ANISOTROPIC
         self.nodes = np.linalg.solve(self._weights(self.centres), self.modes)
+
+    def _own(self, owner: np.ndarray, cells: int) -> None:
+        self.owner, self.order = owner, np.argsort(owner, kind="stable")
+        self.ends = np.searchsorted(owner[self.order], np.arange(cells + 1))
+
+    def on(self, places: np.ndarray) -> SheetField:
+        """The same field for other elements, with their middles at `places` (T, 2)."""
+        other = copy(self)
+        other._own(self.cell_of(places), len(self.centres))
+        return other
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """(Q, F) the field at `places` (Q, 2): smooth, and in the centres of cells as they have it."""

@@ -9,7 +9,8 @@ A sheet whose conductance is sigma exp(m(x)) instead of sigma changes them by (f
 
     dY0_nk = int sigma m grad H_n . grad H_k,     dH_n(x) = - int sigma m grad D_x . grad H_n
 
-and D near x by the factor exp(-m(x)). What a rim does that is not where it was drawn, `rim` says. For
+and D near x by the factor exp(-m(x)). What a rim does that is not where it was drawn, `rim` says, what
+electrodes do that are wider, `displacement`; a sheet that is known to be cut otherwise is solved so. For
 pairs of electrodes that see each other the first is taken as a change of the logarithm, which is right
 to second order for a field that varies slowly between them. A uniform anisotropy exchanges m grad . grad for the difference of the parts along and
 across (Polydorides and Lionheart 2002 derive such sensitivities for electrical impedance
@@ -28,6 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from tomotactile_ros.core import compiled
+from tomotactile_ros.estimation.as_cut import COUNT, PRINTED, AsCut
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
@@ -65,78 +67,100 @@ class SheetOperator:
 
     Attributes
     ----------
-    layout : Layout
+    layout : Layout, as drawn; cut : as cut and printed, where it is right about another one
     used : (n,) electrodes whose wires are used; all others float
     admittance : (n, n) Y0 of the even sheet, S
     resistance : ohm/sq
     displacement : fields at the electrodes, for places that are not quite theirs
-    modes : number J of coefficients that describe a sheet: of `field`, two of anisotropy, and the
-        ways of `rim`, m
+    modes : number J of coefficients that describe a sheet: of `field`, two of anisotropy, the ways of
+        `rim`, m, and the logarithm of what all radii have in common
     deviation : (J,) their standard deviation before anything is known
     """
 
     def __init__(self, layout: Layout, model: str = "auto", used: ArrayLike | None = None):
-        self.layout = layout
+        self.layout, self._model = layout, model
         self.used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
         self.count = len(self.used)
         self.position = np.full(layout.electrodes, -1)
         self.position[self.used] = np.arange(self.count)
         self.resistance = float(layout.sheet_resistance)
-        self.sheet = make_sheet(layout, model)
-        self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
-        self.admittance = self._inverse[:-1, :-1].copy()
         self.pitch = float(np.median(layout.pitches))
-        size, fine = np.array(layout.outline.size, float), Lattice.fine(layout, self.pitch)
-        sensed = Sensed(self.sheet, self.used, mirrored(fine.points, size / 2))
-        self.potentials = PotentialTable(layout, self.used, fine, sensed)
-        self.lattice = Lattice(size, _LATTICE)
-        self.mutual = MutualTable(self.sheet, self.lattice, self.potentials, sensed, self._inverse)
-        self.displacement = Displacement(
-            layout, self.used, self.resistance, self.potentials, self._inverse
-        )
-        self._uneven()
+        self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
+        self._cut = AsCut(layout, np.zeros(COUNT))
+        self._solve()
+        self._uneven(None)
         self._rest: Rest | None = None
         self._mean = np.zeros(self.modes)
         self._even: Solution | None = None
         self._tables = self._handed_over()
 
+    @property
+    def cut(self) -> Layout:
+        return self._cut.layout
+
+    def _solve(self) -> None:
+        """The even sheet as it was cut."""
+        cut = self.cut
+        self.sheet = make_sheet(cut, self._model)
+        self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
+        self.admittance = self._inverse[:-1, :-1].copy()
+        size, fine = np.array(cut.outline.size, float), Lattice.fine(cut, self.pitch)
+        sensed = Sensed(self.sheet, self.used, mirrored(fine.points, size / 2))
+        self.potentials = PotentialTable(cut, self.used, fine, sensed)
+        self.mutual = MutualTable(self.sheet, self.lattice, self.potentials, sensed, self._inverse)
+        self.displacement = Displacement(
+            cut, self.used, self.resistance, self.potentials, self._inverse
+        )
+
     def about(self, sheet: np.ndarray) -> SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
         there."""
-        size = np.array(self.layout.outline.size)
-        places = off_electrodes(mirrored(self.lattice.points, size / 2), self.layout)
-        if self._even is None:
-            self._even = solved(self.layout, self.used, places, self.pitch)
-        even, other, uneven = self._even, copy(self), sheet.copy()
-        uneven[self.of_rim] = 0.0
+        other, cut = copy(self), AsCut(self.layout, sheet[self.of_cut])
         for known in ("expected", "untouched", "core"):
             other.__dict__.pop(known, None)
+        if not self._cut.near(cut):
+            other._cut, other._even = cut, None
+            other._solve()
+            other._uneven(self.field)
+            other._tables = other._handed_over()
+        other._expand(sheet)
+        return other
+
+    def _expand(self, sheet: np.ndarray) -> None:
+        """Be right about the coefficients `sheet` (J,) of a sheet so cut."""
+        size = np.array(self.cut.outline.size)
+        places = off_electrodes(mirrored(self.lattice.points, size / 2), self.cut)
+        if self._even is None:
+            self._even = solved(self.cut, self.used, places, self.pitch)
+        even, uneven, drawn = self._even, sheet.copy(), np.zeros(self.modes)
+        uneven[self.of_cut] = 0.0
+        drawn[self.of_cut] = self._cut.coefficients  # what was solved is right without a change
         found = solved(
-            self.layout,
+            self.cut,
             self.used,
             places,
             self.pitch,
             lambda points: self.field.at(points) @ sheet[: self.field.count],
-            sheet[self.field.count : self.of_rim.start],
+            sheet[self.field.count : self.of_cut.start],
         )
         seen = self._seen & (found.admittance * even.admittance > 0)
         ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
-        first = np.where(seen, self._changed(uneven), 0.0)
+        first, cut = self._changed(uneven), self._changed(drawn)
         term = found.admittance - even.admittance - np.tensordot(uneven, self._first_change, 1)
-        other._rest = Rest(
-            np.log(ratio) - first,
-            np.where(seen, 0.0, term),
-            found.share - even.share - np.tensordot(uneven, self._share_change, 1),
+        self._rest = Rest(
+            np.log(ratio) - np.where(seen, first, 0.0) - np.where(self._seen, cut, 0.0),
+            np.where(seen, 0.0, term) - np.where(self._seen, 0.0, cut),
+            found.share - even.share - np.tensordot(uneven + drawn, self._share_change, 1),
             found.own * np.exp(self.field_at(places) @ sheet) - even.own,
         )
-        np.fill_diagonal(other._rest.term, 0.0)
-        other._mean = sheet.copy()
-        return other
+        np.fill_diagonal(self._rest.term, 0.0)
+        self._mean = sheet.copy()
 
     def near(self, sheet: np.ndarray) -> SheetOperator:
         """This one if it is right for the coefficients `sheet` (J,), else that `about` them."""
-        apart = np.abs(sheet - self._mean)[: self.of_rim.start]
-        return self if apart.max() < _NEAR else self.about(sheet)
+        apart = np.abs(sheet - self._mean)[: self.of_cut.start]
+        right = apart.max() < _NEAR and self._cut.near(AsCut(self.layout, sheet[self.of_cut]))
+        return self if right else self.about(sheet)
 
     @property
     def mean(self) -> np.ndarray:
@@ -154,7 +178,7 @@ class SheetOperator:
 
     def _handed_over(self) -> Any:
         """Tables of the even sheet and of what unevenness changes."""
-        layout, outline = self.layout, self.layout.outline
+        layout, outline = self.cut, self.cut.outline
         rings = [] if outline.kind == "circle" else [outline.shell]
         position = np.where(self.position < 0, self.count, self.position)
         return compiled.Tables(
@@ -182,6 +206,8 @@ class SheetOperator:
                 "change": self._change,
                 "seen": self._seen,
                 "share_change": self._share_change,
+                "inside": -_by_radius(layout)[self.used],
+                "printed": self._cut.coefficients[-1],
                 "cells": self.field.centres,
                 "reach": self.field.reach,
                 "nodes": self.field.nodes,
@@ -259,9 +285,14 @@ class SheetOperator:
         return len(self.deviation)
 
     @property
+    def of_cut(self) -> slice:
+        """Which of the coefficients are geometry: ways of the rim, then the radius."""
+        return slice(self.field.count + 2, self.modes)
+
+    @property
     def of_rim(self) -> slice:
         """Which of the coefficients are ways of the rim."""
-        return slice(self.field.count + 2, self.modes)
+        return slice(self.field.count + 2, self.modes - 1)
 
     @cached_property
     def expected(self) -> np.ndarray:
@@ -279,11 +310,7 @@ class SheetOperator:
     def by_radius(self) -> np.ndarray:
         """(E,) ohm that an electrode's impedance falls by per logarithm of its radius: what spreads
         from a half disc at the rim spreads twice as much, from a quarter four times."""
-        turn = 2 * np.pi / _ROUND * (np.arange(_ROUND) + 0.5)
-        ring = self.layout.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        around = (self.layout.positions[:, None] + ring).reshape(-1, 2)
-        inside = self.layout.outline.contains(around).reshape(-1, _ROUND).mean(axis=1)
-        return self.resistance / (2 * np.pi * inside)
+        return _by_radius(self.layout)
 
     @property
     def inexact(self) -> np.ndarray:
@@ -298,15 +325,19 @@ class SheetOperator:
         inverse = np.linalg.inv(self.expected + least)
         return (inverse + inverse.T) / 2
 
-    def _uneven(self) -> None:
-        """Modes of the sheet and what they change, from finite elements."""
-        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.layout)
+    def _uneven(self, field: SheetField | None) -> None:
+        """Modes of the sheet, those of `field` where there are some, and what they change, from finite
+        elements."""
+        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.cut)
         mesh, used = fem.mesh, self.used
         inverse = _bordered_inverse(fem.electrode_electrode, used)
         fed = np.vstack([fem._to_electrodes.T[used], np.ones(len(fem.where))])
         shares = (inverse @ fed)[:-1].T[fem.unknown]
         corners, area, slope = _gradients(mesh.points, mesh.triangles)
-        self.field = SheetField(self.layout, corners.mean(axis=1), area, self.pitch)
+        middles = corners.mean(axis=1)
+        self.field = (
+            field.on(middles) if field else SheetField(self.layout, middles, area, self.pitch)
+        )
         order, ends = self.field.order, self.field.ends
         root = np.sqrt(area / self.resistance)[:, None, None]
         gradient = (root * np.einsum("tcd,tcn->tdn", slope, shares[mesh.triangles]))[order]
@@ -318,7 +349,7 @@ class SheetOperator:
         along, across = gradient[:, 0], gradient[:, 1]
         mixed = along.T @ across
         modes = self.field.modes
-        self.rim = Rim(self.layout.outline, mesh.points, mesh.triangles)
+        self.rim = Rim(self.cut.outline, mesh.points, mesh.triangles)
         strips, cut = self.rim.changes(shares, self.resistance)
         change = np.concatenate(
             [
@@ -327,15 +358,18 @@ class SheetOperator:
                 cut,
             ]
         )
-        total = by_cell.sum(axis=0)
+        wider = self.displacement.wider(_by_radius(self.cut)[used])
         seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
         np.fill_diagonal(seen, False)
         self._seen = seen
-        self._change = np.where(seen, change / np.where(seen, total, 1.0), change)
+        parts = [(change, by_cell.sum(axis=0)), (wider[None], self.admittance)]
+        self._change = np.concatenate(
+            [np.where(seen, each / np.where(seen, total, 1.0), each) for each, total in parts]
+        )
         for each in self._change:
             np.fill_diagonal(each, 0.0)
         self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
-        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation])
+        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [PRINTED]])
         self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
 
     def _shares_on_lattice(
@@ -349,7 +383,7 @@ class SheetOperator:
         strips: np.ndarray,
     ) -> None:
         mesh, order, ends = fem.mesh, self.field.order, self.field.ends
-        size = np.array(self.layout.outline.size)
+        size = np.array(self.cut.outline.size)
         places = mirrored(self.lattice.points, size / 2)
         element, weights = mesh.locate(places)
         corners = fem.unknown[mesh.triangles[element]]
@@ -376,7 +410,21 @@ class SheetOperator:
         gather = _scattered(slopes, unknowns, count)
         ways = [-potential.T @ (gather @ _flat(each)) for each in turned]
         begins, ends = potential[fem.unknown[self.rim.ends]]
-        self._share_change = np.concatenate([change, ways, -(ends - begins).T @ strips])
+        corners, weights = mesh.locate(self.displacement.ring)
+        on_ring = np.einsum("rcp,rc->rp", potential[fem.unknown[mesh.triangles[corners]]], weights)
+        wider = self.displacement.wider_seen(_by_radius(self.cut)[self.used], on_ring)
+        self._share_change = np.concatenate(
+            [change, ways, -(ends - begins).T @ strips, wider.T[None]]
+        )
+
+
+def _by_radius(layout: Layout) -> np.ndarray:
+    """`SheetOperator.by_radius` of a layout."""
+    turn = 2 * np.pi / _ROUND * (np.arange(_ROUND) + 0.5)
+    ring = layout.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    around = (layout.positions[:, None] + ring).reshape(-1, 2)
+    inside = layout.outline.contains(around).reshape(-1, _ROUND).mean(axis=1)
+    return layout.sheet_resistance / (2 * np.pi * inside)
 
 
 def _flat(gradient: np.ndarray) -> np.ndarray:

@@ -178,7 +178,7 @@ class Expectation:
         channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8, 1e-9)  # as good as known
         prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
         deviation, precision = prior.sheet_deviation.copy(), np.array(prior.precision)
-        cut = np.arange(self.operator.modes)[self.operator.of_rim]
+        cut = np.arange(self.operator.modes)[self.operator.of_cut]
         deviation[cut] *= _AS_DRAWN
         precision[cut, cut] /= _AS_DRAWN**2
         self.prior = replace(prior, sheet_deviation=deviation, precision=precision)

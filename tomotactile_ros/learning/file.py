@@ -19,11 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from tomotactile_ros.estimation.as_cut import COUNT
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import WAYS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.kept_out import GROUPS
 from tomotactile_ros.learning.state import PARTS, SensorState
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -35,6 +37,8 @@ _MOST_MODES, _MOST_PLACES = 1000, 10_000  # of a sheet: ours have some 40, at up
 _DIGITS = 9  # of a number in the file: more than float32 has
 _ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was known of them
 _RIM = "outline"  # how far out and askew its sides are; lacking in earlier files, as `_ASIDE`
+_RADIUS = "electrode_radius"  # m, of all in the mean; lacking likewise
+_LEFT_OUT = "left_out"
 _EXCESS = "excess"  # earlier files have it as `resistance`
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
 
@@ -51,7 +55,7 @@ def save_sensor(
 ) -> None:
     """Write what is known about a sensor with `layout`, whole or not at all."""
     field, known, spread = operator.field, state["sheet"], state.std("sheet")
-    uneven, turned = slice(0, field.count), slice(field.count, operator.of_rim.start)
+    uneven, turned = slice(0, field.count), slice(field.count, operator.of_cut.start)
     expected = [state.expected[state.slice(part)][0] for part in PARTS]
     every = np.arange(layout.electrodes)
     unit = ChannelPrior(resistance=0.0, aside=1 / operator.pitch).deviations(operator, 1.0, every)
@@ -66,6 +70,7 @@ def save_sensor(
             "frames": state.frames,
             "untouched": state.idle,
             "time": float(state.time),
+            **({_LEFT_OUT: list(state.left_out)} if state.left_out else {}),
         },
         "expected": {part: _round(each) for part, each in zip(PARTS, expected)},
     }
@@ -88,6 +93,8 @@ def save_sensor(
     }
     content[_RIM] = _round(known[operator.of_rim])
     content[f"{_RIM}_deviation"] = _round(spread[operator.of_rim])
+    radius = layout.radius * float(np.exp(known[-1]))
+    content[_RADIUS], content[f"{_RADIUS}_deviation"] = _round(radius), _round(radius * spread[-1])
     content["correlation"] = _pack(correlation[np.triu_indices(len(correlation), 1)])
     write_mapping(path, content)
 
@@ -98,7 +105,8 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     `model` of the sheet, as the estimator takes it.
     """
     reader = Reader.open(path, FORMAT, MAX_BYTES)
-    keys = [f"{part}{end}" for part in (*PARTS[1:], _EXCESS, _RIM) for end in ("", "_deviation")]
+    named = (*PARTS[1:], _EXCESS, _RIM, _RADIUS)
+    keys = [f"{part}{end}" for part in named for end in ("", "_deviation")]
     reader.only(
         "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", *keys
     )
@@ -129,12 +137,20 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     anisotropic = sheet.numbers("anisotropy_deviation", 2)
     places = sheet.points("places")
     values = _unpack(sheet, "modes", len(places) * modes).reshape(len(places), modes)
-    rim, cut = np.zeros(0), np.zeros(0)
+    made: list[float] = []
+    spread_of_made: list[float] = []
     if _RIM in reader:
-        rim, cut = (np.array(reader.numbers(f"{_RIM}{end}", WAYS)) for end in ("", "_deviation"))
-    mean = np.concatenate([coefficients, anisotropy, rim, *(channels[part] for part in parts)])
+        made += reader.numbers(_RIM, WAYS)
+        spread_of_made += reader.numbers(f"{_RIM}_deviation", WAYS)
+    if _RADIUS in reader:
+        radius, deviation = (reader.number(f"{_RADIUS}{end}") for end in ("", "_deviation"))
+        if not radius > 0:
+            reader.refuse(_RADIUS, radius, "is not a positive number")
+        made.append(float(np.log(radius / layout.radius)))
+        spread_of_made.append(deviation / radius)
+    mean = np.concatenate([coefficients, anisotropy, made, *(channels[part] for part in parts)])
     deviation = np.concatenate(
-        [spread, anisotropic, cut, *(channels[f"{part}_deviation"] for part in parts)]
+        [spread, anisotropic, spread_of_made, *(channels[f"{part}_deviation"] for part in parts)]
     )
     size = len(mean)
     if not (deviation > 0).all():
@@ -142,9 +158,10 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     correlation = _correlation(_unpack(reader, "correlation", size * (size - 1) // 2), size)
     covariance = correlation * deviation[:, None] * deviation
     expected = _expected(reader, operator)
-    of_sheet = modes + 2 + WAYS
+    of_sheet = modes + 2 + COUNT
     lacking = np.zeros(of_sheet + (len(PARTS) - 1) * count, bool)  # of earlier files
-    lacking[modes + 2 : of_sheet] = _RIM not in reader
+    lacking[modes + 2 : of_sheet - 1] = _RIM not in reader
+    lacking[of_sheet - 1] = _RADIUS not in reader
     lacking[of_sheet + len(parts) * count :] = True
     unknown = np.concatenate([np.zeros(modes), expected[operator.field.count :]])
     whole = np.diag(np.where(lacking, unknown, 0.0) ** 2)
@@ -166,12 +183,16 @@ def _check_layout(reader, path, layout):
 
 def _counts(reader):
     learned = reader.section("learned")
-    learned.only("touches", "frames", "untouched", "time")
+    learned.only("touches", "frames", "untouched", "time", _LEFT_OUT)
     counts = {
         ours: learned.integer(key, 0)
         for ours, key in (("touches", "touches"), ("frames", "frames"), ("idle", "untouched"))
     }
-    return {**counts, "time": learned.number("time", 0.0)}
+    left_out = tuple(learned.items(_LEFT_OUT)) if _LEFT_OUT in learned else ()
+    for each in left_out:
+        if each not in GROUPS:
+            learned.refuse(_LEFT_OUT, each, f"is none of {', '.join(GROUPS)}")
+    return {**counts, "time": learned.number("time", 0.0), _LEFT_OUT: left_out}
 
 
 def _expected(reader, operator):
@@ -221,7 +242,7 @@ def _in_modes(operator, places, values, mean, covariance, expected, counts) -> S
     new = (ways * np.where(size > 1e-3, size, 0.0)) @ ways.T  # modes that the file does not have
     covariance[:own, :own] += new * expected[0] ** 2
     return replace(
-        SensorState(own + 2 + WAYS, whole @ mean, (covariance + covariance.T) / 2, expected),
+        SensorState(own + 2 + COUNT, whole @ mean, (covariance + covariance.T) / 2, expected),
         **counts,
     )
 

@@ -25,7 +25,7 @@ _OUT = 3.0  # deviations of a channel from the others, beside which it is named
 def anisotropy(state: SensorState, operator: SheetOperator) -> tuple[float, float, float]:
     """Ratio of the conductance along to that across, the direction (degrees from x), and the
     ratio's deviation."""
-    where = slice(operator.field.count, operator.of_rim.start)
+    where = slice(operator.field.count, operator.of_cut.start)
     p, q = state.mean[where]
     size = float(np.hypot(p, q))
     way = np.array([p, q]) / size if size > 1e-9 else np.array([1.0, 0.0])
@@ -129,6 +129,8 @@ def lines(learned: Learned) -> Iterator[str]:
         )
     for electrode, fault in sorted(learned.faults.items()):
         yield f"  electrode {electrode}: {fault}; nothing of its channel can be learned"
+    if learned.kept_out is not None:
+        yield from _kept_out(learned.kept_out)
     if learned.settling is not None:
         part = learned.settling.part.mean()
         yield (
@@ -142,6 +144,18 @@ def lines(learned: Learned) -> Iterator[str]:
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
     yield from _parts(state, learned.operator, good)
     yield from _undetermined(learned, good)
+
+
+def _kept_out(found):
+    yield (
+        f"touches predicted from the others: readings {found.found:.1f} times the noise off ({found.predicted:.1f} "
+        f"expected), {found.layout:.0f} times without what was learned"
+    )
+    if found.left_out:
+        yield (
+            f"  left out, since touches are likelier without: {', '.join(found.left_out)}; what is wrong with "
+            "this sensor is something else"
+        )
 
 
 def of_state(state: SensorState, operator: SheetOperator, good: np.ndarray) -> Iterator[str]:
@@ -167,6 +181,7 @@ def _parts(state, operator, good):
         yield from _places(state, good)
         yield from _sheet(state, operator)
         yield _outline(state, operator)
+        yield _radius(state, operator)
 
 
 def _is_told(state, part, good):
@@ -241,6 +256,15 @@ def _outline(state, operator):
     return (
         f"outline: sides are farther out than in the layout by {sides} mm, each known to "
         f"{np.sqrt((spread**2).mean()):.1f} mm"
+    )
+
+
+def _radius(state, operator):
+    radius = 1e3 * operator.layout.radius
+    found = radius * np.exp(state["sheet"][-1])
+    return (
+        f"electrodes' radius: {found:.2f} mm in the mean, known to {found * state.std('sheet')[-1]:.2f} mm; "
+        f"{radius:.2f} mm in the layout"
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple
 
@@ -25,9 +26,10 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.touch import RADIUS, patches_for
+from tomotactile_ros.learning.kept_out import LEAST, KeptOut, Predicted, forgotten
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
-from tomotactile_ros.learning.state import PARTS, SensorState
+from tomotactile_ros.learning.state import OFFSET_WANDER, PARTS, SensorState
 
 EXPLAINED = 1.5  # `left_over`: one contact, and noise is all that is left
 # chi^2 with the prior's share: beyond, nothing is learned from the frame; two contacts taken for
@@ -222,13 +224,28 @@ class Learner:
         self._move(self._mean, change)
         self._count(idle=frames)
 
-    def again(self, start: SensorState, parts) -> None:
-        """All frames anew from `start`: parts (Information, weight), taken where the sensor is
-        known to be now."""
-        at, about = self._mean.copy(), self._about
+    def again(self, start: SensorState, parts, at: np.ndarray) -> SensorState:
+        """What is known after all frames anew from `start`: parts (Information, weight), taken where
+        theta is `at` (D,)."""
+        about = self._about
         self.set(start)
         self._about = about
         self._add(parts, at)
+        return self.state
+
+    def judged(self, start: SensorState, parts, at: np.ndarray) -> KeptOut | None:
+        """How well touches `parts`, as `again` has them, are predicted from each other; what does not help
+        is as at the `start` then. None of fewer than are needed."""
+        if len(parts) < LEAST:
+            return None
+        vary = np.zeros(len(self._mean))
+        vary[self._about.slice("offset")] = OFFSET_WANDER**2
+        vary, known = vary[self._where], self.state
+        learned = partial(self.again, start, at=at)
+        found = Predicted(parts, at, self._where, learned, start, vary).judged()
+        self.set(replace(forgotten(known, start, found.left_out), left_out=found.left_out))
+        self.about()
+        return found
 
     def _add(self, parts, at):
         """Information that was taken at theta `at` (D,)."""

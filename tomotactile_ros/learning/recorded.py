@@ -25,6 +25,7 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_on_sheet
+from tomotactile_ros.learning.kept_out import KeptOut
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
     EXPLAINED,
@@ -72,6 +73,7 @@ class Learned:
     moved : frames in which something moved while rows were read
     exchanged : two electrodes whose wires are exchanged, None where nothing says so; with them nothing
         but gains and offsets is learned
+    kept_out : how well touches are predicted from others, None of fewer than five
     ended : electrodes whose offset lies below what the converter shows
     faults : {electrode: what is wrong with its channel}
     asymmetry : chi-squared per equation of reciprocity, before and with the gains found; None
@@ -90,6 +92,7 @@ class Learned:
     constant: int = 0
     moved: int = 0
     exchanged: Exchanged | None = None
+    kept_out: KeptOut | None = None
     ended: tuple[int, ...] = ()
     faults: dict[int, str] = field(default_factory=dict)
     asymmetry: float | None = None
@@ -205,11 +208,12 @@ def _learned(
     rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
     known = learner.state
     fits, courses = _one_by_one(learner, rows, watch, course)
+    kept_out = None
     exchanged = _exchanged(learner, known, fits)
     if exchanged is not None:
         fits, courses = [], []
     if any(_is_good(fit) for fit in fits):
-        fits = _together(learner, start, fits, watch)
+        fits, kept_out = _together(learner, start, fits, watch)
     good = sum(_is_good(fit) for fit in fits)
     return replace(
         done,
@@ -217,6 +221,7 @@ def _learned(
         unexplained=len(rows) - good,
         moved=moved,
         exchanged=exchanged,
+        kept_out=kept_out,
         asymmetry=asymmetry,
         clipped=float(ends[chosen].mean()),
         courses=courses,
@@ -441,11 +446,12 @@ def _exchanged(learner, known, fits) -> Exchanged | None:
 
 
 def _together(learner, start, fits, watch):
-    """All frames about the sensor that they have shown together, until it stays."""
+    """All frames about the sensor that they have shown together, until it stays; and how well they
+    predict each other."""
     single = learner.state, fits, learner.ledger
     for _ in watch(range(_ROUNDS), "all of them together"):
         learner.about()
-        before, deviation = learner.state.mean, learner.state.deviation
+        before, deviation = learner.state.mean.copy(), learner.state.deviation
         fits, enough = _settled(learner, fits)
         ledger, parts = Ledger(learner.operator.pitch), []
         for fit in fits:
@@ -453,14 +459,15 @@ def _together(learner, start, fits, watch):
             if len(contacts) and left_over(fit) < max(DOUBTFUL, enough):
                 parts.append(learner.weighed(fit, ledger))
                 ledger.add(contacts)
-        learner.again(start, parts)
+        learner.again(start, parts, before)
         learner.ledger = ledger
         if (np.abs(learner.state.mean - before) < _SETTLED * deviation).all():
             break
     if sum(map(_is_good, fits)) < sum(map(_is_good, single[1])) / 2:  # they do not fit together
         state, fits, learner.ledger = single
         learner.set(state)
-    return fits
+        return fits, None
+    return fits, learner.judged(start, parts, before)
 
 
 def _settled(learner, fits):

@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from tomotactile_ros.estimation.as_cut import COUNT
 from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.rim import WAYS
 
 PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
@@ -39,6 +39,7 @@ class SensorState:
     mean : (D,); covariance : (D, D)
     expected : (D,) standard deviations of a sensor of which nothing is known
     touches, frames, idle : what it has been learned from; time : stamp of the last of it, s
+    left_out : what touches that were kept out are likelier without, and is as expected (`kept_out`)
     """
 
     modes: int
@@ -49,6 +50,7 @@ class SensorState:
     frames: int = 0
     idle: int = 0
     time: float = 0.0
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:
@@ -78,10 +80,13 @@ class SensorState:
         return np.sqrt(self.covariance.diagonal())
 
     def slice(self, part: str) -> slice:
-        """Where one of `PARTS` is."""
+        """Where one of `PARTS` is, or of the sheet: `uneven`, with its anisotropy, and `cut`."""
         count = self.electrodes
         if part == "sheet":
             return slice(0, self.modes)
+        if part in ("uneven", "cut"):
+            cut = self.modes - COUNT
+            return slice(0, cut) if part == "uneven" else slice(cut, self.modes)
         first = self.modes + (PARTS.index(part) - 1) * count
         return slice(first, first + count)
 
@@ -172,8 +177,8 @@ class SensorState:
         count, hours = self.electrodes, max(seconds, 0.0) / _HOUR
         rates = np.concatenate(
             [
-                np.full(self.modes - WAYS, SHEET_WALK),
-                np.zeros(WAYS),  # once cut
+                np.full(self.modes - COUNT, SHEET_WALK),
+                np.zeros(COUNT),  # once cut and printed
                 np.full(count, GAIN_WALK),
                 np.full(count, OFFSET_WALK),
                 np.full(count, RESISTANCE_WALK),

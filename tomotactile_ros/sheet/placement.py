@@ -3,7 +3,8 @@
 The local element size is `h` far from electrodes and shrinks in proportion to the distance near
 one: rings of nodes around each electrode, the first on its rim, each further out by as much as its
 nodes are apart, so that the logarithmic field of a small electrode is resolved as well as that of a
-large one.
+large one. Along a cut or a hole that is narrower than elements, nodes are as far apart as it is wide:
+triangles follow its rim then, and none lies across it.
 """
 
 from __future__ import annotations
@@ -12,13 +13,18 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import shapely
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet.rim import Arc, Segment, curves
 
 _TINY = 1e-6  # keeps counts of elements from rounding either way
 _ON_LINE = 0.5  # of the local element size between nodes on a line
+_NARROW = 0.9  # of the width of a cut between nodes on its rim: no other is nearer to two of them
+_GROWS = 0.5  # of the distance to a cut: element size there
+_SAMPLED = 0.25  # elements along a rim, at which it is asked how wide the cut is
 _CROWDED = 0.4  # nodes closer than this part of the local element size are thinned out
 
 
@@ -44,14 +50,47 @@ class LocalSize:
         self.radius = layout.radius
         self.inner = self.radius * (1 + self.step) ** -np.arange(1.0, inner + 1)
         self._nearest = layout.nearest
+        places, self._widths = _narrow(layout.outline, h)
+        self._narrow = cKDTree(places) if len(places) else None
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        return self.at(self._nearest(points)[0])
+        size = self.at(self._nearest(points)[0])
+        if self._narrow is not None:
+            distance, nearest = self._narrow.query(points)
+            beyond = np.maximum(distance - self.h * _SAMPLED, 0.0)
+            size = np.minimum(size, np.maximum(self._widths[nearest], _GROWS * beyond))
+        return size
 
     def at(self, distance: np.ndarray) -> np.ndarray:
         """Element size at a distance from the nearest electrode's centre."""
         smallest = min([self.radius, *self.inner])
         return np.clip(distance * self.step, smallest * self.step, self.h)
+
+
+def _narrow(outline: Outline, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) points of rims beyond which, nearer than `h`, the sheet goes on: on either side of a cut or a
+    hole; (m,) how far apart nodes are there, m."""
+    rings = [*([] if outline.kind == "circle" else [outline.shell]), *outline.holes]
+    places, beyond = [], []
+    for corner, end in ((a, b) for ring in rings for a, b in pairwise([*ring, ring[0]])):
+        along = end - corner
+        part = np.arange(0.5, np.ceil(np.linalg.norm(along) / (h * _SAMPLED)))
+        at = corner + part[:, None] / max(len(part), 1) * along
+        across = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+        tried = at + 1e-6 * h * across
+        out = np.where(outline.contains(tried)[:, None], -across, across)
+        places.append(at)
+        beyond.append(out)
+    if not places:
+        return np.empty((0, 2)), np.empty(0)
+    at, out = np.concatenate(places), np.concatenate(beyond)
+    ways = np.stack([at + 1e-6 * h * out, at + h * out], axis=1)
+    rims = shapely.multilinestrings([shapely.linestrings([*ring, ring[0]]) for ring in rings])
+    width = shapely.distance(
+        shapely.points(at), shapely.intersection(shapely.linestrings(ways), rims)
+    )
+    found = np.isfinite(width) & (width > 0)
+    return at[found], _NARROW * width[found]
 
 
 def _rim(layout: Layout, size: LocalSize) -> tuple[np.ndarray, np.ndarray]:

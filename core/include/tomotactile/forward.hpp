@@ -3,8 +3,9 @@
 // Row l of a scan grounds electrode l through the resistance R_l. With Y = Y0 + H C H^T, C = (diag(1/g) + D)^-1 and
 // Z = Y^-1
 //
-//     v_ln / V0 = a_n (1 - rho_ln) + o_n,     rho_ln = Z_ln / N_l,    N_l = Z_ll + R_l
+//     v_ln / V0 = a_n (1 - rho_ln) + o_n,     rho_ln = Z_ln / N_l,    N_l = Z_ll + S_l + R_l
 //
+// with S_l what its impedance is more, of another radius than that of Y0; its own reading has R_l / N_l.
 // and any change dY of the admittance changes a row by
 //
 //     d rho_l = -(Z - z_l z_l^T / N_l) dY rho_l,    z_l = Z e_l
@@ -61,6 +62,7 @@ class Snapshot {
   std::vector<Conductance> conductance;  // of each contact
   Matrix ratio;       // n x L: rho
   Vector own;         // L: N, ohm
+  Vector within;      // L: S / N
   Matrix impedance;   // n x n: Z, ohm
   Matrix shifted;     // n x L: 1 - rho with electrodes aside
 

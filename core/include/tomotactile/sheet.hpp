@@ -61,6 +61,8 @@ struct Tables {
   std::vector<Matrix> change;        // J of n x n: of ln Y0 where electrodes see each other, else of Y0, S
   Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> seen;
   std::vector<Matrix> share_change;  // J of n x M: of H at the points of `coarse`
+  Vector inside;                     // n: ohm that electrodes' own impedances change by, per unit of the last mode:
+  double printed = 0;                // the logarithm of what all radii have in common; where it is as solved
   Points cells;                      // centres of the cells of the field, m
   double reach = 0;                  // over which cells are averaged, m
   Matrix nodes;                      // C x F, of the first F of J
@@ -92,6 +94,7 @@ class Sheet {
   Matrix share_added(const Vector& sheet, const std::vector<int>& nodes) const;  // n x m
   Vector own_added(const Around& around) const;                        // P, ohm of an even sheet
   Matrix field_at(const Points& places) const;                         // Q x J
+  Vector inside(const Vector& sheet) const { return tables_->inside * (sheet[modes() - 1] - tables_->printed); }  // n, ohm
 
   // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m; or both at once, each where it is wanted.
   Matrix potentials_at(const Points& places) const;
