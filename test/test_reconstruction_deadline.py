@@ -335,3 +335,22 @@ def test_neither_a_withheld_frame_nor_a_glance_ends_a_contact(layout, frames):
     # nothing is there, and all was tried
     assert pipeline.process(replace(rest, stamp=frames[4].stamp)).contacts == []
     assert {c.id for c in pipeline.process(frames[5]).contacts} == {3, 4}
+
+
+def test_what_was_complete_stays_while_frames_repeat_it(layout, frames):
+    """A press that rests is not another one because the machine has other things to do."""
+    pipeline, random = Pipeline(layout, Settings("accurate")), np.random.default_rng(0)
+
+    def cut(factor):
+        noise = (random.normal(0, 1e-3, frames[0].voltages.shape) for _ in range(100))
+        again = (replace(frames[0], voltages=factor * frames[0].voltages + each) for each in noise)
+        results = (pipeline.process(each, deadline=AT_ONCE) for each in again)
+        return next(result for result in results if not result.complete)
+
+    def told(result):
+        return [(c.x, c.y, c.force) for c in result.contacts]
+
+    whole = pipeline.process(frames[0])
+    assert whole.complete and told(cut(1.0)) == told(whole)
+    assert told(cut(0.95)) != told(whole)
+    pipeline.stop()

@@ -4,7 +4,7 @@ Nine of a sheet's coefficients are geometry: the eight ways of `rim`, m, and the
 radii have in common. What they change is known to first order; where they are large and learned, the
 sheet is solved anew with its own size and radius. Its sides then lie as far out as both of a pair do
 in the mean: a rectangle stays one, and its centre stays where it was drawn. How far it lies aside of
-that, and what is askew, remains first order.
+that, and what is askew, remains first order. A sheet that is torn is solved with its tears as cuts.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import shapely
 
 from tomotactile_ros.estimation.channels import ALIKE, ChannelPrior
 from tomotactile_ros.estimation.rim import SIDES, WAYS
@@ -27,7 +28,14 @@ PRINTED = float(np.sqrt(ALIKE)) * ChannelPrior.radius
 _CLOSE = 0.1
 _SAME = 0.03  # of the logarithm of the radius: second order is then 1e-3
 _APART = 0.9  # of half the shortest spacing: electrodes that are printed too large do not touch
+_GAPE = 5e-4  # m, between the sides of a tear
+_BESIDE = (
+    1.2  # radii around an electrode that a tear leaves whole: how it is held there is not known
+)
 _STEPS = 10  # in which a sheet grows until it holds its electrodes
+
+
+Tears = tuple[tuple[float, float, float, float], ...]  # x, y of both ends of each, m
 
 
 class AsCut:
@@ -36,9 +44,11 @@ class AsCut:
     Attributes
     ----------
     coefficients : (9,) that it has itself
+    tears : of the sheet
     """
 
-    def __init__(self, layout: Layout, coefficients: np.ndarray):
+    def __init__(self, layout: Layout, coefficients: np.ndarray, tears: Tears = ()):
+        self.tears = tears
         outline, sides = layout.outline, coefficients[: len(SIDES)]
         out = np.repeat(sides.reshape(2, 2).mean(axis=1), 2)
         if outline.kind == "circle":
@@ -57,12 +67,31 @@ class AsCut:
         """So cut and printed, with the electrodes where they were."""
         drawn, radius = self._drawn, float(np.exp(self.coefficients[WAYS]))
         outline = _scaled(drawn.outline, self._out)
+        if self.tears:
+            outline = torn(outline, self.tears, drawn.positions, drawn.radius)
         return replace(drawn, outline=outline, radius=radius * drawn.radius)
 
     def near(self, other: AsCut) -> bool:
         """Whether the geometry of `other`, of the same layout, is this one to first order."""
+        if self.tears != other.tears:
+            return False
         apart = np.abs(self.coefficients - other.coefficients)
         return bool(apart[:WAYS].max() < _CLOSE * self._reach and apart[WAYS] < _SAME)
+
+
+def torn(outline: Outline, tears: Tears, electrodes: np.ndarray, radius: float) -> Outline:
+    """An outline with `tears`, which leave the `electrodes` (E, 2) of a `radius` whole; InputError where
+    some of these are no longer on the same piece as the others."""
+    whole = shapely.Polygon(outline.shell, outline.holes)
+    cuts = [
+        shapely.LineString([each[:2], each[2:]]).buffer(_GAPE / 2, cap_style="flat")
+        for each in tears
+    ]
+    around = shapely.union_all(shapely.buffer(shapely.points(electrodes), _BESIDE * radius))
+    left = shapely.get_parts(whole.difference(shapely.union_all(cuts).difference(around)))
+    largest = max(left, key=lambda part: part.area)
+    shell, holes = largest.exterior, [np.array(hole.coords)[:-1] for hole in largest.interiors]
+    return Outline.polygon(np.array(shell.coords)[:-1], holes, unusual_size=True)
 
 
 def _most(layout: Layout, out: np.ndarray, axes: list[int]) -> float:

@@ -18,11 +18,22 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.ground import ALIKE, DISTURBED, ground_is_doubtful, rows_are_alike
+from tomotactile_ros.estimation.ground import (
+    ALIKE,
+    DISTURBED,
+    UNLIKE,
+    ground_is_doubtful,
+    rows_are_alike,
+)
 from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.joining import groups
 from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.one_state import TORN, Reciprocity, without_contradicting
+from tomotactile_ros.estimation.one_state import (
+    TORN,
+    Reciprocity,
+    reciprocity,
+    without_contradicting,
+)
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
@@ -415,7 +426,7 @@ class Estimator:
             self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.across)
         search = self._searches[used]
         if self.sensor is not None:
-            operator = search.operator.near(self.sensor["sheet"])
+            operator = search.operator.near(self.sensor["sheet"], self.sensor.tears)
             if operator is not search.operator:
                 search = self._searches[used] = Search(operator, self.across)
         return search
@@ -698,13 +709,17 @@ class Estimator:
         return rows
 
     def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
-        if _below_zero(fit, self.channels.covariance_of_resistances(fit.operator)) > _IMPOSSIBLE:
+        expected = self.channels.covariance_of_resistances(fit.operator)
+        disturbed = _below_zero(fit, expected) > _IMPOSSIBLE
+        if disturbed and fit.chi_squared < _CHANGING * fit.rows.count:
             return DISTURBED
         if torn and not _explains(fit):
             return CHANGED
-        if fit.chi_squared > self._most_left(noise) * fit.rows.count:
-            return _unexplained(fit.chi_squared, fit.rows)
-        return ""
+        if not disturbed and fit.chi_squared <= self._most_left(noise) * fit.rows.count:
+            return ""
+        if reciprocity(fit.rows, fit.prior).misfit < TORN:  # whatever electronics do contradicts it
+            return UNLIKE
+        return DISTURBED if disturbed else _unexplained(fit.chi_squared, fit.rows)
 
     def _most_left(self, noise: float) -> float:
         """Chi-squared per reading with `noise`, V rms, beyond which nothing is said; more noise than was

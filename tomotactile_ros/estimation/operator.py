@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.as_cut import COUNT, PRINTED, AsCut
+from tomotactile_ros.estimation.as_cut import COUNT, PRINTED, AsCut, Tears
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
@@ -101,7 +101,7 @@ class SheetOperator:
     def _solve(self) -> None:
         """The even sheet as it was cut."""
         cut = self.cut
-        self.sheet = make_sheet(cut, self._model)
+        self.sheet = make_sheet(cut, "auto" if self._cut.tears else self._model)
         self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         size, fine = np.array(cut.outline.size, float), Lattice.fine(cut, self.pitch)
@@ -112,10 +112,10 @@ class SheetOperator:
             cut, self.used, self.resistance, self.potentials, self._inverse
         )
 
-    def about(self, sheet: np.ndarray) -> SheetOperator:
+    def about(self, sheet: np.ndarray, tears: Tears = ()) -> SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
-        there."""
-        other, cut = copy(self), AsCut(self.layout, sheet[self.of_cut])
+        there, and with `tears`."""
+        other, cut = copy(self), AsCut(self.layout, sheet[self.of_cut], tears)
         for known in ("expected", "untouched", "core"):
             other.__dict__.pop(known, None)
         if not self._cut.near(cut):
@@ -156,11 +156,21 @@ class SheetOperator:
         np.fill_diagonal(self._rest.term, 0.0)
         self._mean = sheet.copy()
 
-    def near(self, sheet: np.ndarray) -> SheetOperator:
-        """This one if it is right for the coefficients `sheet` (J,), else that `about` them."""
+    def near(self, sheet: np.ndarray, tears: Tears = ()) -> SheetOperator:
+        """This one if it is right for the coefficients `sheet` (J,) and `tears`, else that `about` them."""
         apart = np.abs(sheet - self._mean)[: self.of_cut.start]
-        right = apart.max() < _NEAR and self._cut.near(AsCut(self.layout, sheet[self.of_cut]))
-        return self if right else self.about(sheet)
+        cut = AsCut(self.layout, sheet[self.of_cut], tears)
+        return self if apart.max() < _NEAR and self._cut.near(cut) else self.about(sheet, tears)
+
+    @property
+    def tears(self) -> Tears:
+        """Those that it is right about."""
+        return self._cut.tears
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(n, n) bool, which pairs of electrodes see each other on the sheet as drawn."""
+        return self._seen
 
     @property
     def mean(self) -> np.ndarray:

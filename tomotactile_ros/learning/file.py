@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros.estimation.as_cut import COUNT
+from tomotactile_ros.estimation.as_cut import COUNT, torn
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import WAYS
@@ -39,6 +39,7 @@ _ASIDE = "aside_x", "aside_y"  # parts that earlier files lack: nothing was know
 _RIM = "outline"  # how far out and askew its sides are; lacking in earlier files, as `_ASIDE`
 _RADIUS = "electrode_radius"  # m, of all in the mean; lacking likewise
 _LEFT_OUT = "left_out"
+_TEARS = "tears"  # [x, y, x, y] of the ends of each, m; lacking where there is none
 _EXCESS = "excess"  # earlier files have it as `resistance`
 _NEARLY = 1e-6  # smallest eigenvalue of correlations: rounding to float32 leaves as much
 
@@ -95,6 +96,8 @@ def save_sensor(
     content[f"{_RIM}_deviation"] = _round(spread[operator.of_rim])
     radius = layout.radius * float(np.exp(known[-1]))
     content[_RADIUS], content[f"{_RADIUS}_deviation"] = _round(radius), _round(radius * spread[-1])
+    if state.tears:
+        content[_TEARS] = _round(state.tears)
     content["correlation"] = _pack(correlation[np.triu_indices(len(correlation), 1)])
     write_mapping(path, content)
 
@@ -108,7 +111,7 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     named = (*PARTS[1:], _EXCESS, _RIM, _RADIUS)
     keys = [f"{part}{end}" for part in named for end in ("", "_deviation")]
     reader.only(
-        "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", *keys
+        "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", _TEARS, *keys
     )
     _check_layout(reader, path, layout)
     operator = SheetOperator(layout, model)
@@ -169,7 +172,8 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
     covariance, found = whole, mean
     mean = np.zeros(len(lacking))
     mean[~lacking] = found
-    return _in_modes(operator, places, values, mean, covariance, expected, _counts(reader))
+    counts = {**_counts(reader), _TEARS: _tears(reader, layout)}
+    return _in_modes(operator, places, values, mean, covariance, expected, counts)
 
 
 def _check_layout(reader, path, layout):
@@ -179,6 +183,17 @@ def _check_layout(reader, path, layout):
             f"{path}: geometry: the sensor was learned with layout '{checks.show(name).strip(chr(39))}', its "
             f"electrodes are not those of '{layout.id}'"
         )
+
+
+def _tears(reader, layout):
+    if _TEARS not in reader:
+        return ()
+    found = tuple(tuple(each.numbers(name, 4)) for name, each in reader.entries(_TEARS))
+    try:
+        torn(layout.outline, found, layout.positions, layout.radius)
+    except InputError as error:
+        reader.refuse(_TEARS, list(map(list, found)), f"are no tears of this sheet: {error}")
+    return found
 
 
 def _counts(reader):

@@ -9,6 +9,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
+from tomotactile_ros.learning import tears
 from tomotactile_ros.learning.recorded import Learned
 from tomotactile_ros.learning.state import SensorState
 
@@ -177,6 +178,7 @@ def _parts(state, operator, good):
     if _is_told(state, "offset", good):
         yield from _offsets(state, good)
     if state.touches:
+        yield from tears.lines(state.tears)
         yield from _resistances(state, operator, good)
         yield from _places(state, good)
         yield from _sheet(state, operator)

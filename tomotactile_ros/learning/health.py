@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.learning import findings
+from tomotactile_ros.learning import findings, tears
 from tomotactile_ros.learning.state import SensorState
 
 _FIRST = 6  # touches until what is known is what all later is compared with
@@ -112,7 +112,9 @@ class Health:
         compared = self._reference is not None and self._reference is not state
         channels = [*self._wires(state), *(self._gains(state) if compared else ())]
         odd = bool(self._misfits) and np.median(self._misfits) > _EXPLAINED
-        torn = list(self._tear(state)) if compared else []
+        for number, text in enumerate(tears.lines(state.tears)):
+            yield f"tear {number}" if number else "tear", text, np.inf
+        torn = list(self._tear(state)) if compared and not state.tears else []
         yield from torn
         if compared:
             yield from self._whole(state)

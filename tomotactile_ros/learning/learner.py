@@ -85,7 +85,7 @@ class Learner:
 
     def about(self) -> None:
         """Take up the model of the sheet as it is known now, where it is known to be uneven."""
-        operator = self.operator.near(self.state["sheet"])
+        operator = self.operator.near(self.state["sheet"], self.state.tears)
         if operator is not self.operator:
             self.operator, self.search = operator, Search(operator)
 
@@ -303,7 +303,7 @@ class Learner:
         for _ in range(_AGAIN):
             if fit is None or fit.chi_squared < EXPLAINED * fit.rows.count:
                 break
-            operator = fit.operator.near(fit.unknowns.sheet)
+            operator = fit.operator.near(fit.unknowns.sheet, fit.operator.tears)
             tried = solve(operator, fit.unknowns, fit.rows, fit.prior, _STEPS)
             if tried.chi_squared > _WORTH * fit.chi_squared:
                 break

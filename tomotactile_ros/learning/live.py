@@ -31,7 +31,7 @@ from tomotactile_ros.learning.readings import (
     rows_of,
     square,
 )
-from tomotactile_ros.learning.recorded import WIDE, kept_of_rows_before, learn, moves
+from tomotactile_ros.learning.recorded import WIDE, kept_of_rows_before, learn, moves, torn
 from tomotactile_ros.learning.state import SensorState
 
 OFF, CHANNELS, ALL = KINDS = "off", "channels", "all"
@@ -318,8 +318,10 @@ class LiveLearner:
             self.health.exchanged(exchanged.pair, odd[0].time, exchanged.sure)
             self.unexplained += len(odd)
             return
+        squares = [square(self._settled(f), f.rows, clipped(f.voltages[f.rows])) for f in odd]
         known = learner.state
-        learner.set(known.widened())
+        if not torn(learner, rows, squares):
+            learner.set(known.widened())
         for each, frame in zip(rows, odd):
             learner.learn(learner.look(each), frame.time)
         after = [learner.look(each) for each in rows]
@@ -327,6 +329,7 @@ class LiveLearner:
         explained = sum(surprise(now) < _BETTER * surprise(then) for now, then in pairs)
         if explained <= len(odd) / 2:
             learner.set(known)
+            learner.about()
             self.unexplained += len(odd)
             return
         misfits = tuple(now.chi_squared / now.rows.count for now in after)

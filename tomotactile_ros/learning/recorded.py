@@ -8,7 +8,7 @@ once: most of a recording is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
@@ -42,6 +43,7 @@ from tomotactile_ros.learning.readings import (
     square,
 )
 from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.learning.tears import couplings, find_tears
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -54,6 +56,8 @@ _ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on at once
+_PROBED = 3  # touches: where most leave `_ODD` and more, tears are looked for
+_TOLD = 0.5  # of what these leave, what they leave at most with tears that are some
 _LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
 # chi-squared per equation of reciprocity, beyond which something moves while rows are read: 1 at rest, 3
 # where channels keep 0.5 % of the row before, 4.5 and more with two fingers at 20 and 30 mm/s
@@ -206,6 +210,9 @@ def _learned(
         return replace(done, moved=moved, asymmetry=asymmetry)
     _gains(learner, frames, ends, grounded, chosen, drive, noise)
     rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
+    squares = [square(frames[i], grounded, ends[i]) for i in chosen]
+    if torn(learner, rows[:_PROBED], squares):
+        start = replace(start, tears=learner.state.tears)
     known = learner.state
     fits, courses = _one_by_one(learner, rows, watch, course)
     kept_out = None
@@ -443,6 +450,25 @@ def _exchanged(learner, known, fits) -> Exchanged | None:
     else:
         learner.ledger = Ledger(learner.operator.pitch)
     return found
+
+
+def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) -> bool:
+    """Whether tears explain most of `rows`, which nothing else does, of touches `squares` (E, E), V, NaN: not
+    read; the learner goes on with them then."""
+    known, used = learner.state, learner.operator.used
+    before = np.median([left_over(learner.look(each)) for each in rows])
+    if before < _ODD:
+        return False
+    read = np.array([each[np.ix_(used, used)] for each in squares]) / learner.drive
+    channels = known["gain"][used], known["offset"][used] / learner.drive
+    tears = find_tears(learner.operator, couplings(learner.operator, read, *channels))
+    learner.set(replace(known, tears=tears))
+    learner.about()
+    if tears and np.median([left_over(learner.look(each)) for each in rows]) < _TOLD * before:
+        return True
+    learner.set(known)
+    learner.about()
+    return False
 
 
 def _together(learner, start, fits, watch):

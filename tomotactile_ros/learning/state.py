@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tomotactile_ros.estimation.as_cut import COUNT
+from tomotactile_ros.estimation.as_cut import COUNT, Tears
 from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
@@ -39,6 +39,7 @@ class SensorState:
     mean : (D,); covariance : (D, D)
     expected : (D,) standard deviations of a sensor of which nothing is known
     touches, frames, idle : what it has been learned from; time : stamp of the last of it, s
+    tears : of the sheet, x and y of both ends of each, m
     left_out : what touches that were kept out are likelier without, and is as expected (`kept_out`)
     """
 
@@ -51,6 +52,7 @@ class SensorState:
     idle: int = 0
     time: float = 0.0
     left_out: tuple[str, ...] = ()
+    tears: Tears = ()
 
     @classmethod
     def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:

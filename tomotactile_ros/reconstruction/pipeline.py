@@ -86,6 +86,7 @@ NO_IMAGE = "something changed between the rows of the frame, or many readings ar
 CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
 _TIMES = 3  # frames without times that are withheld and looked at again, as if their rows had them
+_REPEATED = 4.0  # deviations of the mean square of two frames' difference, up to which it is noise
 _NO_IMAGE = np.empty((0, 0))
 _KEPT = 8  # regularised inverses for patterns of missing readings
 
@@ -179,6 +180,7 @@ class Pipeline:
         self._exchanged = False  # wires seemed to be exchanged in the last frame that was asked
         self._within: Within[_Found] = Within()
         self._found: _Found | None = None  # of the last frame
+        self._whole: _Found | None = None  # of the last one that was complete
         self._rows: RowEstimator | None = None
         self._changing = Changing(self._row_estimator)
         self._told = -math.inf  # s, for which the last result holds
@@ -273,7 +275,7 @@ class Pipeline:
         self.stop()
         self._state.forget()
         self._changing.forget()
-        self._imaged_before = None
+        self._imaged_before = self._whole = None
 
     def process(
         self,
@@ -321,6 +323,7 @@ class Pipeline:
         else:
             found = self._pictured(given)
         result, self._found = found.result, found
+        self._whole = found if result.complete else self._whole
         self._told = found.holds
         if stamp is not None and numbered and found.one_by_one and not result.reason:
             result.contacts = self._numbered(found)
@@ -861,8 +864,12 @@ class Pipeline:
         )
 
     def _glance(self, given: _Given) -> _Found:
-        """What one linear image tells of a frame: its contacts, or that something presses somewhere where
-        they do not explain it; nothing where the readings need more than one look."""
+        """What was complete of a frame that this one repeats but for noise; else what one linear image
+        tells: its contacts, or that something presses somewhere where they do not explain it; nothing
+        where the readings need more than one look."""
+        whole = self._whole
+        if whole is not None and _is_repeated(whole.given, given, self.settings.noise):
+            return _Found(replace(whole.result, complete=False), given, None, whole.one_by_one)
         read = self._read(given, doubtful=True)
         shown = self._shown(given, read)
         if shown is not None:
@@ -1059,6 +1066,20 @@ def _potential(conductance: np.ndarray, impedance: float, given: _Given) -> np.n
     """(K,) V, by which contacts of a `conductance` (K,), S, raise the potential of pixels with a typical
     `impedance`, ohm."""
     return given.drive_voltage * np.minimum(conductance * impedance, 1.0)
+
+
+def _is_repeated(before: _Given, given: _Given, noise: float) -> bool:
+    """Whether a frame is another one again, but for `noise` of a reading, V."""
+    same = before.drive_voltage == given.drive_voltage
+    if not same or not np.array_equal(before.grounded, given.grounded):
+        return False
+    read = np.isfinite(given.voltages)
+    count = np.count_nonzero(read)
+    if not count or not np.array_equal(read, np.isfinite(before.voltages)):
+        return False
+    apart = given.voltages[read] - before.voltages[read]
+    squares = float(apart @ apart) / (2 * noise**2 * float(count))
+    return squares < 1 + _REPEATED * math.sqrt(2 / int(count))
 
 
 def _is_sure(estimate: Estimate) -> bool:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+_ROUGH = 0.5  # of a force: with a larger deviation it is an estimate of its size
+
 
 def pair(contacts: Sequence, truth: Sequence[dict]) -> list[int | None]:
     """For each contact the index of its true one; nearest in sum, None where there are fewer."""
@@ -38,7 +40,8 @@ def contact_lines(
     for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1):
         parts = [f"contact {number_of(contact, i)}: {_place(contact.x, contact.y)}"]
         if calibrated:
-            least = "  at least" if math.isinf(contact.force_std) else ""
+            rough = "  about" if contact.force_std > _ROUGH * contact.force else ""
+            least = "  at least" if math.isinf(contact.force_std) else rough
             parts += [f"{least}  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
         if truth is not None:
             parts += ["  nothing is there"] if j is None else _compare(contact, truth[j])

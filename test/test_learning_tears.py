@@ -1,0 +1,102 @@
+"""Sheets that are torn: where, from touches of unknown place and force, and what is right afterwards."""
+
+import numpy as np
+import pytest
+
+import tomotactile_ros as tt
+from tomotactile_ros.bench.trials import LAW
+from tomotactile_ros.estimation.as_cut import torn
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.learning.file import load_sensor, save_sensor
+from tomotactile_ros.learning.findings import lines
+from tomotactile_ros.learning.health import Health
+from tomotactile_ros.learning.tears import couplings, find_tears
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.sheet_field import SheetField, Tear
+
+DRIVE, NOISE = 3.3, 1e-3
+LAYOUT = tt.equal_grid(6, 6, (0.15, 0.15), sheet_resistance=1e4, radius=0.0025)
+OPERATOR = SheetOperator(LAYOUT)
+TEAR = (-0.02, 0.028, 0.05, 0.028)
+TORN = SheetField(tears=(Tear((TEAR[:2], TEAR[2:]), 0.001),))
+
+
+def pressed(at, sheet, layout=LAYOUT):
+    contact = Contact("disc", center=tuple(at), radius=0.006, force=2.0)
+    scene = Scene("torn", DRIVE, (contact,), LAW, defects=Defects(sheet=sheet))
+    frame = tt.Simulator(layout, scene, row_period=0.0).frame(0.0)
+    return frame + np.random.default_rng(1).normal(0, NOISE, frame.shape)
+
+
+def touches(count, sheet=TORN, seed=2):
+    places = np.random.default_rng(seed).uniform(-0.065, 0.065, (count, 2))
+    return np.array([pressed(at, sheet) for at in places])
+
+
+def distance(tear, true):
+    """Of the ends of one to those of the other, the farther one, m."""
+    ends, others = np.reshape(tear, (2, 2)), np.reshape(true, (2, 2))
+    return min(np.linalg.norm(ends - each, axis=1).max() for each in (others, others[::-1]))
+
+
+def test_couplings_are_those_of_the_sheet_wherever_it_is_touched():
+    frames = touches(8, SheetField()) / DRIVE
+    count = LAYOUT.electrodes
+    found = couplings(OPERATOR, frames, np.ones(count), np.zeros(count))
+    ratio = (found / OPERATOR.admittance)[np.triu(OPERATOR.seen, 1)]
+    assert np.median(np.abs(np.log(ratio))) < 0.02
+    assert find_tears(OPERATOR, found) == ()
+
+
+@pytest.mark.parametrize("tears", [(TEAR,), ((0.0, -0.075, 0.0, -0.02),)], ids=["amid", "from rim"])
+def test_a_tear_is_found_from_couplings(tears):
+    layout = LAYOUT
+    outline = torn(layout.outline, tears, layout.positions, layout.radius)
+    cut = tt.Layout("torn", outline, layout.sheet_resistance, layout.radius, layout.positions)
+    random = np.random.default_rng(0).normal(0, 0.05, (36, 36))
+    (found,) = find_tears(OPERATOR, SheetOperator(cut).admittance * np.exp((random + random.T) / 2))
+    assert distance(found, tears[0]) < 0.01
+
+
+def test_a_tear_that_cuts_an_electrode_off_is_none():
+    corner = ((-0.08, -0.06, -0.06, -0.08),)
+    with pytest.raises(tt.InputError, match="outside the outline"):
+        outline = torn(LAYOUT.outline, corner, LAYOUT.positions, LAYOUT.radius)
+        tt.Layout("torn", outline, 1e4, LAYOUT.radius, LAYOUT.positions)
+
+
+def test_learning_names_a_tear_and_contacts_are_right_beside_it(tmp_path):
+    learned = tt.learn(LAYOUT, touches(12), LAYOUT.grounded, DRIVE, noise=NOISE)
+    (found,) = learned.state.tears
+    assert distance(found, TEAR) < 0.01
+    said = [line for line in lines(learned) if "torn from" in line]
+    assert len(said) == 1 and learned.unexplained < 3
+    save_sensor(tmp_path / "sensor.yaml", LAYOUT, learned.operator, learned.state)
+    sensor = load_sensor(tmp_path / "sensor.yaml", LAYOUT)
+    np.testing.assert_allclose(sensor.tears, learned.state.tears, atol=1e-6)
+    health = Health(OPERATOR)
+    for _ in range(2):
+        health.update(sensor)
+    assert any("torn from" in each.text for each in health.findings)
+    for at in ((0.015, 0.036), (0.03, 0.014), (-0.03, -0.04), (0.0, 0.02)):
+        frame = pressed(at, TORN), LAYOUT.grounded, DRIVE
+        settings = tt.Settings("accurate", noise=NOISE)
+        (contact,) = tt.Pipeline(LAYOUT, settings, sensor=sensor).process(*frame).contacts
+        assert np.hypot(contact.x - at[0], contact.y - at[1]) < 1e-3
+        unknown = tt.Pipeline(LAYOUT, settings).process(*frame)
+        if unknown.state == "withheld":
+            assert "is it torn" in unknown.reason
+        else:
+            (contact,) = unknown.contacts
+            assert np.hypot(contact.x - at[0], contact.y - at[1]) < 3e-3
+
+
+def test_tears_that_are_none_of_the_sheet_are_refused_in_one_line(tmp_path):
+    path = tmp_path / "sensor.yaml"
+    learned = tt.learn(LAYOUT, touches(1, SheetField()), LAYOUT.grounded, DRIVE, noise=NOISE)
+    save_sensor(path, LAYOUT, learned.operator, learned.state)
+    path.write_text(path.read_text() + "tears: [[0.0, 0.0, 0.01]]\n")
+    with pytest.raises(tt.InputError, match="tears"):
+        load_sensor(path, LAYOUT)

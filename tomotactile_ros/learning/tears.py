@@ -1,0 +1,178 @@
+"""Where a sheet is torn, from touches that no contacts explain.
+
+The couplings of the electrodes, the entries of Y off its diagonal, tell of the sheet wherever nothing
+touches between two of them. Rows of rho = 1 - v are those of Z up to factors; symmetry tells these, and
+Y is the inverse, up to a factor that most couplings have in common (as `reconstruction.admittance` has
+it). The median of several touches in different places is the sheet's.
+
+A cut across the potentials takes current off (a crack of length l, normal e; topological derivative,
+Amstutz, Horchani and Masmoudi 2005):
+
+    dY_nk = -(pi l^2 / 4 R) (e . grad H_n) (e . grad H_k)
+
+The place and direction that explain most of what couplings lack are where the search for both ends
+begins; there the sheet is solved with the cut by finite elements. How much couplings may err otherwise
+(unevenness, outline) is `_ERR`; outliers count by their size alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tomotactile_ros.estimation.as_cut import Tears, torn
+from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.support.errors import InputError
+
+_ERR = 0.05  # of the logarithm of a coupling: uneven sheets have 0.05 to 0.2
+_STEPS = 60  # of the fixed point of the factors of rows
+_LEAST = 1e-3  # of a coupling: less is as good as none
+_PER_PITCH = 4  # places to one spacing of the electrodes, where a tear may begin
+_DIRECTIONS = 8  # over half a turn
+_LENGTHS = 0.6, 1.5, 3.0  # spacings that a tear is tried with
+_NEAR = 3e-4  # m: ends are known to that, at best
+_TRIED = 120  # solutions of a search
+_HELPS = 0.75  # of what couplings are off by: what is left at most, of a tear that is one
+MOST = 2  # tears
+
+
+def couplings(
+    operator: SheetOperator, frames: np.ndarray, gain: np.ndarray, offset: np.ndarray
+) -> np.ndarray:
+    """(n, n) S, couplings of the sheet as `frames` (F, n, n) show them, in parts of the drive voltage, row l
+    with electrode l grounded; `gain` (n,), `offset` (n,)."""
+    own, seen = np.arange(operator.count), operator.seen
+    ratios = []
+    for frame in frames:
+        share = 1 - (frame - offset) / gain
+        share[own, own] = 1.0
+        if not np.isfinite(share).all():
+            continue
+        factor, sums = np.ones(len(own)), share.sum(axis=1)
+        for _ in range(_STEPS):
+            factor = share.T @ factor / sums
+            factor /= factor.mean()
+        impedance = factor[:, None] * share
+        try:
+            found = np.linalg.inv((impedance + impedance.T) / 2)
+        except np.linalg.LinAlgError:
+            continue
+        ratio = np.where(seen, found / np.where(seen, operator.expected, 1.0), np.nan)
+        ratios.append(ratio / np.nanmedian(ratio))
+    if not ratios:
+        return operator.expected
+    return np.where(seen, np.median(ratios, axis=0), 1.0) * operator.expected
+
+
+def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
+    """Tears that explain the couplings `measured` (n, n), S; none where none does."""
+    seen = np.triu(operator.seen, 1)
+    wanted = _logarithm(measured[seen] / operator.expected[seen])
+    whole = FemSheet(operator.layout)
+    even = _couplings(whole, operator.used)
+    tears: Tears = ()
+    now = np.zeros(len(wanted))
+    while len(tears) < MOST:
+        lacking = np.zeros(seen.shape)
+        lacking[seen] = (np.exp(wanted) - np.exp(now)) * operator.expected[seen]
+        found = _begin(operator, lacking + lacking.T)
+
+        def told(ends: np.ndarray, others: Tears = tears) -> np.ndarray:
+            x, y, to_x, to_y = map(float, ends)
+            return _changed(operator, (*others, (x, y, to_x, to_y)), even)[seen]
+
+        starts = [found(length * operator.pitch) for length in _LENGTHS]
+        start = min(starts, key=lambda ends: _off(told, ends, wanted))
+        way: dict[str, Any] = {"xatol": _NEAR, "fatol": 0.1, "maxfev": _TRIED}
+        way["initial_simplex"] = _simplex(start, operator.pitch / 3)
+        best = minimize(
+            lambda ends: _off(told, ends, wanted), start, method="Nelder-Mead", options=way
+        )
+        if best.fun > _HELPS * _cost(now - wanted):
+            break
+        tears = (*tears, _on_sheet(operator.layout.outline, best.x))
+        now = told(best.x, tears[:-1])
+    return tears
+
+
+def _on_sheet(outline: Outline, ends: np.ndarray) -> tuple[float, float, float, float]:
+    """The part of a tear that is on the sheet."""
+    parts = outline.parts_of(ends.reshape(2, 2))
+    x, y, to_x, to_y = np.concatenate([parts[0][0], parts[-1][-1]]).tolist() if parts else ends
+    return float(x), float(y), float(to_x), float(to_y)
+
+
+def _couplings(sheet: FemSheet, used: np.ndarray) -> np.ndarray:
+    """(n, n) Y of the electrodes `used` (n,), S."""
+    system = np.ones((len(used) + 1,) * 2)
+    system[:-1, :-1], system[-1, -1] = sheet.electrode_electrode[np.ix_(used, used)], 0.0
+    return np.linalg.inv(system)[:-1, :-1]
+
+
+def _changed(operator: SheetOperator, tears: Tears, even: np.ndarray) -> np.ndarray:
+    """(n, n) logarithms of what `tears` leave of couplings; InputError where they leave no sheet."""
+    layout = operator.layout
+    outline = torn(layout.outline, tears, layout.positions, layout.radius)
+    return _logarithm(_couplings(FemSheet(replace(layout, outline=outline)), operator.used) / even)
+
+
+def _logarithm(ratio: np.ndarray) -> np.ndarray:
+    return np.log(np.maximum(ratio, _LEAST))
+
+
+def _off(told: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, wanted: np.ndarray) -> float:
+    try:
+        return _cost(told(ends) - wanted)
+    except InputError:  # cuts an electrode off
+        return np.inf
+
+
+def _cost(off: np.ndarray) -> float:
+    """Of logarithms that are `off`, in deviations; of those that are far off their size."""
+    return float((2 * (np.sqrt(1 + (off / _ERR) ** 2) - 1)).sum())
+
+
+def _simplex(start: np.ndarray, step: float) -> np.ndarray:
+    return start + step * np.vstack([np.zeros(4), np.eye(4)])
+
+
+def _begin(operator: SheetOperator, lacking: np.ndarray) -> Callable[[float], np.ndarray]:
+    """Where a small cut explains most of what couplings are `lacking`, (n, n), S: (4,) both ends of a tear by
+    its length, m."""
+    outline = operator.layout.outline
+    grid = Grid.for_outline(outline, int(max(outline.size) / operator.pitch * _PER_PITCH) + 1)
+    places = grid.pixels
+    _, slopes = operator.shares(places, 1e-3 * operator.layout.radius)
+    own = np.abs(operator.expected).mean()
+    weight = np.where(operator.seen, 1 / (np.abs(operator.expected) + own / 10) ** 2, 0.0)
+    best: tuple[float, np.ndarray, np.ndarray] | None = None
+    for turn in np.pi / _DIRECTIONS * np.arange(_DIRECTIONS):
+        normal = np.array([np.cos(turn), np.sin(turn)])
+        across = np.einsum("d,dnk->nk", normal, slopes)
+        along = np.einsum("nk,nk->k", (weight * lacking) @ across, across)
+        size = np.einsum("nk,nk->k", weight @ across**2, across**2)
+        gained = np.where(along < 0, along**2 / np.maximum(size, 1e-300), 0.0)
+        at = int(gained.argmax())
+        if best is None or gained[at] > best[0]:
+            best = float(gained[at]), places[at], normal
+    assert best is not None
+    _, middle, normal = best
+    way = np.array([-normal[1], normal[0]]) / 2
+    return lambda length: np.concatenate([middle - length * way, middle + length * way])
+
+
+def lines(tears: Sequence[tuple[float, float, float, float]]) -> list[str]:
+    """Each in words."""
+    return [
+        "the sheet is torn from ({:+.0f}, {:+.0f}) to ({:+.0f}, {:+.0f}) mm".format(
+            *(1e3 * each for each in tear)
+        )
+        for tear in tears
+    ]
