@@ -4,12 +4,13 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run play view test bench paper docs fuzz sanitize faults protocol pictures lock clean
+.PHONY: help setup run play view check test bench paper docs fuzz sanitize faults protocol pictures lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=fast)"
 	@echo "make play     a simulated sheet in the browser, to be pressed with the pointer (LAYOUT= PLAY_ARGS=)"
 	@echo "make view     a sensor or a recording in the browser (VIEW_ARGS='--recording frames.npz')"
+	@echo "make check    what CI looks at before the tests"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
@@ -39,6 +40,9 @@ view:
 test: # where pytest-xdist is installed on all cores, the tests of a file one after the other
 	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \
 		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
+
+check: # lint, types, spelling, links, generated files, the sanitizers' quick part
+	@scripts/check
 
 bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)

@@ -14,6 +14,7 @@ from process_support import python
 
 from tomotactile_ros import cli
 from tomotactile_ros.commands import run as live
+from tomotactile_ros.commands import watch
 from tomotactile_ros.devices import Frame, stream
 from tomotactile_ros.devices.recording import load_recording, save_recording
 from tomotactile_ros.layouts.layout import load_layout
@@ -140,6 +141,19 @@ def test_mistakes_end_with_one_line(words, complaint, capsys, tmp_path, monkeypa
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert status == 2 and complaint in line
     assert not list(tmp_path.iterdir())
+
+
+def test_watch_ends_where_no_frame_comes_and_says_where_a_name_is_looked_for(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "skin").touch()
+    monkeypatch.setattr(watch, "_PATIENCE", 0.5)
+    words = "--layout", "equal-4x4", "--port", "skin", "--duration", "1"
+    assert cli.main(["watch", *words]) == 2
+    said = capsys.readouterr()
+    assert "no frame has come" in said.err
+    assert "/dev/skin does not exist" in said.out and "that is ./skin" in said.out
 
 
 def test_a_shell_completes_options_and_their_values():

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tomotactile_ros import InputError
 from tomotactile_ros.devices import DeviceSettings, emulator, make_device
 from tomotactile_ros.devices.printer import PrintingDevice
-from tomotactile_ros.devices.text import TextFrames, volts_per_unit
+from tomotactile_ros.devices.text import TextFrames, parse_row, volts_per_unit
 from tomotactile_ros.devices.text_serial import TextSerialDevice
 from tomotactile_ros.layouts.layout import equal_grid
 
@@ -110,6 +110,15 @@ def test_lost_lines_cost_the_frames_that_they_are_of(form, lost):
     numbers = [tells(frame) for frame in got]
     assert [n for n in numbers if len(n) == 1] == whole
     assert text.frames == len(got)
+
+
+@pytest.mark.parametrize("wrong", ["2614.4", "1024", "-2048"])
+def test_counts_are_whole_and_within_their_converter(wrong):
+    parse_row("1: 0 1023 5 - nan -1", E, counts=1024)
+    with pytest.raises(
+        ValueError, match=f"has '{wrong}' where a whole number below 1024 should be"
+    ):
+        parse_row(f"1: 0 {wrong} 5 7 8 9", E, counts=1024)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Parameters: a bad value is refused with the reason, at the start and at run time."""
 
+import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -385,3 +386,17 @@ def test_a_misspelt_parameter_is_pointed_out(probe, start, tmp_path):
     probe.until(lambda: "is ignored" in both.output.split("'rat'", 1)[1], "word of the file")
     assert f"{file} is ignored: it is for /left/driver, this node is /driver" in both.output
     assert "this node is /reconstruction" not in both.output
+
+
+@pytest.mark.parametrize("name", ["tactile", "driver", "sensors"])
+def test_a_word_that_is_no_parameter_is_refused_in_one_line(name):
+    """What launch files take is none of a node's: it was ignored, and the default shown instead."""
+    done = subprocess.run(
+        [program(name), "params_file:=calibration.yaml"],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert f"'params_file' is no parameter of {name}" in line

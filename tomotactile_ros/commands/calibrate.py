@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
+import numpy as np
+
 from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
@@ -20,6 +22,7 @@ from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import YAML, check_out, check_picture
 from tomotactile_ros.view.calibration import save_fit
 
+_FAR_OFF = 0.05  # of a force: what a radius that frames do not show may make of it, unsaid
 HELP = "fit the contact law to presses of known force"
 
 
@@ -53,7 +56,7 @@ def run(args: Namespace) -> None:
     if args.picture:
         check_picture(args.picture)
     sensor = load_sensor(args.sensor, layout) if args.sensor else None
-    forces, conductances, areas = [], [], []
+    forces, conductances, areas, seen = [], [], [], []
     for press in args.presses:
         path, force = _split(press)
         recorded = load_recording(path, layout, topic=args.topic)
@@ -63,11 +66,19 @@ def run(args: Namespace) -> None:
         forces.append(force)
         conductances.append(conductance)
         areas.append(area)
+        if args.foot_radius:  # frames alone, as they are reconstructed
+            seen.append(_measure(path, layout, recorded, sensor, None))
     fit = fit_contact_law(forces, conductances, areas, args.exponent)
     save_calibration(args.out, fit)
     print(
         f"{args.out}: g = {fit.law.coefficient:.4g} S/m^2 (p / Pa)^{fit.law.exponent:.4g}, {_told(fit)}"
     )
+    off = [fit.law.pressure(c / a) * a / force - 1 for (c, a), force in zip(seen, forces)]
+    if off and abs(np.mean(off)) > _FAR_OFF:
+        print(
+            f"  reconstructed without that foot's radius, which frames hardly show, forces of these presses are "
+            f"{np.mean(off):+.0%} off: set contact_radius (--contact-radius) to what presses"
+        )
     if args.picture:
         save_fit(args.picture, fit.law, forces, conductances, areas)
         print(f"{args.picture} written")

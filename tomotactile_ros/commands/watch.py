@@ -18,16 +18,20 @@ from tomotactile_ros.devices import Frame, Status
 from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.support.command_line import positive
+from tomotactile_ros.support.errors import InputError
 
 HELP = "print the state of a sensor every second"
 _EVERY = 1.0  # s
+_PATIENCE = 10.0  # s until the first frame
 _PRESSED = 0.01  # of the drive voltage: a median reading above it shows a contact
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_device_arguments(parser)
     parser.add_argument(
-        "--duration", type=positive, help="s from the first frame on (default: until Ctrl-C)"
+        "--duration",
+        type=positive,
+        help=f"s from the first frame on, for which {_PATIENCE:.0f} s are waited (default: until Ctrl-C)",
     )
 
 
@@ -36,14 +40,16 @@ def run(args: Namespace) -> None:
     device, _ = open_device(args, layout, FRESH)
     with suppress(KeyboardInterrupt), FrameStream(device, math.inf) as stream:
         start = now = time.monotonic()
-        due, end, frames = start + _EVERY, math.inf, []
+        due, frames = start + _EVERY, []
+        end, seen = start + _PATIENCE if args.duration else math.inf, False
         while not stream.ended:
             frame = stream.take()
             now = time.monotonic()
             if frame is not None:
                 frames.append(frame)
-                if args.duration and end == math.inf:
+                if args.duration and not seen:
                     end = now + args.duration
+                seen = True
             if now >= due:
                 print(line(now - start, device.status(), frames, layout), flush=True)
                 due, frames = due + _EVERY, []
@@ -51,6 +57,8 @@ def run(args: Namespace) -> None:
                 break
         if frames or due == start + _EVERY:  # what a second has not yet told, once at least
             print(line(now - start, device.status(), frames, layout), flush=True)
+    if args.duration and not seen:
+        raise InputError("no frame has come")
 
 
 def _strongest(readings: np.ndarray, drive_voltage: float, layout: Layout) -> str:

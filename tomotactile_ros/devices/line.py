@@ -74,6 +74,13 @@ def find_port(port: str) -> str:
     path = port if os.sep in port else os.path.join("/dev", port)
     if any(c in path for c in "*?["):
         return _the_only([p for p in sorted(glob.glob(path)) if _is_device(p)], port)
+    if path != port and not os.path.exists(path):
+        here = f"; here there is {port}, that is ./{port}" if os.path.exists(port) else ""
+        raise LineFault(
+            "disconnected",
+            f"port: {path} does not exist, names without / are those under /dev{here}; "
+            "plug the sensor in or correct `port`",
+        )
     if os.path.exists(path) and not _is_device(path):
         raise LineFault("refused", f"port: {path} is no device under /dev")
     return path

@@ -35,6 +35,11 @@ def volts_per_unit(text_format: str, drive_voltage: float) -> float:
     return drive_voltage / 2 ** COUNTS[text_format]
 
 
+def counts_of(text_format: str) -> int:
+    """How many values its readings have, which are whole numbers below; 0: they are no counts."""
+    return 2 ** COUNTS[text_format] if text_format in COUNTS else 0
+
+
 @dataclass(frozen=True, eq=False)
 class TextRow:
     """A line that is a row: readings (E,), which electrode it says that it grounds, and its form."""
@@ -56,8 +61,9 @@ class TextFrame:
     sequence: int
 
 
-def parse_row(line: str, electrodes: int, arrival: float = 0.0) -> TextRow:
-    """The row that a line is; ValueError, with what is wrong, where it is none."""
+def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0) -> TextRow:
+    """The row that a line is; ValueError, with what is wrong, where it is none. Readings are whole numbers
+    below `counts`, 0: any."""
     label = _NUMBERED.match(line)
     rest = line[label.end() :] if label else line
     parted = re.search(r"[,;\t]", rest)
@@ -83,6 +89,11 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0) -> TextRow:
     if wrong:
         raise ValueError(f"has {wrong[0][:20]!r} where a number should be")
     readings = np.array([np.nan if f.lower() in _BLANKS else float(f) for f in fields])
+    if counts:
+        good = np.isnan(readings) | ((readings == np.floor(readings)) & (np.abs(readings) < counts))
+        if not good.all():
+            odd = fields[int(good.argmin())][:20]
+            raise ValueError(f"has {odd!r} where a whole number below {counts} should be")
     blank = np.flatnonzero(np.isnan(readings))
     grounded = int(blank[0]) if number is None and blank.size == 1 else number
     return TextRow(readings, grounded, (number is not None, length), arrival)
@@ -96,6 +107,8 @@ class TextFrames:
     electrodes : int
     order : sequence of int
         Electrodes that the rows of a frame ground, row after row.
+    counts : int
+        Readings are whole numbers below it; 0: any.
 
     Attributes
     ----------
@@ -107,10 +120,10 @@ class TextFrames:
         Why the last lines are no frame.
     """
 
-    def __init__(self, electrodes: int, order: Sequence[int]) -> None:
+    def __init__(self, electrodes: int, order: Sequence[int], counts: int = 0) -> None:
         self.lines = self.lines_ignored = self.frames = self.frames_incomplete = self.since = 0
         self.complaint = ""
-        self._electrodes, self.order = electrodes, list(order)
+        self._electrodes, self.order, self._counts = electrodes, list(order), counts
         self.restart()
 
     def restart(self) -> None:
@@ -146,7 +159,7 @@ class TextFrames:
         if not line.strip() or line.lstrip().startswith("#"):
             return self._part()
         try:
-            row = parse_row(line, self._electrodes, arrival)
+            row = parse_row(line, self._electrodes, arrival, self._counts)
         except ValueError as error:
             self._garbage(f"{line.strip()[:40]!r} {error}")
             return None

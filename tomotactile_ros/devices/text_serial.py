@@ -10,7 +10,7 @@ import numpy as np
 from tomotactile_ros.devices.base import Frame, rows_of
 from tomotactile_ros.devices.line import Line, open_line
 from tomotactile_ros.devices.line_device import SILENCE, SILENT_FRAMES, LineDevice
-from tomotactile_ros.devices.text import TextFrame, TextFrames, volts_per_unit
+from tomotactile_ros.devices.text import TextFrame, TextFrames, counts_of, volts_per_unit
 
 STALE = 0.1  # s from the opening: what comes until then has waited on the line
 LEAST_STEP = 1e-4  # s from one stamp to the next
@@ -47,7 +47,8 @@ class TextSerialDevice(LineDevice):
         super().__init__(port, electrodes, baud, rate, opener)
         self._drive_voltage = drive_voltage
         self._volts = volts_per_unit(text_format, drive_voltage)
-        self._text = TextFrames(electrodes, range(electrodes))
+        self._counts = counts_of(text_format)
+        self._text = TextFrames(electrodes, range(electrodes), self._counts)
         self._bytes = 0
 
     def _counters(self) -> dict[str, float]:
@@ -61,7 +62,7 @@ class TextSerialDevice(LineDevice):
         }
 
     def _run(self) -> None:
-        self._text = TextFrames(self._electrodes, range(self._electrodes))
+        self._text = TextFrames(self._electrodes, range(self._electrodes), self._counts)
         self._connections, self._bytes, self._period, self._stamp = 0, 0, 0.0, -math.inf
         super()._run()
 

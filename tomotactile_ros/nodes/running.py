@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import CORO_CREATED, getcoroutinestate, iscoroutine
+from itertools import chain
 from typing import Any, Generic, Protocol, TypeVar
 from weakref import WeakSet
 
@@ -25,7 +26,13 @@ from rclpy.task import Task
 
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.params_files import files_of, warn_of_keys
-from tomotactile_ros.nodes.usage import asks_for_help, not_understood, ros_words, usage
+from tomotactile_ros.nodes.usage import (
+    asks_for_help,
+    not_understood,
+    refuse_unknown,
+    ros_words,
+    usage,
+)
 from tomotactile_ros.support.command_line import say_doubts
 from tomotactile_ros.support.errors import InputError
 
@@ -204,6 +211,7 @@ def run(
     about: str,
     specs: Mapping[str, Sequence[Spec]],
     threads: bool = True,
+    also: Iterable[Spec] = (),
 ) -> int:
     """Run nodes until they are asked to stop (Ctrl-C, SIGTERM, shutdown).
 
@@ -214,6 +222,7 @@ def run(
     about, specs : for `--help`: what the program is, and the parameters of its nodes.
     threads : whether several things are done at a time. Without, a message awakes the executor once
         and not three times, which is a third of the work of a node that does little else.
+    also : parameters of nodes that are not known before the first is there.
 
     Returns
     -------
@@ -221,7 +230,8 @@ def run(
     """
     nodes: list[Node] = []
     interrupt, started = _Interrupt(), False
-    words = ros_words(sys.argv[1:] if args is None else args)
+    given = sys.argv[1:] if args is None else args
+    words = ros_words(given)
     say_doubts(_program())
     try:
         for number in (signal.SIGINT, signal.SIGTERM):  # before rclpy's own, which call these
@@ -229,6 +239,7 @@ def run(
         if asks_for_help(words):
             print(usage(_program(), about, specs))
             return 0
+        refuse_unknown(given, _program(), (*chain(*specs.values()), *also))
         _init(words)
         started = True
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:

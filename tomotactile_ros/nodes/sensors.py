@@ -9,13 +9,14 @@ The node `sensors` only holds the list. Frames go from driver to reconstruction 
 import sys
 from collections.abc import Iterator
 from functools import partial
+from itertools import chain
 
 from rclpy.node import Node
 
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.parameters import Parameters, Spec
 from tomotactile_ros.nodes.running import PlainNode, run
-from tomotactile_ros.nodes.tactile import PATIENCE, make_nodes
+from tomotactile_ros.nodes.tactile import PARAMETERS, PATIENCE, make_nodes
 
 SPECS = (
     Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
@@ -56,4 +57,5 @@ def make_all() -> Iterator[Node]:
 def main(args: list[str] | None = None) -> int:
     """Run all nodes."""
     sys.setswitchinterval(PATIENCE)
-    return run(make_all, args, __doc__, {Sensors.name: SPECS})
+    of_each = chain(*PARAMETERS.values())
+    return run(make_all, args, __doc__, {Sensors.name: SPECS}, also=of_each)

@@ -1,15 +1,18 @@
 """The command line of a node's program: its short form, `--help`, words that it does not know."""
 
+import difflib
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rclpy.utilities import remove_ros_args
 
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.params_files import TYPO
 
 _WIDTH = 100
+_OF_ROS = "use_sim_time", "start_type_description_service"
 _SHORT = re.compile(r"[A-Za-z_][\w./:]*:=")
 
 
@@ -42,6 +45,24 @@ def asks_for_help(words: Sequence[str]) -> bool:
             f"'{others[0]}' is not known: parameters are given as NAME:=VALUE (try --help)"
         )
     return False
+
+
+def refuse_unknown(words: Sequence[str], program: str, specs: Iterable[Spec]) -> None:
+    """InputError for a `NAME:=VALUE` in front of `--ros-args` that is no parameter of any node of a program;
+    those of ROS itself are let through, which have a dot or are few, as are those after `--ros-args`, which files share."""
+    end = words.index("--ros-args") if "--ros-args" in words else len(words)
+    known = {*_OF_ROS, *(spec.name for spec in specs)}
+    for word in words[:end]:
+        name = word.partition(":=")[0].rpartition(":")[2]
+        if (
+            _SHORT.match(word)
+            and name not in known
+            and not name.startswith("__")
+            and "." not in name
+        ):
+            close = difflib.get_close_matches(name, known, n=1, cutoff=TYPO)
+            hint = f", did you mean '{close[0]}'?" if close else ""
+            raise InputError(f"'{name}' is no parameter of {program}{hint} (try --help)")
 
 
 def not_understood(error: Exception) -> str:
