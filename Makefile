@@ -41,7 +41,7 @@ test: # where pytest-xdist is installed on all cores, the tests of a file one af
 	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \
 		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
 
-check: # lint, types, spelling, links, generated files, the sanitizers' quick part
+check: # style, types, spelling, pages of the interface
 	@scripts/check
 
 bench:
