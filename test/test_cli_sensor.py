@@ -153,7 +153,7 @@ def test_watch_ends_where_no_frame_comes_and_says_where_a_name_is_looked_for(
     assert cli.main(["watch", *words]) == 2
     said = capsys.readouterr()
     assert "no frame has come" in said.err
-    assert "/dev/skin does not exist" in said.out and "that is ./skin" in said.out
+    assert "/dev/skin does not exist" in said.out and "write ./skin" in said.out
 
 
 def test_a_shell_completes_options_and_their_values():

@@ -74,13 +74,6 @@ def find_port(port: str) -> str:
     path = port if os.sep in port else os.path.join("/dev", port)
     if any(c in path for c in "*?["):
         return _the_only([p for p in sorted(glob.glob(path)) if _is_device(p)], port)
-    if path != port and not os.path.exists(path):
-        here = f"; here there is {port}, that is ./{port}" if os.path.exists(port) else ""
-        raise LineFault(
-            "disconnected",
-            f"port: {path} does not exist, names without / are those under /dev{here}; "
-            "plug the sensor in or correct `port`",
-        )
     if os.path.exists(path) and not _is_device(path):
         raise LineFault("refused", f"port: {path} is no device under /dev")
     return path
@@ -208,14 +201,16 @@ def open_line(port: str, baud: int) -> Line:
     try:
         return Line(serial.serial_for_url(name, baudrate=baud, timeout=0.02, **of_a_tty))
     except Exception as error:  # noqa: BLE001 - pyserial lets termios.error and others through
-        raise _why_not(name, error) from None
+        raise _why_not(port, name, error) from None
 
 
-def _why_not(name: str, error: Exception) -> LineFault:
+def _why_not(port: str, name: str, error: Exception) -> LineFault:
     code = getattr(error, "errno", None)
     if code == errno.ENOENT:
+        here = f" (there is {port} here: write ./{port})" if os.path.exists(port) else ""
         return LineFault(
-            "disconnected", f"port: {name} does not exist; plug the sensor in or correct `port`"
+            "disconnected",
+            f"port: {name} does not exist{here}; plug the sensor in or correct `port`",
         )
     if code in (errno.EACCES, errno.EPERM):
         return LineFault(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
+from tomotactile_ros.estimation.as_cut import PRINTED
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -75,7 +76,7 @@ AT_END = "most readings are at the end of the converter's range: too much presse
 CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
 # resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
-_IMPOSSIBLE, _FEWEST_JUDGED = 2.2, 8
+_IMPOSSIBLE, _FEWEST_JUDGED = 2.4, 8
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
@@ -841,14 +842,17 @@ def _below_zero(fit: Fit, expected: np.ndarray) -> float:
     the rows without the two that are lowest.
 
     An offset that all readings of a row have in common is the same to the fit as such a resistance,
-    or nearly. One or two electrodes under a contact may take what the model lacks there.
+    or nearly; so is a wider radius of all electrodes. One or two electrodes under a contact may take what the model lacks there.
     """
-    u, prior = fit.unknowns, fit.prior
+    u, prior, operator = fit.unknowns, fit.prior, fit.operator
     rows = np.unique(fit.rows.grounded)
     if len(rows) < _FEWEST_JUDGED:
         return 0.0
-    below = np.minimum(u.resistance - np.minimum(prior.resistance, 0.0), 0.0)
-    below /= np.sqrt(expected.diagonal())
+    own, known = (
+        each.resistance - operator.by_radius[operator.used] * each.sheet[-1] for each in (u, prior)
+    )
+    below = np.minimum(own - np.minimum(known, 0.0), 0.0)
+    below /= np.sqrt(expected.diagonal() + (PRINTED * operator.by_radius[operator.used]) ** 2)
     return float(np.sqrt(np.mean(np.sort(below[rows] ** 2)[:-2])))
 
 

@@ -36,6 +36,9 @@ _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains 
 SIZES = (0.5, 1.0, 2.0)
 FILLED = 0.6  # largest part of the conductance of a bare conductor at which a fit starts
 DYNAMIC = 0.02  # of the strongest contact: what the form of a contact is not known to
+_WIDENED = (
+    2.0  # times the radius at which a fit ended beyond the electrodes: there it is seen worst
+)
 _WIDER = 1.0  # of ln a: so much wider a contact is made at once
 _DOUBTFUL = 0.2  # of the strongest: weaker contacts are tried without
 # times the threshold: a contact that a linear test is so sure of is not tried without
@@ -176,7 +179,7 @@ class Fits:
 
     def _beyond(self, fit: Fit, which: int) -> Fit:
         """The same or a better fit that starts with contact `which` on another side of the electrode next to
-        it, or off the rim, if it ended beyond the outermost electrodes: what lies there is seen through
+        it, off the rim, and then wider, if it ended beyond the outermost electrodes: what lies there is seen through
         few electrodes and mirrored in the rim, and the sheet may be bent to what a contact elsewhere
         explains."""
         operator, outline = self.operator, self.operator.layout.outline
@@ -195,7 +198,12 @@ class Fits:
             contacts[which, :2] = start
             tried = self._solve(replace(fit.unknowns, contacts=contacts), fit, goal=found.cost)
             found = tried if tried.cost < found.cost else found
-        return found
+        contacts = found.unknowns.contacts.copy()
+        contacts[which, RADIUS] += np.log(_WIDENED)
+        start = self._coarse(replace(found.unknowns, contacts=contacts))
+        tried = solve(self.operator, start, fit.rows, fit.prior, STEPS, self._known)  # all at once
+        self._left -= tried.work
+        return tried if tried.cost < found.cost else found
 
     def _other_sizes(self, fit: Fit, which: int) -> Fit:
         """The same or a better fit that starts with contact `which` smaller or larger, if this one

@@ -56,8 +56,8 @@ _ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on at once
-_PROBED = 3  # touches: where most leave `_ODD` and more, tears are looked for
-_TOLD = 0.5  # of what these leave, what they leave at most with tears that are some
+_PROBED = 3  # touches: where most leave more than `EXPLAINED`, tears are looked for
+_TOLD = 0.5  # of what these leave beyond noise, what they leave at most with tears that are some
 _LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
 # chi-squared per equation of reciprocity, beyond which something moves while rows are read: 1 at rest, 3
 # where channels keep 0.5 % of the row before, 4.5 and more with two fingers at 20 and 30 mm/s
@@ -457,15 +457,17 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
     read; the learner goes on with them then."""
     known, used = learner.state, learner.operator.used
     before = np.median([left_over(learner.look(each)) for each in rows])
-    if before < _ODD:
+    if before < EXPLAINED:
         return False
     read = np.array([each[np.ix_(used, used)] for each in squares]) / learner.drive
     channels = known["gain"][used], known["offset"][used] / learner.drive
     tears = find_tears(learner.operator, couplings(learner.operator, read, *channels))
     learner.set(replace(known, tears=tears))
     learner.about()
-    if tears and np.median([left_over(learner.look(each)) for each in rows]) < _TOLD * before:
-        return True
+    if tears:
+        after = np.median([left_over(learner.look(each)) for each in rows])
+        if after - 1 < _TOLD * (before - 1):
+            return True
     learner.set(known)
     learner.about()
     return False
