@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.ground import (
     ALIKE,
     DISTURBED,
+    OR_HUM,
     UNLIKE,
     ground_is_doubtful,
     rows_are_alike,
@@ -75,7 +76,7 @@ EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all
 AT_END = "most readings are at the end of the converter's range: too much presses to say how much"
 CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
 # resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
-# unevenness and errors of a coarse mesh made up to 1.7, hum of 50 mV makes 2.2 and mostly more
+# unevenness and errors of a coarse mesh made up to 1.7, electrodes of 3.5 mm for 2.5 make 2.3, hum of 20 mV 2.6
 _IMPOSSIBLE, _FEWEST_JUDGED = 2.4, 8
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
@@ -719,7 +720,7 @@ class Estimator:
         if not disturbed and fit.chi_squared <= self._most_left(noise) * fit.rows.count:
             return ""
         if reciprocity(fit.rows, fit.prior).misfit < TORN:  # whatever electronics do contradicts it
-            return UNLIKE
+            return UNLIKE + OR_HUM if disturbed else UNLIKE
         return DISTURBED if disturbed else _unexplained(fit.chi_squared, fit.rows)
 
     def _most_left(self, noise: float) -> float:

@@ -28,6 +28,7 @@ UNLIKE = (
     "rows agree with each other, but no contacts explain them on a sheet like that of the layout: is it torn, or cut "
     "otherwise (`tomotactile learn` finds out), or do more things touch it than can be told apart?"
 )
+OR_HUM = " Something that disturbs all readings of a row alike (hum, the supply) looks the same."
 _LEAST_READINGS = 8  # valid ones, below which symmetry may make all readings the same
 # mean of readings below which nothing is said of what they depend on: of the drive voltage, of noise
 _PRESSED, _CLEAR = 0.01, 20.0
