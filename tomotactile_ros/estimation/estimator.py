@@ -78,6 +78,9 @@ CHANGED = "something changed in the last rows of the frame, which alone are too 
 # resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, electrodes of 3.5 mm for 2.5 make 2.3, hum of 20 mV 2.6
 _IMPOSSIBLE, _FEWEST_JUDGED = 2.4, 8
+# chi^2 a reading, from which on a fit is of another sheet if rows obey reciprocity: no frame of the frozen set
+# leaves 2, those of torn sheets 28 and more, and contacts were 6 mm off
+_OTHER_SHEET = 20.0
 _KEPT = 4  # operators for sets of electrodes in use
 # the same from which on nothing is said; errors of 8 standard deviations everywhere
 _REFUSED = 60.0
@@ -717,11 +720,14 @@ class Estimator:
             return DISTURBED
         if torn and not _explains(fit):
             return CHANGED
-        if not disturbed and fit.chi_squared <= self._most_left(noise) * fit.rows.count:
+        left = fit.chi_squared / fit.rows.count
+        if not disturbed and left <= min(self._most_left(noise), _OTHER_SHEET):
             return ""
         if reciprocity(fit.rows, fit.prior).misfit < TORN:  # whatever electronics do contradicts it
             return UNLIKE + OR_HUM if disturbed else UNLIKE
-        return DISTURBED if disturbed else _unexplained(fit.chi_squared, fit.rows)
+        if disturbed:
+            return DISTURBED
+        return _unexplained(fit.chi_squared, fit.rows) if left > self._most_left(noise) else ""
 
     def _most_left(self, noise: float) -> float:
         """Chi-squared per reading with `noise`, V rms, beyond which nothing is said; more noise than was
