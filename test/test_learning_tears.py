@@ -50,21 +50,29 @@ def test_couplings_are_those_of_the_sheet_wherever_it_is_touched():
     assert find_tears(OPERATOR, found) == ()
 
 
+def uncertain(layout):
+    """Couplings of a sheet that is not quite even."""
+    random = np.random.default_rng(0).normal(0, 0.05, (36, 36))
+    return SheetOperator(layout).admittance * np.exp((random + random.T) / 2)
+
+
 @pytest.mark.parametrize("tears", [(TEAR,), ((0.0, -0.075, 0.0, -0.02),)], ids=["amid", "from rim"])
 def test_a_tear_is_found_from_couplings(tears):
-    layout = LAYOUT
-    outline = torn(layout.outline, tears, layout.positions, layout.radius)
-    cut = tt.Layout("torn", outline, layout.sheet_resistance, layout.radius, layout.positions)
-    random = np.random.default_rng(0).normal(0, 0.05, (36, 36))
-    (found,) = find_tears(OPERATOR, SheetOperator(cut).admittance * np.exp((random + random.T) / 2))
+    (found,) = find_tears(OPERATOR, uncertain(torn(LAYOUT, tears)))
     assert distance(found, tears[0]) < 0.01
+
+
+def test_a_second_tear_is_found_beside_the_first():
+    first, second = TEAR, (-0.06, -0.03, -0.02, -0.03)
+    operator = OPERATOR.about(np.zeros(OPERATOR.modes), (first,))
+    (found,) = find_tears(operator, uncertain(torn(LAYOUT, (first, second))))
+    assert distance(found, second) < 0.01
 
 
 def test_a_tear_that_cuts_an_electrode_off_is_none():
     corner = ((-0.08, -0.06, -0.06, -0.08),)
     with pytest.raises(tt.InputError, match="outside the outline"):
-        outline = torn(LAYOUT.outline, corner, LAYOUT.positions, LAYOUT.radius)
-        tt.Layout("torn", outline, 1e4, LAYOUT.radius, LAYOUT.positions)
+        torn(LAYOUT, corner)
 
 
 def test_learning_names_a_tear_and_contacts_are_right_beside_it(tmp_path):

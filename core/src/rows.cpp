@@ -49,6 +49,7 @@ RowModel::RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix imp
   const std::vector<Matrix> change = sheet_->admittance_change(s.sheet);
   change_.resize(n, n * modes());
   for (Index j = 0; j < modes(); ++j) change_.middleCols(n * j, n) = change[j].cast<float>();
+  within_ = sheet_->inside(s.sheet);
   const Tables& t = sheet_->tables();
   inside_ = (t.outline.size / 2).array() - kInside * t.pitch;
   if (!sheet_->even(s.sheet)) {
@@ -222,7 +223,7 @@ Row RowModel::row(const Discs& contacts, Index ground, const Vector& shift, cons
       z += row.lifted * row.lifted[ground];
     }
   }
-  const double within = sheet_->inside(sensor_.sheet)[ground];
+  const double within = within_[ground];
   row.own = z[ground] + within + sensor_.resistance[ground];
   row.ratio = z / row.own;
   row.driven = 1.0 - row.ratio.array();

@@ -29,9 +29,8 @@ _CLOSE = 0.1
 _SAME = 0.03  # of the logarithm of the radius: second order is then 1e-3
 _APART = 0.9  # of half the shortest spacing: electrodes that are printed too large do not touch
 _GAPE = 5e-4  # m, between the sides of a tear
-_BESIDE = (
-    1.2  # radii around an electrode that a tear leaves whole: how it is held there is not known
-)
+# radii around an electrode that a tear leaves whole: how it is held there is not known
+_BESIDE = 1.2
 _STEPS = 10  # in which a sheet grows until it holds its electrodes
 
 
@@ -60,16 +59,21 @@ class AsCut:
         radius = min(float(coefficients[WAYS]), max(widest, 0.0))
         self.coefficients = np.concatenate([out, np.zeros(WAYS - len(SIDES)), [radius]])
         self._drawn, self._out = layout, out / half
-        self._reach = max(layout.radius, float(outline.rim_distance(layout.positions).min()))
 
     @cached_property
     def layout(self) -> Layout:
         """So cut and printed, with the electrodes where they were."""
         drawn, radius = self._drawn, float(np.exp(self.coefficients[WAYS]))
-        outline = _scaled(drawn.outline, self._out)
-        if self.tears:
-            outline = torn(outline, self.tears, drawn.positions, drawn.radius)
-        return replace(drawn, outline=outline, radius=radius * drawn.radius)
+        whole = replace(
+            drawn, outline=_scaled(drawn.outline, self._out), radius=radius * drawn.radius
+        )
+        return torn(whole, self.tears) if self.tears else whole
+
+    @cached_property
+    def _reach(self) -> float:
+        """m, over which the rim is felt by the electrode nearest to it."""
+        nearest = self._drawn.outline.rim_distance(self._drawn.positions).min()
+        return max(self._drawn.radius, float(nearest))
 
     def near(self, other: AsCut) -> bool:
         """Whether the geometry of `other`, of the same layout, is this one to first order."""
@@ -79,19 +83,18 @@ class AsCut:
         return bool(apart[:WAYS].max() < _CLOSE * self._reach and apart[WAYS] < _SAME)
 
 
-def torn(outline: Outline, tears: Tears, electrodes: np.ndarray, radius: float) -> Outline:
-    """An outline with `tears`, which leave the `electrodes` (E, 2) of a `radius` whole; InputError where
-    some of these are no longer on the same piece as the others."""
+def torn(layout: Layout, tears: Tears) -> Layout:
+    """A layout whose sheet has `tears`, which leave its electrodes whole; InputError where some of these are
+    no longer on the same piece as the others."""
+    outline = layout.outline
     whole = shapely.Polygon(outline.shell, outline.holes)
-    cuts = [
-        shapely.LineString([each[:2], each[2:]]).buffer(_GAPE / 2, cap_style="flat")
-        for each in tears
-    ]
-    around = shapely.union_all(shapely.buffer(shapely.points(electrodes), _BESIDE * radius))
-    left = shapely.get_parts(whole.difference(shapely.union_all(cuts).difference(around)))
+    lines = (shapely.LineString([each[:2], each[2:]]) for each in tears)
+    cuts = shapely.union_all([line.buffer(_GAPE / 2, cap_style="flat") for line in lines])
+    around = shapely.buffer(shapely.points(layout.positions), _BESIDE * layout.radius)
+    left = shapely.get_parts(whole.difference(cuts.difference(shapely.union_all(around))))
     largest = max(left, key=lambda part: part.area)
-    shell, holes = largest.exterior, [np.array(hole.coords)[:-1] for hole in largest.interiors]
-    return Outline.polygon(np.array(shell.coords)[:-1], holes, unusual_size=True)
+    shell, *holes = (np.array(ring.coords)[:-1] for ring in (largest.exterior, *largest.interiors))
+    return replace(layout, outline=Outline.polygon(shell, holes, unusual_size=True))
 
 
 def _most(layout: Layout, out: np.ndarray, axes: list[int]) -> float:

@@ -43,7 +43,7 @@ from tomotactile_ros.estimation.tables import (
     mirrored,
     off_electrodes,
 )
-from tomotactile_ros.estimation.uneven import Rest, Solution, solved
+from tomotactile_ros.estimation.uneven import Rest, Solution, bordered_inverse, solved
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
@@ -71,6 +71,7 @@ class SheetOperator:
     used : (n,) electrodes whose wires are used; all others float
     admittance : (n, n) Y0 of the even sheet, S
     resistance : ohm/sq
+    seen : (n, n) bool, which pairs of electrodes see each other
     displacement : fields at the electrodes, for places that are not quite theirs
     modes : number J of coefficients that describe a sheet: of `field`, two of anisotropy, the ways of
         `rim`, m, and the logarithm of what all radii have in common
@@ -102,7 +103,7 @@ class SheetOperator:
         """The even sheet as it was cut."""
         cut = self.cut
         self.sheet = make_sheet(cut, "auto" if self._cut.tears else self._model)
-        self._inverse = _bordered_inverse(self.sheet.electrode_electrode, self.used)
+        self._inverse = bordered_inverse(self.sheet.electrode_electrode, self.used)
         self.admittance = self._inverse[:-1, :-1].copy()
         size, fine = np.array(cut.outline.size, float), Lattice.fine(cut, self.pitch)
         sensed = Sensed(self.sheet, self.used, mirrored(fine.points, size / 2))
@@ -116,7 +117,7 @@ class SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
         there, and with `tears`."""
         other, cut = copy(self), AsCut(self.layout, sheet[self.of_cut], tears)
-        for known in ("expected", "untouched", "core"):
+        for known in ("expected", "untouched", "core", "own_impedance"):
             other.__dict__.pop(known, None)
         if not self._cut.near(cut):
             other._cut, other._even = cut, None
@@ -143,13 +144,13 @@ class SheetOperator:
             lambda points: self.field.at(points) @ sheet[: self.field.count],
             sheet[self.field.count : self.of_cut.start],
         )
-        seen = self._seen & (found.admittance * even.admittance > 0)
+        seen = self.seen & (found.admittance * even.admittance > 0)
         ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
         first, cut = self._changed(uneven), self._changed(drawn)
         term = found.admittance - even.admittance - np.tensordot(uneven, self._first_change, 1)
         self._rest = Rest(
-            np.log(ratio) - np.where(seen, first, 0.0) - np.where(self._seen, cut, 0.0),
-            np.where(seen, 0.0, term) - np.where(self._seen, 0.0, cut),
+            np.log(ratio) - np.where(seen, first, 0.0) - np.where(self.seen, cut, 0.0),
+            np.where(seen, 0.0, term) - np.where(self.seen, 0.0, cut),
             found.share - even.share - np.tensordot(uneven + drawn, self._share_change, 1),
             found.own * np.exp(self.field_at(places) @ sheet) - even.own,
         )
@@ -166,11 +167,6 @@ class SheetOperator:
     def tears(self) -> Tears:
         """Those that it is right about."""
         return self._cut.tears
-
-    @property
-    def seen(self) -> np.ndarray:
-        """(n, n) bool, which pairs of electrodes see each other on the sheet as drawn."""
-        return self._seen
 
     @property
     def mean(self) -> np.ndarray:
@@ -214,7 +210,7 @@ class SheetOperator:
                 "fields": self.displacement.fields(),
                 "mirrors": self.displacement.mirrors,
                 "change": self._change,
-                "seen": self._seen,
+                "seen": self.seen,
                 "share_change": self._share_change,
                 "inside": -_by_radius(layout)[self.used],
                 "printed": self._cut.coefficients[-1],
@@ -249,7 +245,7 @@ class SheetOperator:
         if self._rest is None and not sheet.any():
             return self.admittance
         changed = self._changed(sheet)
-        out = np.where(self._seen, self._scaled(changed), self.admittance + changed)
+        out = np.where(self.seen, self._scaled(changed), self.admittance + changed)
         return _balanced(out if self._rest is None else out + self._rest.term)
 
     def _changed(self, sheet: np.ndarray) -> np.ndarray:
@@ -267,7 +263,7 @@ class SheetOperator:
         if self._rest is None and not sheet.any():
             return self._first_change
         scaled = self._scaled(self._changed(sheet))
-        return _balanced(self._change * np.where(self._seen, scaled, 1.0))
+        return _balanced(self._change * np.where(self.seen, scaled, 1.0))
 
     def share_added(self, sheet: np.ndarray, around: Around) -> np.ndarray:
         """(n, Q) what the coefficients `sheet` (J,) add to H at places."""
@@ -340,7 +336,7 @@ class SheetOperator:
         elements."""
         fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.cut)
         mesh, used = fem.mesh, self.used
-        inverse = _bordered_inverse(fem.electrode_electrode, used)
+        inverse = bordered_inverse(fem.electrode_electrode, used)
         fed = np.vstack([fem._to_electrodes.T[used], np.ones(len(fem.where))])
         shares = (inverse @ fed)[:-1].T[fem.unknown]
         corners, area, slope = _gradients(mesh.points, mesh.triangles)
@@ -371,7 +367,7 @@ class SheetOperator:
         wider = self.displacement.wider(_by_radius(self.cut)[used])
         seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
         np.fill_diagonal(seen, False)
-        self._seen = seen
+        self.seen = seen
         parts = [(change, by_cell.sum(axis=0)), (wider[None], self.admittance)]
         self._change = np.concatenate(
             [np.where(seen, each / np.where(seen, total, 1.0), each) for each, total in parts]
@@ -447,15 +443,6 @@ def _scattered(slopes: np.ndarray, unknowns: np.ndarray, count: int) -> csr_matr
     ends = np.arange(0, slopes.size + 1, 3)
     columns = np.repeat(unknowns, 2, axis=0).ravel()
     return csr_matrix((slopes.ravel(), columns, ends), (len(ends) - 1, count)).T
-
-
-def _bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(n + 1, n + 1) inverse of [G 1; 1^T 0]."""
-    system = np.ones((len(used) + 1, len(used) + 1))
-    system[:-1, :-1] = between[np.ix_(used, used)]
-    system[-1, -1] = 0.0
-    inverse = np.linalg.inv(system)
-    return (inverse + inverse.T) / 2
 
 
 def _balanced(matrices: np.ndarray) -> np.ndarray:

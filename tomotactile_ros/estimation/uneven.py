@@ -62,11 +62,17 @@ def solved(
     turned = Anisotropy(float(np.exp(2 * half)), float(direction)) if half > _ISOTROPIC else None
     sheet = FemSheet(layout, resistance=resistance, anisotropy=turned)
     transfer = sheet.transfer(places, np.full(len(places), _RADIUS * pitch))
-    system = np.ones((len(used) + 1, len(used) + 1))
-    system[:-1, :-1] = transfer.electrode_electrode[np.ix_(used, used)]
-    system[-1, -1] = 0.0
     fed = np.vstack([transfer.electrode_point[used], np.ones(len(places))])
-    inverse = np.linalg.inv(system)
+    inverse = bordered_inverse(transfer.electrode_electrode, used)
     share = inverse @ fed
     own = np.maximum(transfer.point_self - np.einsum("ek,ek->k", fed, share), 0.0)
-    return Solution((inverse + inverse.T)[:-1, :-1] / 2, share[:-1].T, own)
+    return Solution(inverse[:-1, :-1], share[:-1].T, own)
+
+
+def bordered_inverse(between: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(n + 1, n + 1) inverse of [G 1; 1^T 0]."""
+    system = np.ones((len(used) + 1, len(used) + 1))
+    system[:-1, :-1] = between[np.ix_(used, used)]
+    system[-1, -1] = 0.0
+    inverse = np.linalg.inv(system)
+    return (inverse + inverse.T) / 2

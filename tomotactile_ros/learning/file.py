@@ -190,7 +190,7 @@ def _tears(reader, layout):
         return ()
     found = tuple(tuple(each.numbers(name, 4)) for name, each in reader.entries(_TEARS))
     try:
-        torn(layout.outline, found, layout.positions, layout.radius)
+        torn(layout, found)
     except InputError as error:
         reader.refuse(_TEARS, list(map(list, found)), f"are no tears of this sheet: {error}")
     return found

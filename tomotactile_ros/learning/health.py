@@ -42,7 +42,8 @@ class Finding:
     """Something that is broken, or about to be.
 
     name : stays while it lasts; text : what and where, for people
-    since : stamp of the frame that showed it first, s; sure : standard deviations
+    since : stamp of the frame that showed it first, s; sure : standard deviations, infinite of what is
+        no number that is off
     """
 
     name: str

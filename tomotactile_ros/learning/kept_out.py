@@ -90,12 +90,11 @@ class Predicted:
             told = forgotten(state, self._start, left_out)
             apart = (told.mean - self._at)[self._where]
             covariance = told.covariance[np.ix_(self._where, self._where)] + np.diag(self._vary)
-            scale = np.sqrt(covariance.diagonal())
-            inverse = np.linalg.inv(covariance / scale[:, None] / scale)
+            expected = _Expected(apart, covariance)
             for found, _ in kept:
-                total += _predicted(found, apart / scale, scale, inverse)
-        evidence, chi_squared, expected = total.tolist()
-        return evidence, chi_squared, expected
+                total += expected.of(found)
+        evidence, chi_squared, predicted = total.tolist()
+        return evidence, chi_squared, predicted
 
     def judged(self) -> KeptOut:
         """What to leave out, and how well the rest predicts."""
@@ -118,21 +117,28 @@ class Predicted:
         return KeptOut(len(self._parts), gained, found, predicted, drawn, left_out)
 
 
-def _predicted(
-    found: Information, apart: np.ndarray, scale: np.ndarray, inverse: np.ndarray
-) -> np.ndarray:
-    """(3,) logarithm of the evidence of a touch, its chi-squared and what was predicted of it, from a
-    normal distribution `apart` (d,) from where it was taken, with the `inverse` of its covariance (d, d),
-    both in units of `scale` (d,)."""
-    matrix, vector = found.matrix * scale[:, None] * scale, found.vector * scale
-    pulled = inverse @ apart
-    factor = cho_factor(matrix + inverse)
-    right = vector + pulled
-    least = found.chi_squared + apart @ pulled - right @ cho_solve(factor, right)
-    logarithm = 2 * np.log(factor[0].diagonal()).sum() - np.linalg.slogdet(inverse)[1]
-    chi_squared = found.chi_squared - 2 * vector @ apart + apart @ matrix @ apart
-    expected = found.readings + np.trace(np.linalg.solve(inverse, matrix))
-    return np.array([-(least + logarithm) / 2, chi_squared, expected])
+class _Expected:
+    """What is expected of theta `apart` (d,) from where touches were taken, with `covariance` (d, d)."""
+
+    def __init__(self, apart: np.ndarray, covariance: np.ndarray):
+        self._scale = np.sqrt(covariance.diagonal())
+        self._apart = apart / self._scale
+        self._correlation = covariance / self._scale[:, None] / self._scale
+        self._inverse = np.linalg.inv(self._correlation)
+        self._pulled = self._inverse @ self._apart
+        self._logarithm = np.linalg.slogdet(self._correlation)[1]
+
+    def of(self, found: Information) -> np.ndarray:
+        """(3,) logarithm of the evidence of a touch, its chi-squared and what is expected of it."""
+        matrix = found.matrix * self._scale[:, None] * self._scale
+        vector, apart, pulled = found.vector * self._scale, self._apart, self._pulled
+        factor = cho_factor(matrix + self._inverse)
+        right = vector + pulled
+        least = found.chi_squared + apart @ pulled - right @ cho_solve(factor, right)
+        logarithm = 2 * np.log(factor[0].diagonal()).sum() + self._logarithm
+        chi_squared = found.chi_squared - 2 * vector @ apart + apart @ matrix @ apart
+        predicted = found.readings + (self._correlation * matrix).sum()
+        return np.array([-(least + logarithm) / 2, chi_squared, predicted])
 
 
 def forgotten(state: SensorState, start: SensorState, left_out: Sequence[str]) -> SensorState:

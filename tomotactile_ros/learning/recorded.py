@@ -462,14 +462,14 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
     read = np.array([each[np.ix_(used, used)] for each in squares]) / learner.drive
     channels = known["gain"][used], known["offset"][used] / learner.drive
     tears = find_tears(learner.operator, couplings(learner.operator, read, *channels))
-    learner.set(replace(known, tears=tears))
-    learner.about()
     if tears:
+        learner.set(replace(known, tears=(*known.tears, *tears)))
+        learner.about()
         after = np.median([left_over(learner.look(each)) for each in rows])
         if after - 1 < _TOLD * (before - 1):
             return True
-    learner.set(known)
-    learner.about()
+        learner.set(known)
+        learner.about()
     return False
 
 

@@ -18,7 +18,6 @@ begins; there the sheet is solved with the cut by finite elements. How much coup
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,9 @@ from scipy.optimize import minimize
 
 from tomotactile_ros.estimation.as_cut import Tears, torn
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.uneven import bordered_inverse
 from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.support.errors import InputError
@@ -72,10 +73,10 @@ def couplings(
 
 
 def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
-    """Tears that explain the couplings `measured` (n, n), S; none where none does."""
-    seen = np.triu(operator.seen, 1)
+    """Tears beside those of the `operator` that explain the couplings `measured` (n, n), S; none where none
+    does."""
+    seen, whole = np.triu(operator.seen, 1), operator.cut
     wanted = _logarithm(measured[seen] / operator.expected[seen])
-    whole = FemSheet(operator.layout)
     even = _couplings(whole, operator.used)
     tears: Tears = ()
     now = np.zeros(len(wanted))
@@ -86,7 +87,8 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
 
         def told(ends: np.ndarray, others: Tears = tears) -> np.ndarray:
             x, y, to_x, to_y = map(float, ends)
-            return _changed(operator, (*others, (x, y, to_x, to_y)), even)[seen]
+            cut = torn(whole, (*others, (x, y, to_x, to_y)))  # InputError where it cuts one off
+            return _logarithm(_couplings(cut, operator.used)[seen] / even[seen])
 
         starts = [found(length * operator.pitch) for length in _LENGTHS]
         start = min(starts, key=lambda ends: _off(told, ends, wanted))
@@ -97,7 +99,7 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
         )
         if best.fun > _HELPS * _cost(now - wanted):
             break
-        tears = (*tears, _on_sheet(operator.layout.outline, best.x))
+        tears = (*tears, _on_sheet(whole.outline, best.x))
         now = told(best.x, tears[:-1])
     return tears
 
@@ -109,18 +111,9 @@ def _on_sheet(outline: Outline, ends: np.ndarray) -> tuple[float, float, float, 
     return float(x), float(y), float(to_x), float(to_y)
 
 
-def _couplings(sheet: FemSheet, used: np.ndarray) -> np.ndarray:
-    """(n, n) Y of the electrodes `used` (n,), S."""
-    system = np.ones((len(used) + 1,) * 2)
-    system[:-1, :-1], system[-1, -1] = sheet.electrode_electrode[np.ix_(used, used)], 0.0
-    return np.linalg.inv(system)[:-1, :-1]
-
-
-def _changed(operator: SheetOperator, tears: Tears, even: np.ndarray) -> np.ndarray:
-    """(n, n) logarithms of what `tears` leave of couplings; InputError where they leave no sheet."""
-    layout = operator.layout
-    outline = torn(layout.outline, tears, layout.positions, layout.radius)
-    return _logarithm(_couplings(FemSheet(replace(layout, outline=outline)), operator.used) / even)
+def _couplings(layout: Layout, used: np.ndarray) -> np.ndarray:
+    """(n, n) Y of the electrodes `used` (n,) of an even sheet, S."""
+    return bordered_inverse(FemSheet(layout).electrode_electrode, used)[:-1, :-1]
 
 
 def _logarithm(ratio: np.ndarray) -> np.ndarray:

@@ -147,7 +147,8 @@ class Learning:
         found = [Trouble("sensor", False, self._complaint)] if self._complaint else []
         for each in self._learner.health.findings if self._learner is not None else ():
             since = self._date(each.since)
-            text = f"{each.text} (since {since}, {each.sure:.0f} standard deviations)"
+            sure = f", {each.sure:.0f} standard deviations" if math.isfinite(each.sure) else ""
+            text = f"{each.text} (since {since}{sure})"
             found.append(Trouble(f"health {each.name}", False, text))
         return found
 

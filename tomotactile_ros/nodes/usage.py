@@ -22,11 +22,17 @@ def ros_words(words: Sequence[str]) -> list[str]:
     `NAME:=VALUE` in front of `--ros-args` is a parameter, `__ns:=/left` and `__node:=other` are
     names: what users of `ros2 launch` are used to.
     """
-    end = words.index("--ros-args") if "--ros-args" in words else len(words)
-    short = [word for word in words[:end] if _SHORT.match(word)]
-    others = [word for word in words[:end] if word not in short]
+    own, rest = _parted(words)
+    short = [word for word in own if _SHORT.match(word)]
+    others = [word for word in own if word not in short]
     flagged = [w for word in short for w in ("-r" if word.startswith("__") else "-p", word)]
-    return [*others, *(["--ros-args", *flagged, "--"] if flagged else []), *words[end:]]
+    return [*others, *(["--ros-args", *flagged, "--"] if flagged else []), *rest]
+
+
+def _parted(words: Sequence[str]) -> tuple[Sequence[str], Sequence[str]]:
+    """Words in front of `--ros-args`, and the others."""
+    end = words.index("--ros-args") if "--ros-args" in words else len(words)
+    return words[:end], words[end:]
 
 
 def asks_for_help(words: Sequence[str]) -> bool:
@@ -49,17 +55,11 @@ def asks_for_help(words: Sequence[str]) -> bool:
 
 def refuse_unknown(words: Sequence[str], program: str, specs: Iterable[Spec]) -> None:
     """InputError for a `NAME:=VALUE` in front of `--ros-args` that is no parameter of any node of a program;
-    those of ROS itself are let through, which have a dot or are few, as are those after `--ros-args`, which files share."""
-    end = words.index("--ros-args") if "--ros-args" in words else len(words)
+    those of ROS itself are let through, which have a dot or are few."""
     known = {*_OF_ROS, *(spec.name for spec in specs)}
-    for word in words[:end]:
+    for word in filter(_SHORT.match, _parted(words)[0]):
         name = word.partition(":=")[0].rpartition(":")[2]
-        if (
-            _SHORT.match(word)
-            and name not in known
-            and not name.startswith("__")
-            and "." not in name
-        ):
+        if name not in known and not name.startswith("__") and "." not in name:
             close = difflib.get_close_matches(name, known, n=1, cutoff=TYPO)
             hint = f", did you mean '{close[0]}'?" if close else ""
             raise InputError(f"'{name}' is no parameter of {program}{hint} (try --help)")

@@ -323,7 +323,8 @@ class Pipeline:
         else:
             found = self._pictured(given)
         result, self._found = found.result, found
-        self._whole = found if result.complete else self._whole
+        if result.complete and found.given is given:
+            self._whole = found
         self._told = found.holds
         if stamp is not None and numbered and found.one_by_one and not result.reason:
             result.contacts = self._numbered(found)
@@ -1074,12 +1075,12 @@ def _is_repeated(before: _Given, given: _Given, noise: float) -> bool:
     if not same or not np.array_equal(before.grounded, given.grounded):
         return False
     read = np.isfinite(given.voltages)
-    count = np.count_nonzero(read)
+    count = int(np.count_nonzero(read))
     if not count or not np.array_equal(read, np.isfinite(before.voltages)):
         return False
     apart = given.voltages[read] - before.voltages[read]
-    squares = float(apart @ apart) / (2 * noise**2 * float(count))
-    return squares < 1 + _REPEATED * math.sqrt(2 / int(count))
+    squares = float(apart @ apart) / (2 * noise**2 * count)
+    return squares < 1 + _REPEATED * math.sqrt(2 / count)
 
 
 def _is_sure(estimate: Estimate) -> bool:

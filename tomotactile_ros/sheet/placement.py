@@ -70,6 +70,8 @@ class LocalSize:
 def _narrow(outline: Outline, h: float) -> tuple[np.ndarray, np.ndarray]:
     """(m, 2) points of rims beyond which, nearer than `h`, the sheet goes on: on either side of a cut or a
     hole; (m,) how far apart nodes are there, m."""
+    if outline.is_uniform_rectangle:
+        return np.empty((0, 2)), np.empty(0)
     rings = [*([] if outline.kind == "circle" else [outline.shell]), *outline.holes]
     places, beyond = [], []
     for corner, end in ((a, b) for ring in rings for a, b in pairwise([*ring, ring[0]])):

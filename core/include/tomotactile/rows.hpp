@@ -102,6 +102,7 @@ class RowModel {
   Discs wide_;
   Eigen::MatrixXf change_;  // n x (n J): derivatives of Y0; memory is what they cost, once a row
   Matrix added_;            // n x M: what the sheet adds to H at the points of the coarse lattice, or none
+  Vector within_;           // n, ohm: what impedances of electrodes are more, of another radius
   Eigen::Vector2d inside_;
   double least_, most_;     // ln c
   mutable std::vector<Kept> kept_;
