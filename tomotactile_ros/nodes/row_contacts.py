@@ -101,7 +101,8 @@ class Rows:
             pipeline.follow_row(voltages, int(ground), rows.drive_voltage, now, state)
             self._since += 1
             touching = state.touching
-            self._known = self._known or touching is not None
+            # rows that begin anew within, after a pause, know no more than at first
+            self._known = touching is not None or (self._known and not state.rows.touched_at_once)
             if self._known and (self._since >= every or touching != self._touching):
                 self._since, self._touching = 0, touching
                 self._publish(pipeline, state, make_header(now, frame_id))
