@@ -67,10 +67,12 @@ class Nodes:
         end = time.monotonic() + seconds
         self.spin(lambda: time.monotonic() >= end)
 
-    def processor_seconds(self) -> float:
-        """That all processes have used so far."""
+    def processor_seconds(self, name: str = "") -> float:
+        """That all processes, or those of this name, have used so far."""
         ticks = 0
         for child in self.children:
+            if name not in ("", child.name):
+                continue
             words = Path(f"/proc/{child.pid}/stat").read_text().rsplit(")", 1)[1].split()
             ticks += int(words[11]) + int(words[12])
         return ticks / os.sysconf("SC_CLK_TCK")
