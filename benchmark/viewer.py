@@ -37,7 +37,13 @@ def main() -> None:
         scene.write_text(f"{HEAD}contacts:\n{discs}\n")
         words = ["--layout", "equal-8x8", "--scene", scene, "--frames", "250", "--out", recording]
         subprocess.run([FOLDER / "tomotactile", "simulate", *words], check=True)
-        replayed = {"device": "replay", "recording": recording, "loop": True, "layout": "equal-8x8", "profile": "fast"}
+        replayed = {
+            "device": "replay",
+            "recording": recording,
+            "loop": True,
+            "layout": "equal-8x8",
+            "profile": "fast",
+        }
         sensor = ["tactile", *arguments(replayed)]
         with Nodes([sensor, ["viewer", *arguments({"port": port})]]) as nodes:
             print(measure(nodes, "nobody looks"), flush=True)

@@ -73,6 +73,23 @@ def test_force_of_fingertips_of_all_sizes(pipelines, profile, radius):
     assert np.median(errors) < 0.15 and max(errors) < 0.25
 
 
+def test_a_force_that_is_known_from_below_is_at_least_that(pipelines):
+    layout, random = pipelines["fast"].layout, np.random.default_rng(5)
+    beside = layout.positions[random.choice(64, 30, False)] + random.normal(0, 0.004, (30, 2))
+    radii = random.uniform(0.003, 0.012, 30)
+    forces = np.exp(random.uniform(np.log(2.0), np.log(60.0), 30))
+    discs = list(zip(*np.clip(beside, -0.085, 0.085).T, radii, forces / (np.pi * radii**2)))
+    bounded = 0
+    for force, frame in zip(forces, frames_of(layout, discs)):
+        (contact,) = pipelines["fast"].process(frame, GROUNDED, DRIVE).contacts
+        if np.isinf(contact.force_std):
+            bounded += 1
+            assert contact.force < force
+        else:
+            assert abs(contact.force - force) < 2.5 * contact.force_std
+    assert 10 < bounded < 30
+
+
 @pytest.mark.parametrize("radius", [0.008])
 def test_force_on_an_uneven_sheet(pipelines, radius):
     layout, variation = pipelines["fast"].layout, SheetVariation(0.1, 0.05, 3)

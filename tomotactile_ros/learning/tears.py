@@ -18,10 +18,9 @@ begins; there the sheet is solved with the cut by finite elements. How much coup
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import least_squares
 
 from tomotactile_ros.estimation.as_cut import Tears, torn
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -39,7 +38,8 @@ _PER_PITCH = 4  # places to one spacing of the electrodes, where a tear may begi
 _DIRECTIONS = 8  # over half a turn
 _LENGTHS = 0.6, 1.5, 3.0  # spacings that a tear is tried with
 _NEAR = 3e-4  # m: ends are known to that, at best
-_TRIED = 120  # solutions of a search
+_STEP = 0.1  # spacings: of a derivative; meshes differ by less
+_TRIED = 15  # steps of a search, of five solutions each
 _HELPS = 0.75  # of what couplings are off by: what is left at most, of a tear that is one
 MOST = 2  # tears
 
@@ -83,24 +83,23 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
     while len(tears) < MOST:
         lacking = np.zeros(seen.shape)
         lacking[seen] = (np.exp(wanted) - np.exp(now)) * operator.expected[seen]
-        found = _begin(operator, lacking + lacking.T)
+        begun = _begin(operator, lacking + lacking.T)
 
         def told(ends: np.ndarray, others: Tears = tears) -> np.ndarray:
             x, y, to_x, to_y = map(float, ends)
-            cut = torn(whole, (*others, (x, y, to_x, to_y)))  # InputError where it cuts one off
-            return _logarithm(_couplings(cut, operator.used)[seen] / even[seen])
+            try:
+                found = _couplings(torn(whole, (*others, (x, y, to_x, to_y))), operator.used)
+            except InputError:  # a part is cut off
+                return np.full(len(wanted), np.inf)
+            return _logarithm(found[seen] / even[seen])
 
-        starts = [found(length * operator.pitch) for length in _LENGTHS]
-        start = min(starts, key=lambda ends: _off(told, ends, wanted))
-        way: dict[str, Any] = {"xatol": _NEAR, "fatol": 0.1, "maxfev": _TRIED}
-        way["initial_simplex"] = _simplex(start, operator.pitch / 3)
-        best = minimize(
-            lambda ends: _off(told, ends, wanted), start, method="Nelder-Mead", options=way
-        )
-        if best.fun > _HELPS * _cost(now - wanted):
+        starts = [begun(length * operator.pitch) for length in _LENGTHS]
+        start = min(starts, key=lambda ends: _cost(told(ends) - wanted))
+        best, then = _nearest(told, wanted, start, operator.pitch)
+        if not _cost(then - wanted) <= _HELPS * _cost(now - wanted):
             break
-        tears = (*tears, _on_sheet(whole.outline, best.x))
-        now = told(best.x, tears[:-1])
+        tears = (*tears, _on_sheet(whole.outline, best))
+        now = told(np.array(tears[-1]), tears[:-1])
     return tears
 
 
@@ -120,20 +119,42 @@ def _logarithm(ratio: np.ndarray) -> np.ndarray:
     return np.log(np.maximum(ratio, _LEAST))
 
 
-def _off(told: Callable[[np.ndarray], np.ndarray], ends: np.ndarray, wanted: np.ndarray) -> float:
-    try:
-        return _cost(told(ends) - wanted)
-    except InputError:  # cuts an electrode off
-        return np.inf
-
-
 def _cost(off: np.ndarray) -> float:
     """Of logarithms that are `off`, in deviations; of those that are far off their size."""
     return float((2 * (np.sqrt(1 + (off / _ERR) ** 2) - 1)).sum())
 
 
-def _simplex(start: np.ndarray, step: float) -> np.ndarray:
-    return start + step * np.vstack([np.zeros(4), np.eye(4)])
+def _nearest(
+    told: Callable[[np.ndarray], np.ndarray], wanted: np.ndarray, start: np.ndarray, pitch: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The ends (4,), m, near `start` that tell the logarithms `wanted`, and what they tell."""
+    known: dict[bytes, np.ndarray] = {}
+
+    def off(ends: np.ndarray) -> np.ndarray:
+        known[ends.tobytes()] = there = told(ends)
+        return (there - wanted) / _ERR
+
+    def slopes(ends: np.ndarray) -> np.ndarray:
+        here, columns = known[ends.tobytes()], []
+        for step in _STEP * pitch * np.eye(4):
+            beside, length = told(ends + step), step.sum()
+            if not np.isfinite(beside).all():
+                beside, length = told(ends - step), -length
+            slope = (beside - here) / length / _ERR
+            columns.append(np.where(np.isfinite(slope), slope, 0.0))
+        return np.column_stack(columns)
+
+    found = least_squares(
+        off,
+        start,
+        slopes,
+        loss="soft_l1",
+        x_scale=pitch,
+        xtol=_NEAR / float(np.abs(start).max()),
+        ftol=1e-3,
+        max_nfev=_TRIED,
+    )
+    return found.x, known[found.x.tobytes()]
 
 
 def _begin(operator: SheetOperator, lacking: np.ndarray) -> Callable[[float], np.ndarray]:

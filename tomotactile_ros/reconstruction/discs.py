@@ -55,8 +55,9 @@ _CURRENT_ERROR = 0.001  # in parts of all contacts: size and place of electrodes
 _OWN_ERROR = 0.01  # in parts of the electrode's own current
 _PLACE_ERROR = 0.025  # spacings, and
 _FORCE_ERROR = 0.1  # of the force: standard deviations of what this model of a disc lacks
-# the same of one that covers the centre of an electrode, where H is not harmonic
-_ON_ELECTRODE = 0.5
+# the same of one that covers the centre of an electrode, where H is not harmonic; upwards half of that
+_ON_ELECTRODE, _MORE_THERE = 0.5, 0.25
+_NEVER_LARGER = 0.975  # probability of a radius: a bound holds in 39 of 40
 _TINY = 1e-30  # S
 _K = np.geomspace(6.0, 1e-6, 1000)  # from as good as a bare conductor to nearly nothing
 _INSIDE = ive(0, _K) / (_K * ive(1, _K))  # ascending
@@ -268,15 +269,21 @@ def _sized(local, noise, left, point, radius) -> Disc:
     spread[0, 0] += by_strength + (_WAY_ERROR * steep) ** 2 + _FORCE_ERROR**2
     found = math.pi * math.exp(means[0]) / local.resistance
     spread[0, 0] += crowded(found, local.resistance) ** 2
-    aside = local.electrodes - point.place
-    if (np.hypot(*aside.T) < radius * math.exp(means[1])).any():
-        # of a strong one the force is low by what the electrode takes: it is at least that
-        spread[0, 0] += _ON_ELECTRODE**2 if means[0] < 0 else math.inf
+    aside = float(np.hypot(*(local.electrodes - point.place).T).min())
+    covers = aside < radius * math.exp(means[1])
+    spread[0, 0] += covers * _ON_ELECTRODE**2
     # also where one of the expected radius would be a bare conductor: which of both, hardly shows
     usual = int(np.abs(sizes).argmin())
     most = max(found, math.pi * math.exp(total[usual]) / local.resistance)
-    if told(most, max(1 / point.effective - 1 / most, 0.0), local.resistance)[1]:
+    bare = told(most, max(1 / point.effective - 1 / most, 0.0), local.resistance)[1]
+    if bare or (covers and means[0] > 0):  # of a strong one an electrode takes a part
+        # known from below alone: as one of the largest radius that is not excluded
         spread[0, 0] = math.inf
+        large = int(np.searchsorted(np.cumsum(weight), _NEVER_LARGER))
+        covers = aside < radius * math.exp(sizes[large])
+        way = np.interp(inside[large] + np.array([0.0, 2.0]) * _WAY_ERROR, _INSIDE, _LOG_K)
+        less = 2 * (way[0] - way[1]) + 2 * math.hypot(_FORCE_ERROR, covers * _MORE_THERE)
+        found = min(found, math.pi * math.exp(total[large] - less) / local.resistance)
     return Disc(
         np.array(point.place),
         found,
