@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tomotactile_ros.frame import Frame
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_layout
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import resistance_of
@@ -64,6 +64,8 @@ class Simulator:
         row_period: float = ROW_PERIOD,
         order: Sequence[int] | None = None,
     ):
+        check_layout(layout)
+        checks.instance(scene, "scene", Scene, "load_scene reads one from its file")
         if model not in MODELS:
             raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
         if layout.electrodes > MOST_ELECTRODES:

@@ -165,6 +165,11 @@ class Layout:
             )
 
 
+def check_layout(value: object) -> None:
+    """Refuse what is no layout, as the name of a file."""
+    checks.instance(value, "layout", Layout, "load_layout reads one from its file")
+
+
 def check_on_sheet(layout: Layout, radius: float, key: str) -> None:
     """Refuse what is wider than the sheet, a `radius` in m that was probably given in mm."""
     if 2 * radius > max(layout.outline.size):

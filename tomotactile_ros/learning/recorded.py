@@ -25,7 +25,7 @@ from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, 
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.frame import Frame, stacked
-from tomotactile_ros.layouts.layout import Layout, check_on_sheet
+from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
 from tomotactile_ros.learning.kept_out import KeptOut
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
@@ -133,6 +133,7 @@ def learn(
     before : (N, L, E) V, potentials in the row before each; None: rows are in the order of time, and
         the last one was before the first
     """
+    check_layout(layout)
     check_on_sheet(layout, checks.length(radius, "radius"), "radius")
     checks.positive(noise, "noise", "voltage in V")
     given = stacked(frames, grounded, drive)

@@ -26,11 +26,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_layout
+from tomotactile_ros.reconstruction.frame_checks import above_drive, check_drive_voltage, ordered
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support import checks
+from tomotactile_ros.support.errors import InputError
 
 WEIGHT = 10.0  # of the noise, w
 DAMPING = 0.1  # lambda of JAC
@@ -50,8 +53,10 @@ def greit(
 ) -> np.ndarray:
     """(H, W) image of `voltages` (E, E), V, row l with electrode l grounded: about 1 at a contact, NaN
     outside the outline. The first image of a layout takes seconds: the training."""
-    trained = _greit(layout, resolution)
-    return trained.grid.fill(trained.images(voltages[None] / drive_voltage, weight)[0])
+    parts = _in_parts(voltages, layout, drive_voltage)
+    checks.not_negative(weight, "weight", "number")
+    trained = _greit(layout, checks.integer(resolution, "resolution", 2, 200))
+    return trained.grid.fill(trained.images(parts, weight)[0])
 
 
 def jac(
@@ -63,8 +68,22 @@ def jac(
 ) -> np.ndarray:
     """(H, W) potential input distribution, in parts of the drive voltage, of `voltages` (E, E), V, row l
     with electrode l grounded; NaN outside the outline. `damping` is lambda."""
-    step = _jac(layout, resolution)
-    return step.grid.fill(step.images(voltages[None] / drive_voltage, damping)[0])
+    parts = _in_parts(voltages, layout, drive_voltage)
+    checks.positive(damping, "damping", "number")
+    step = _jac(layout, checks.integer(resolution, "resolution", 2, 200))
+    return step.grid.fill(step.images(parts, damping)[0])
+
+
+def _in_parts(voltages: np.ndarray, layout: Layout, drive_voltage: float) -> np.ndarray:
+    """(1, E, E) `voltages` in parts of the drive voltage; InputError where they are no frame of `layout`."""
+    check_layout(layout)
+    drive = check_drive_voltage(drive_voltage, 0.0)
+    frame = ordered(layout, voltages, np.arange(len(np.atleast_1d(voltages))))
+    if np.isnan(frame).all():
+        raise InputError("voltages: no reading is valid")
+    if wrong := above_drive(frame, drive):
+        raise InputError(f"voltages: {wrong[2:]}")
+    return frame[None] / drive
 
 
 @lru_cache(maxsize=4)

@@ -17,6 +17,7 @@ _UNTOUCHED, _TOUCHED = 3.0, 30.0
 _CHANGES = 4  # from one to the other: a touch that begins and ends, and one row on its electrode
 _STILL = 6.0  # times the noise, that a channel spans which never changes; ten times as much does
 _MOVING = 2, 0.05  # channels, and share of them, that a touch is taken from and not broken wires
+_ABOVE = 1.1  # times the drive voltage, that no reading of a sheet is: gains are a few % off
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
@@ -129,6 +130,18 @@ def check_drive_voltage(value, noise: float) -> float:
             f"{100 * MOST_NOISE:g} % of the drive voltage {value:g} V: readings could not tell a touch"
         )
     return value
+
+
+def above_drive(voltages, drive_voltage: float) -> str:
+    """That readings (L, E), V, of several channels are above the drive voltage, V, as none on a sheet is; empty
+    where they are not."""
+    highest = np.nanmax(np.asarray(voltages, float), axis=0, initial=-np.inf)
+    if np.count_nonzero(highest > _ABOVE * drive_voltage) < 2:
+        return ""
+    return (
+        f"; readings up to {highest.max():.3g} V are above the drive voltage {drive_voltage:g} V: are they in "
+        "another unit, or is it another one?"
+    )
 
 
 def is_idle(frame: np.ndarray, missing: np.ndarray, bad: np.ndarray, limit: float) -> bool:

@@ -34,7 +34,7 @@ from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import Layout, check_on_sheet
+from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.deadline import Within
 from tomotactile_ros.reconstruction.estimate import (
@@ -46,6 +46,7 @@ from tomotactile_ros.reconstruction.estimate import (
     disc_cells,
 )
 from tomotactile_ros.reconstruction.frame_checks import (
+    above_drive,
     alternates,
     check_drive_voltage,
     is_idle,
@@ -68,7 +69,7 @@ from tomotactile_ros.reconstruction.unusable_electrodes import (
     why_left_out,
 )
 from tomotactile_ros.simulation import ROW_PERIOD
-from tomotactile_ros.support import memory
+from tomotactile_ros.support import checks, memory
 from tomotactile_ros.support.errors import InputError, doubt
 
 # profiles whose contacts are fitted to the readings, not read from an image: patches to the width of each
@@ -147,6 +148,8 @@ class Pipeline:
         model: Model | None = None,
         sensor: SensorState | None = None,
     ):
+        check_layout(layout)
+        checks.instance(settings, "settings", Settings)
         self.layout, self.settings, self.sensor = layout, settings, sensor
         if max(settings.excluded, default=0) >= layout.electrodes:
             raise InputError(
@@ -336,6 +339,10 @@ class Pipeline:
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
             result.pressure = result.potential = _NO_IMAGE
+        if result.reason and found.given is given:
+            result = replace(
+                result, reason=result.reason + above_drive(given.voltages, given.drive_voltage)
+            )
         return self._as_known(result)
 
     def _given(self, voltages, grounded, drive_voltage, row_period, stamp) -> _Given:

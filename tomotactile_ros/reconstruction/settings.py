@@ -81,6 +81,8 @@ class Settings:
             value = checks.not_negative(self.regularization, "regularization", "number")
             if value > LARGEST_REGULARIZATION:
                 raise InputError(f"regularization: {value:g} is above {LARGEST_REGULARIZATION:g}")
+        if self.contact_law is not None:
+            checks.instance(self.contact_law, "contact_law", ContactLaw)
         checks.integer(self.resolution, "resolution", 2, 200)
         checks.positive(self.noise, "noise", "voltage in V")
         checks.length(self.contact_radius, "contact_radius")

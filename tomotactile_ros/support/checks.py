@@ -28,6 +28,12 @@ def show(value: object, width: int = 40) -> str:
     return text if len(text) <= width else text[: width - 1] + "…"
 
 
+def instance(value: object, key: str, kind: type, hint: str = "") -> None:
+    """An object of this class; `hint` says how one is made."""
+    if not isinstance(value, kind):
+        raise InputError(f"{key}: {show(value)} is no {kind.__name__}{hint and ': ' + hint}")
+
+
 def size(count: float) -> str:
     """An amount of bytes as a person says it: 3 bytes, 40 kB, 1.5 GB."""
     for unit, least in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, check_layout
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, Result
+from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import save_figure
 from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE
@@ -47,6 +48,8 @@ def plot(
         By default as the result says, but not where `truth` has contacts of which none has a
         force: bare conductors, which were estimated with the law that settings have by default.
     """
+    checks.instance(result, "result", Result, "Pipeline.process gives one")
+    check_layout(layout)
     if calibrated is None:
         forces = [contact.get("force") is not None for contact in truth or ()]
         calibrated = result.calibrated and (any(forces) or not forces)
