@@ -30,6 +30,7 @@ from tomotactile_ros.learning.kept_out import LEAST, KeptOut, Predicted, forgott
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
 from tomotactile_ros.learning.state import OFFSET_WANDER, PARTS, SensorState
+from tomotactile_ros.support.errors import InputError
 
 EXPLAINED = 1.5  # `left_over`: one contact, and noise is all that is left
 # chi^2 with the prior's share: beyond, nothing is learned from the frame; two contacts taken for
@@ -85,7 +86,13 @@ class Learner:
 
     def about(self) -> None:
         """Take up the model of the sheet as it is known now, where it is known to be uneven."""
-        operator = self.operator.near(self.state["sheet"], self.state.tears)
+        try:
+            operator = self.operator.near(self.state["sheet"], self.state.tears)
+        except InputError:
+            # tears that meet leave some sheets in pieces: the one before is right enough
+            if self.operator.tears != self.state.tears:
+                raise
+            return
         if operator is not self.operator:
             self.operator, self.search = operator, Search(operator)
 

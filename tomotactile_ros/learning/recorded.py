@@ -9,6 +9,7 @@ once: most of a recording is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -465,10 +466,11 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
     tears = find_tears(learner.operator, couplings(learner.operator, read, *channels))
     if tears:
         learner.set(replace(known, tears=(*known.tears, *tears)))
-        learner.about()
-        after = np.median([left_over(learner.look(each)) for each in rows])
-        if after - 1 < _TOLD * (before - 1):
-            return True
+        with suppress(InputError):  # they leave the sheet in pieces
+            learner.about()
+            after = np.median([left_over(learner.look(each)) for each in rows])
+            if after - 1 < _TOLD * (before - 1):
+                return True
         learner.set(known)
         learner.about()
     return False
