@@ -115,8 +115,8 @@ def _plus_minus(spread: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """One contact: centre x, y (m), force (N), peak pressure (Pa), area on the sheet (m²), radius of
-    the disc of its area (m).
+    """One contact: centre x, y (m), force (N), pressure (Pa): force over area, area on the sheet (m²),
+    radius of the disc of its area (m).
 
     force, pressure and force_std are NaN where there is no contact law: they are not known.
 
