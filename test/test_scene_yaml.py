@@ -11,7 +11,7 @@ from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
 from tomotactile_ros.scenes.scene import Scene, load_scene
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import Doubt, InputError
 
 SCENES = Path(__file__).parent.parent / "config" / "scenes"
 NAMES = sorted(file.stem for file in SCENES.glob("*.yaml"))
@@ -216,3 +216,8 @@ def test_a_file_name_is_shown_as_text_whatever_is_in_it(tmp_path):
     path = tmp_path / "a\x1b[2Jb.yaml"
     path.write_text(GOOD)
     assert load_scene(path).name == "a\\x1b[2Jb"
+
+
+def test_millivolts_of_the_drive_are_doubted():
+    with pytest.warns(Doubt, match=r"was 3300 mV meant\? That is 3.3"):
+        Scene("s", 3300.0)

@@ -23,12 +23,13 @@ from tomotactile_ros.scenes.defects import (
     read_section,
 )
 from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError, printable
+from tomotactile_ros.support.errors import InputError, doubt, printable
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import Reader, write_mapping
 
 FORMAT = "tomotactile-scene/1"
 MAX_CONTACTS = 1000  # over all times
+_HIGH = 100.0  # V: nobody drives a sheet for fingers with so much; millivolts do
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,12 @@ class Scene:
     own_reading: bool = False
 
     def __post_init__(self):
-        checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
+        drive = checks.positive(self.drive_voltage, "drive_voltage", "voltage in V")
+        if drive > _HIGH:
+            doubt(
+                f"scene {self.name}: drive_voltage: {drive:g} V is high for a sheet that is touched; "
+                f"was {drive:g} mV meant? That is {drive / 1e3:g}"
+            )
         contacts = tuple(contact.under(self.contact_law) for contact in self.contacts)
         object.__setattr__(self, "contacts", contacts)
 
