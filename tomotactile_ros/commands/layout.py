@@ -49,7 +49,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--circle", type=float, metavar="R", help="radius of the round sheet of a ring, m"
     )
     parser.add_argument(
-        "--inset", type=float, default=0.0, help="from the rim to the outermost centres, m"
+        "--inset",
+        type=float,
+        default=0.0,
+        help="from the rim to the outermost centres, m (default: 0)",
     )
     parser.add_argument(
         "--radius",
@@ -57,7 +60,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="of an electrode, m (default: 0.005 up to 4 x 4, 0.0025 beyond, at most a tenth of the "
         "pitch)",
     )
-    parser.add_argument("--sheet-resistance", type=float, default=1e4, help="ohm/sq")
+    parser.add_argument(
+        "--sheet-resistance", type=float, default=1e4, help="ohm/sq (default: 10000)"
+    )
     parser.add_argument("--name", help="of the layout (default: that of the file)")
     parser.add_argument("--out", required=True, help="layout file (.yaml) to write")
     parser.set_defaults(default_of=parser.get_default)

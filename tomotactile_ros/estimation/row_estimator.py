@@ -566,6 +566,9 @@ class RowEstimator:
         way, covered = float(touches.mean[0]), float(touches.covered[0])
         g, by_strength, by_mean = conductance(contact[2], way)
         g, bare = told(g, way, operator.resistance)
+        if bare:  # known from below alone: as one that is wider by two deviations
+            wider = 2 * math.sqrt(size_variance) * operator.resistance / (2 * math.pi)
+            g = min(g, conductance(contact[2], max(way - wider, 0.0))[0])
         law = self.estimator.law
         area = math.pi * math.exp(2 * contact[3]) * covered
         pressure = float(law.pressure(g * covered / area))
