@@ -82,7 +82,7 @@ def _in_parts(voltages: np.ndarray, layout: Layout, drive_voltage: float) -> np.
     if np.isnan(frame).all():
         raise InputError("voltages: no reading is valid")
     if wrong := above_drive(frame, drive):
-        raise InputError(f"voltages: {wrong[2:]}")
+        raise InputError(f"voltages: {wrong}")
     return frame[None] / drive
 
 

@@ -139,7 +139,7 @@ def above_drive(voltages, drive_voltage: float) -> str:
     if np.count_nonzero(highest > _ABOVE * drive_voltage) < 2:
         return ""
     return (
-        f"; readings up to {highest.max():.3g} V are above the drive voltage {drive_voltage:g} V: are they in "
+        f"readings up to {highest.max():.3g} V are above the drive voltage {drive_voltage:g} V: are they in "
         "another unit, or is it another one?"
     )
 

@@ -340,9 +340,8 @@ class Pipeline:
         if self.settings.image == "none":
             result.pressure = result.potential = _NO_IMAGE
         if result.reason and found.given is given:
-            result = replace(
-                result, reason=result.reason + above_drive(given.voltages, given.drive_voltage)
-            )
+            above = above_drive(given.voltages, given.drive_voltage)
+            result = replace(result, reason="; ".join(filter(None, (result.reason, above))))
         return self._as_known(result)
 
     def _given(self, voltages, grounded, drive_voltage, row_period, stamp) -> _Given:
