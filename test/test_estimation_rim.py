@@ -1,5 +1,7 @@
 """Sheets that are not cut as the layout has it, and electrodes that are not printed so."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,9 @@ from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.estimation.as_cut import AsCut
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.tables import Around, off_electrodes
+from tomotactile_ros.layouts.tolerance import Tolerance
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.findings import lines
 from tomotactile_ros.reconstruction.pipeline import Pipeline
@@ -119,6 +123,18 @@ def test_electrodes_have_no_shift_turn_or_scale_in_common():
         assert np.sqrt(together @ covariance @ together) < 0.02 * alone
     askew = np.concatenate([x, -y]) / np.linalg.norm([x, y])
     assert np.sqrt(askew @ covariance @ askew) == pytest.approx(alone)
+
+
+def test_what_a_layout_says_of_its_making_is_expected_of_the_sheet():
+    drawn = square(0.2)
+    loose = replace(drawn, tolerance=Tolerance(outline=4e-3, places=2e-3, radius=0.3))
+    before, after = (
+        Prior.unknown(SheetOperator(each), ChannelPrior().for_layout(each), 0.005, DRIVE)
+        for each in (drawn, loose)
+    )
+    np.testing.assert_allclose(after.sheet_deviation[-9:-1], 4 * before.sheet_deviation[-9:-1])
+    assert after.sheet_deviation[-1] == pytest.approx(3 * before.sheet_deviation[-1])
+    np.testing.assert_allclose(after.deviations[3], before.deviations[3] * 2e-3 / (3e-3 * 0.2 / 3))
 
 
 def pressed(true, at, sheet=None):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tomotactile_ros.layouts import layout_ids
 from tomotactile_ros.layouts.layout import Layout, Outline, equal_grid, load_layout
+from tomotactile_ros.layouts.tolerance import Tolerance
 from tomotactile_ros.support.errors import Doubt, InputError
 from tomotactile_ros.surfaces import Cylinder, Flat
 
@@ -106,6 +107,17 @@ def test_good_file_is_read(tmp_path):
                 "it must be at least 0.03183 m"
             ),
         ),
+        ("name: square", "name: s\ntolerance: {rim: 1}", "tolerance.rim: unknown key"),
+        (
+            "name: square",
+            "name: s\ntolerance: {outline: 1}",
+            "tolerance.outline: 1 m on a sheet of 0.2 m: lengths are in m, was 1 mm meant? That is 0.001",
+        ),
+        (
+            "name: square",
+            "name: s\ntolerance: {radius: 10}",
+            "tolerance.radius: 10.0 is no part of",
+        ),
         ("name: square", "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
         ("name: square", "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),
         ("name: square", "name: 2020-13-45", "not valid YAML: month must be in 1..12"),
@@ -185,6 +197,16 @@ def test_saving_twice_gives_the_same_bytes_and_the_contract_keys(tmp_path):
     assert list(content) == ["format", "name", "outline", "sheet_resistance", "electrodes"]
     assert content["outline"] == {"rectangle": [0.3, 0.2]}
     assert list(content["electrodes"]) == ["radius", "positions"]
+
+
+def test_how_well_a_sheet_is_made_stands_in_its_file_and_not_in_its_id(tmp_path):
+    usual = equal_grid(3, 4, (0.3, 0.2), 0.002, 1e4)
+    made = replace(usual, tolerance=Tolerance(outline=5e-3, places=1e-3))
+    made.save(tmp_path / "made.yaml")
+    text = (tmp_path / "made.yaml").read_text()
+    assert yaml.safe_load(text)["tolerance"] == {"outline": 5e-3, "places": 1e-3}
+    assert load_layout(tmp_path / "made.yaml").tolerance == made.tolerance != usual.tolerance
+    assert made.id == usual.id
 
 
 def test_the_id_tells_layouts_of_one_name_apart_and_survives_the_file(tmp_path):

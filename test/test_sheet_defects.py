@@ -227,6 +227,15 @@ def test_a_sheet_that_was_made_otherwise_reads_as_one_whose_layout_has_it(tmp_pa
     np.testing.assert_allclose(*frames, atol=3e-4)  # elements are parts of the layout
     as_drawn = Simulator(drawn, replace(scene, defects=Defects())).ideal_frame(0.0)
     assert np.nanmax(np.abs(frames[0] - as_drawn)) > 0.02
+    hole = np.array([[-0.02, -0.02], [0.02, -0.02], [0.0, 0.02]])
+    outline = Outline.rectangle(0.2, 0.2, [hole])
+    alike = [
+        Simulator(drawn, replace(scene, defects=each)).ideal_frame(0.0)
+        for each in (Defects(holes=(hole,)), Defects(outline=outline))
+    ]
+    np.testing.assert_array_equal(*alike)
+    with pytest.raises(InputError, match=r"as it was made: holes\[0\]: does not lie wholly inside"):
+        Simulator(drawn, replace(scene, defects=Defects(holes=(3 * hole + 0.08,))))
     smaller = Defects(outline=Outline.rectangle(0.19, 0.2))
     with pytest.raises(InputError, match="equal-4x4 as it was made.*outside the outline"):
         Simulator(drawn, replace(scene, defects=smaller))

@@ -15,14 +15,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from tomotactile_ros.estimation.channels import ALIKE, ChannelPrior
 from tomotactile_ros.estimation.rim import SIDES, WAYS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 
 COUNT = WAYS + 1
-# standard deviation of the logarithm of the radius, of what is common to all
-PRINTED = float(np.sqrt(ALIKE)) * ChannelPrior.radius
 # of the way from the outermost electrode to the rim, its radius at least: second order is then 1e-2
 # of what the rim does to that electrode
 _CLOSE = 0.1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.tolerance import Tolerance
 
 if TYPE_CHECKING:
     from tomotactile_ros.estimation.operator import SheetOperator
@@ -26,8 +29,8 @@ class ChannelPrior:
     resistance : ohm; an analogue switch has some tens to hundreds
     aside : spacings, in x and in y; what electrodes lie beside their places in the layout: 0.1 mm at
         8 x 8 on 200 mm; twice as much makes places on exact sensors worse
-    radius : of an electrode, relative: screen prints and cut foil; a smaller one acts as a resistance to
-        ground, a larger one as a negative one
+    radius : of an electrode, relative; a smaller one acts as a resistance to ground, a larger one as a
+        negative one
 
     Methods take an operator, and the electrodes `among` (n,) of its layout, without them those in use.
     """
@@ -36,7 +39,13 @@ class ChannelPrior:
     offset: float = 0.003
     resistance: float = 200.0
     aside: float = 3e-3
-    radius: float = 0.1
+    radius: float = Tolerance.radius
+
+    def for_layout(self, layout: Layout) -> ChannelPrior:
+        """The same with what the layout says of its places and radii."""
+        places, radius = layout.tolerance.places, layout.tolerance.radius
+        aside = self.aside if places is None else places / float(np.median(layout.pitches))
+        return replace(self, aside=aside, radius=radius)
 
     def covariance_of_resistances(
         self, operator: SheetOperator, among: np.ndarray | None = None

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
-from tomotactile_ros.estimation.as_cut import PRINTED
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -205,7 +204,7 @@ class Estimator:
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
         self.model, self.excluded, self.across = model, frozenset(excluded), across
-        self.channels, self.sensor = channels or ChannelPrior(), sensor
+        self.channels, self.sensor = channels or ChannelPrior().for_layout(layout), sensor
         self.spread = spread
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
@@ -859,7 +858,9 @@ def _below_zero(fit: Fit, expected: np.ndarray) -> float:
         each.resistance - operator.by_radius[operator.used] * each.sheet[-1] for each in (u, prior)
     )
     below = np.minimum(own - np.minimum(known, 0.0), 0.0)
-    below /= np.sqrt(expected.diagonal() + (PRINTED * operator.by_radius[operator.used]) ** 2)
+    below /= np.sqrt(
+        expected.diagonal() + (operator.deviation[-1] * operator.by_radius[operator.used]) ** 2
+    )
     return float(np.sqrt(np.mean(np.sort(below[rows] ** 2)[:-2])))
 
 

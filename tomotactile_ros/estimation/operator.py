@@ -29,7 +29,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.as_cut import COUNT, PRINTED, AsCut, Tears
+from tomotactile_ros.estimation.as_cut import COUNT, AsCut, Tears
+from tomotactile_ros.estimation.channels import ALIKE
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
@@ -355,7 +356,9 @@ class SheetOperator:
         along, across = gradient[:, 0], gradient[:, 1]
         mixed = along.T @ across
         modes = self.field.modes
-        self.rim = Rim(self.cut.outline, mesh.points, mesh.triangles)
+        layout = self.layout
+        cut_to = layout.tolerance.cut(layout.outline.size)
+        self.rim = Rim(self.cut.outline, cut_to, mesh.points, mesh.triangles)
         strips, cut = self.rim.changes(shares, self.resistance)
         change = np.concatenate(
             [
@@ -375,7 +378,8 @@ class SheetOperator:
         for each in self._change:
             np.fill_diagonal(each, 0.0)
         self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
-        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [PRINTED]])
+        printed = float(np.sqrt(ALIKE)) * layout.tolerance.radius  # what is common to all radii
+        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
         self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
 
     def _shares_on_lattice(

@@ -20,8 +20,8 @@ from tomotactile_ros.layouts.outline import Outline
 
 SIDES = "left", "right", "bottom", "top"
 WAYS = 2 * len(SIDES)  # how far out each side lies, and how far askew
-# m, standard deviation of how far out each side lies, and of its ends against its middle: cut by hand
-CUT, ASKEW = 1e-3, 0.5e-3
+# of the deviation of how far out each side lies: of its ends against its middle
+_ASKEW = 0.5
 
 
 class Rim:
@@ -30,10 +30,10 @@ class Rim:
     ends : (2, R) nodes of each edge
     ways : (8, R) how far each edge goes outwards where one of `SIDES` lies farther out by one, then
         where it is askew by one at its end in the direction of the other axis
-    deviation : (8,) standard deviation of these ways, m
+    deviation : (8,) standard deviation of these ways, m; `cut` that of how far out each side lies
     """
 
-    def __init__(self, outline: Outline, points: np.ndarray, triangles: np.ndarray):
+    def __init__(self, outline: Outline, cut: float, points: np.ndarray, triangles: np.ndarray):
         sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         _, first, count = np.unique(
             np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
@@ -51,7 +51,7 @@ class Rim:
             [s * (1 + s * part[i]) / 2 * outwards.T[i] for i in range(2) for s in (-1, 1)]
         )
         self.ways = np.concatenate([moved, moved * np.repeat(part[::-1], 2, axis=0)])
-        self.deviation = np.repeat([CUT, ASKEW], len(SIDES))
+        self.deviation = np.repeat([cut, _ASKEW * cut], len(SIDES))
 
     def changes(self, shares: np.ndarray, resistance: float) -> tuple[np.ndarray, np.ndarray]:
         """(8, R, n) currents along the strips per way, A/m, and (8, n, n) dY0, S/m, of

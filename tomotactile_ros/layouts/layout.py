@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout_ids import make_id
 from tomotactile_ros.layouts.outline import Outline, is_usual_size
+from tomotactile_ros.layouts.tolerance import Tolerance, read_tolerance
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, complaints_at, doubt
 from tomotactile_ros.support.files import find_config
@@ -39,6 +40,7 @@ class Layout:
     surface : how the sheet is bent.
     scan : electrodes that are grounded, row after row: any of them, as often as one likes; empty
         for all in turn. Devices that take an order scan so, simulated frames have these rows.
+    tolerance : how well the sheet is made.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Layout:
     provenance: dict = field(default_factory=dict)
     surface: Surface = field(default_factory=Flat)
     scan: tuple[int, ...] = ()
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name.strip():
@@ -64,6 +67,8 @@ class Layout:
         self._check_apart()
         with complaints_at("surface."):
             self.surface.check(self.outline.size)
+        with complaints_at("tolerance."):
+            self.tolerance.check(self.outline.size)
         if len(self.scan):
             order = checks.order(self.scan, "scan.order", self.electrodes)
             if len(order) > MAX_ROWS:
@@ -118,6 +123,8 @@ class Layout:
             content["scan"] = {"order": list(self.scan)}
         if self.surface != Flat():
             content["surface"] = self.surface.to_dict(Path(os.path.realpath(path)).parent)
+        if self.tolerance != Tolerance():
+            content["tolerance"] = self.tolerance.to_dict()
         if not is_usual_size(self.outline.size):
             content["unusual_size"] = True
         if self.provenance:
@@ -204,6 +211,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
         "provenance",
         "scan",
         "surface",
+        "tolerance",
         "unusual_size",
     )
     electrodes = reader.section("electrodes")
@@ -229,6 +237,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
         provenance=reader.free("provenance"),
         surface=surface,
         scan=scan,
+        tolerance=read_tolerance(reader),
     )
 
 

@@ -59,7 +59,8 @@ def save_sensor(
     uneven, turned = slice(0, field.count), slice(field.count, operator.of_cut.start)
     expected = [state.expected[state.slice(part)][0] for part in PARTS]
     every = np.arange(layout.electrodes)
-    unit = ChannelPrior(resistance=0.0, aside=1 / operator.pitch).deviations(operator, 1.0, every)
+    alone = replace(ChannelPrior().for_layout(layout), resistance=0.0, aside=1 / operator.pitch)
+    unit = alone.deviations(operator, 1.0, every)
     expected[3] = np.sqrt(expected[3] ** 2 - unit[2][0] ** 2)  # without what radii make of them
     expected[4:] = expected[4] / unit[3][0], expected[5] / unit[4][0]  # a common way taken off
     content = {
@@ -213,14 +214,17 @@ def _counts(reader):
 def _expected(reader, operator):
     section = reader.section("expected")
     section.only(*PARTS)
-    aside = ChannelPrior().aside * operator.pitch
+    usual = ChannelPrior().for_layout(operator.layout)
+    aside = usual.aside * operator.pitch
     found = [section.number(part, *([aside] if part in _ASIDE else [])) for part in PARTS]
     for part, value in zip(PARTS, found):
         if not value > 0:
             section.refuse(part, value, "is not a positive number")
     gain, offset, resistance, aside, _ = found[1:]
     every = np.arange(operator.layout.electrodes)
-    prior = ChannelPrior(gain, offset, resistance, aside=aside / operator.pitch)
+    prior = replace(
+        usual, gain=gain, offset=offset, resistance=resistance, aside=aside / operator.pitch
+    )
     return np.concatenate([operator.deviation, *prior.deviations(operator, 1.0, every)])
 
 

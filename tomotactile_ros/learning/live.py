@@ -132,7 +132,8 @@ class LiveLearner:
         self.layout, self._noise, self._radius, self._model = layout, noise, radius, model
         self._excluded, self._kind = list(excluded), kind
         self.operator = SheetOperator(layout, model)
-        self.state = self._start = state or SensorState.unknown(self.operator, WIDE)
+        wide = WIDE.for_layout(layout)
+        self.state = self._start = state or SensorState.unknown(self.operator, wide)
         self._lock = threading.Lock()  # guards what `offer` leaves for `work`
         self._working = threading.Lock()
         self._touched: list[_Frame] = []  # that are waiting, oldest first
@@ -358,7 +359,9 @@ class LiveLearner:
         state = self.state.walked(elapsed)
         if learner is None:
             operator = SheetOperator(self.layout, self._model, np.array(used))
-            like = Prior.unknown(operator, WIDE, self._radius, frame.drive)
+            like = Prior.unknown(
+                operator, WIDE.for_layout(operator.layout), self._radius, frame.drive
+            )
             learner = Learner(Search(operator), like, frame.drive, state)
             self._learners = {used: learner}
         else:

@@ -175,9 +175,9 @@ def _learned(
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
     if len(used) < 2:
         raise InputError("fewer than two electrodes can be read")
-    operator = SheetOperator(layout, model, used)
-    state = state or SensorState.unknown(operator, WIDE)
-    like = Prior.unknown(operator, WIDE, radius, drive)
+    operator, wide = SheetOperator(layout, model, used), WIDE.for_layout(layout)
+    state = state or SensorState.unknown(operator, wide)
+    like = Prior.unknown(operator, wide, radius, drive)
     learner = Learner(Search(operator), like, drive, state)
     ended: tuple[int, ...] = ()
     if idle.any():

@@ -57,7 +57,7 @@ class SensorState:
     @classmethod
     def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:
         """Nothing has been learned of any electrode of the layout."""
-        channels = channels or ChannelPrior()
+        channels = channels or ChannelPrior().for_layout(operator.layout)
         count = operator.layout.electrodes
         every = np.arange(count)
         widths = channels.deviations(operator, 1.0, every)

@@ -7,6 +7,8 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+import numpy as np
+
 from tomotactile_ros.layouts.layout import Layout, read_outline
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes import channels, sheet_field
@@ -79,7 +81,8 @@ class Defects:
     swapped : pairs of electrodes whose wires are exchanged.
     drift, hum, sheet_variation : see there; None for none.
     switch_resistance : between the grounded electrode and ground, ohm.
-    outline : of the sheet as it was cut, holes included, where it is not that of the layout.
+    outline : of the sheet as it was cut, where it is not that of the layout.
+    holes : polygons [[x, y], ...] in it, m, beside those that the outline has.
     electrode_radius : of the electrodes as they were printed, m, the same.
     sheet, channels : what else is wrong with the sheet; with the readings, and what lies between
         each electrode and ground. In a scene file their keys stand beside the others.
@@ -92,6 +95,7 @@ class Defects:
     switch_resistance: float = 0.0
     sheet_variation: SheetVariation | None = None
     outline: Outline | None = None
+    holes: tuple[np.ndarray, ...] = ()
     electrode_radius: float | None = None
     sheet: SheetField = field(default_factory=SheetField)
     channels: Channels = field(default_factory=Channels)
@@ -109,11 +113,13 @@ class Defects:
 
     def made(self, layout: Layout) -> Layout:
         """The sensor as it was made after `layout`; InputError where electrodes do not lie on that."""
-        if self.outline is None and self.electrode_radius is None:
+        if self.outline is None and not self.holes and self.electrode_radius is None:
             return layout
         outline = layout.outline if self.outline is None else self.outline
         radius = layout.radius if self.electrode_radius is None else self.electrode_radius
         try:
+            holes = *outline.holes, *self.holes
+            outline = dataclasses.replace(outline, holes=holes)
             return dataclasses.replace(layout, outline=outline, radius=radius)
         except InputError as error:
             raise InputError(f"defects: {layout.name} as it was made: {error}") from None
@@ -131,6 +137,8 @@ def named_defects(defects: Defects) -> dict[str, object]:
 
 
 def _content(value):
+    if isinstance(value, np.ndarray):
+        return value
     if isinstance(value, tuple):
         return [_content(each) for each in value]
     if isinstance(value, Outline):
@@ -166,7 +174,7 @@ def read_adc(reader: Reader) -> Adc | None:
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
     own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
-    made = "outline", "electrode_radius"
+    made = "outline", "holes", "electrode_radius"
     reader.only(*own, *made, *sheet_field.KEYS, *channels.KEYS)
     swapped = []
     for key, entry in reader.entries("swapped"):
@@ -184,6 +192,7 @@ def read_defects(reader: Reader) -> Defects:
             reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
         ),
         outline=read_outline(reader.section("outline"), False) if "outline" in reader else None,
+        holes=tuple(entry.points(key) for key, entry in reader.entries("holes")),
         electrode_radius=reader.number("electrode_radius")
         if "electrode_radius" in reader
         else None,
