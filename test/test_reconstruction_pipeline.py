@@ -10,11 +10,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tomotactile_ros.estimation.ground import no_ground_is_seen, rows_are_alike
+from tomotactile_ros.estimation.touch import STRETCH
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.frame_checks import rows_of
 from tomotactile_ros.reconstruction.pipeline import CONTRADICTS
+from tomotactile_ros.reconstruction.settings import UNKNOWN
+from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.scenes.scene import Scene
@@ -263,11 +266,58 @@ def test_drive_voltage_must_be_positive(pipelines, frame, drive):
         ({"model": "bem"}, "model"),
         ({"excluded": (-1,)}, "excluded"),
         ({"contact_radius": 0}, "contact_radius"),
+        ({"unknown": ("gain",)}, "unknown: 'gain' is none of auto, gains, offsets,"),
+        ({"unknown": ("auto", "gains")}, "unknown: auto is all"),
     ],
 )
 def test_settings_are_checked(bad, key):
     with pytest.raises(InputError, match=key):
         Settings(**bad)
+
+
+def without(layout, *known):
+    """`accurate`, which finds all but what is `known`."""
+    return Pipeline(layout, Settings("accurate", unknown=tuple(set(UNKNOWN) - set(known))))
+
+
+@pytest.mark.parametrize(
+    "known, channels",
+    [
+        ("gains", Channels(gain=Rms(0.04, 3))),
+        ("offsets", Channels(offset=Rms(0.01, 3))),
+        ("resistances", Channels(ground_resistance=Uniform(300.0, 150.0, 3))),
+    ],
+)
+def test_what_is_said_to_be_known_is_believed(layout, known, channels):
+    contact = Contact("disc", center=TRUE[0][:2], radius=0.005, pressure=20e3)
+    worn = Scene("worn", DRIVE, [contact], LAW, Noise(1e-3), defects=Defects(channels=channels))
+    voltages = Simulator(layout, worn).frame(0.0)
+    found, believed = (
+        pipeline.process(voltages, GROUNDED, DRIVE)
+        for pipeline in (without(layout), without(layout, known))
+    )
+    assert found.misfit < 1.2 and len(found.contacts) == 1
+    assert np.hypot(found.contacts[0].x - 0.034, found.contacts[0].y - 0.051) < 5e-4
+    assert not believed.contacts or believed.misfit > 2 * found.misfit
+
+
+def test_contacts_that_do_not_move_are_those_of_rows_read_at_once(layout, frame):
+    timed = without(layout, "motion").process(frame, GROUNDED, DRIVE, row_period=1e-3)
+    at_once = without(layout).process(frame, GROUNDED, DRIVE)
+    places = [[(c.x, c.y, c.force) for c in each.contacts] for each in (timed, at_once)]
+    assert len(places[0]) == 2
+    np.testing.assert_allclose(*places, rtol=1e-9)
+
+
+def test_contacts_that_are_discs_have_no_shape(layout):
+    bar = Contact("rectangle", center=(0.0, 0.0), size=(0.06, 0.008), angle=30.0, pressure=20e3)
+    voltages = Simulator(layout, Scene("bar", DRIVE, [bar], LAW, Noise(1e-3))).frame(0.0)
+    fitted = []
+    for pipeline in (without(layout), without(layout, "shape")):
+        assert len(pipeline.process(voltages, GROUNDED, DRIVE).contacts) == 1
+        fitted.append(pipeline._state.fit.unknowns.contacts[:, STRETCH:])
+    assert len(fitted[0]) == 1 and np.hypot(*fitted[0].T) > 0.5
+    assert len(fitted[1]) == 3 and not fitted[1].any()  # discs that touch are reported as one
 
 
 SMALL = equal_grid(3, 3, (0.1, 0.1), 0.002, 1e4)  # on which a search takes little time

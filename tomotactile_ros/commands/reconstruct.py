@@ -22,9 +22,11 @@ from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import (
+    AUTO,
     DEFAULT_LAW,
     IMAGES,
     PROFILES,
+    UNKNOWN,
     ContactEstimate,
     Result,
     doubt_of_noise,
@@ -70,6 +72,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="time that a frame may take, s (default: as long as it needs)",
     )
     parser.add_argument("--image", choices=IMAGES, help="default: as the profile makes it")
+    parser.add_argument(
+        "--unknown",
+        default=AUTO,
+        metavar="WHAT,...",
+        help=f"found with the contacts: {', '.join(UNKNOWN)} (default: {AUTO}, all)",
+    )
     parser.add_argument("--no-contacts", action="store_true", help="linear images alone")
     parser.add_argument("--model", default="auto", choices=MODELS, help="physics (default: auto)")
 
@@ -89,6 +97,7 @@ def run(args: Namespace) -> None:
         deadline=args.deadline,
         image=args.image,
         contacts=not args.no_contacts,
+        unknown=tuple(args.unknown.split(",")),
         model=args.model,
     )
     with complaints_at(f"{args.frames}: "):

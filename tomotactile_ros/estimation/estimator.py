@@ -36,7 +36,7 @@ from tomotactile_ros.estimation.one_state import (
     without_contradicting,
 )
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.prior import SENSOR, Prior
 from tomotactile_ros.estimation.reported import (
     ANYWHERE,
     Contact,
@@ -131,6 +131,10 @@ _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 # of V0: error of the model in one reading; without it a sensor whose noise is said to be below 0.1
 # mV is withheld (part `stability`, row noise)
 READING_FLOOR = 3e-5
+# what is found with the contacts: of the sensor; what readings keep of the row before; contacts that are no
+# discs; contacts that move while the rows of a frame are read
+UNKNOWN = frozenset([*SENSOR, "settling", "shape", "motion"])
+_ROUND = 1e-3  # standard deviation of p and q where contacts are discs: nothing shows
 
 
 @dataclass(frozen=True)
@@ -186,6 +190,7 @@ class Estimator:
     sensor : what was learned of this one (`learning.state.SensorState`), in the place of `channels`
     across : patches to the width of a contact, at most
     spread : standard deviation of the logarithm of contacts' radii; None: what fingers have
+    unknown : of `UNKNOWN`; the others are taken as expected or learned
     """
 
     def __init__(
@@ -201,11 +206,12 @@ class Estimator:
         sensor: Any = None,
         across: int = MOST_ACROSS,
         spread: float | None = None,
+        unknown: Iterable[str] = UNKNOWN,
     ):
         self.layout, self.noise, self.law, self.radius = layout, noise, law, radius
         self.model, self.excluded, self.across = model, frozenset(excluded), across
         self.channels, self.sensor = channels or ChannelPrior().for_layout(layout), sensor
-        self.spread = spread
+        self.spread, self.unknown = spread, frozenset(unknown)
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
@@ -234,13 +240,16 @@ class Estimator:
         from the beginning. `first` (E,) are the potentials in the row before the first one, V, NaN where
         they are not known; None: if rows have times, none is known, else those of the last row.
         """
+        if "motion" not in self.unknown:
+            row_period = 0.0
         if first is None and row_period > 0:
             first = np.full(self.layout.electrodes, np.nan)
         scan = _Scan(np.asarray(voltages, float), np.asarray(grounded, int), first, without)
         frame = scan.taken_off(state.settling), scan.grounded, drive_voltage
         noise = max(self.noise, state.noise)
+        asked = "settling" in self.unknown
         try:
-            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan, True)
+            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan, asked)
         except _Unsettled as what:
             state.forget()
             state.settling = what.settling
@@ -411,9 +420,13 @@ class Estimator:
         prior = Prior.unknown(operator, channels, self.radius, drive_voltage)
         if self.spread is not None:
             prior = replace(prior, spread=self.spread)
-        if self.sensor is None:
+        if self.sensor is not None:
+            prior = self.sensor.prior(operator, drive_voltage, prior)
+        if self.unknown == UNKNOWN:
             return prior
-        return self.sensor.prior(operator, drive_voltage, prior)
+        if "shape" not in self.unknown:
+            prior = replace(prior, stretch=_ROUND)
+        return prior.with_held(set(SENSOR) - self.unknown)
 
     def sensor_of(
         self, used: tuple[int, ...], drive_voltage: float, noise: float = 0.0
@@ -427,12 +440,14 @@ class Estimator:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
-            self._searches[used] = Search(SheetOperator(self.layout, self.model, used), self.across)
+            operator = SheetOperator(self.layout, self.model, used)
+            self._searches[used] = Search(operator, self.across, "shape" not in self.unknown)
         search = self._searches[used]
         if self.sensor is not None:
             operator = search.operator.near(self.sensor["sheet"], self.sensor.tears)
             if operator is not search.operator:
-                search = self._searches[used] = Search(operator, self.across)
+                search = Search(operator, self.across, "shape" not in self.unknown)
+                self._searches[used] = search
         return search
 
     def _rows(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +15,14 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 
 _HELD = 1e-2  # of the deviations of a sensor that is held
+# what is unknown of a sensor: the first of the kinds of channels that each group is, and how many
+SENSOR = {
+    "gains": (0, 1),
+    "offsets": (1, 1),
+    "resistances": (2, 1),
+    "places": (3, 2),
+    "sheet": (KINDS, 0),  # its coefficients, and no channel
+}
 # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
 RATES = 0.3, 0.3, 10.0
 
@@ -74,14 +83,24 @@ class Prior:
             precision=None if self.precision is None else self.precision / part**2,
         )
 
-    def with_held_sheet(self) -> Prior:
-        """The same channels on a sheet that is as good as certain."""
-        modes, precision = len(self.sheet), self.precision
-        if precision is not None:
-            units = np.ones(len(precision))
-            units[:modes] = 1 / _HELD
-            precision = precision * units[:, None] * units
-        return replace(self, sheet_deviation=_HELD * self.sheet_deviation, precision=precision)
+    def with_held(self, groups: Iterable[str]) -> Prior:
+        """The same with what is in `groups`, of `SENSOR`, as good as certain."""
+        modes, count = len(self.sheet), len(self.gain)
+        units = np.ones(modes + KINDS * count)
+        for group in groups:
+            first, kinds = SENSOR[group]
+            begins = modes + first * count
+            units[begins : begins + kinds * count] = _HELD
+            if group == "sheet":
+                units[:modes] = _HELD
+        deviations = zip(units[modes:].reshape(KINDS, -1), self.deviations)
+        precision = self.precision
+        return replace(
+            self,
+            sheet_deviation=units[:modes] * self.sheet_deviation,
+            deviations=tuple(unit * each for unit, each in deviations),
+            precision=None if precision is None else precision / np.outer(units, units),
+        )
 
     def with_offsets_off(self, by: float) -> Prior:
         """The same sensor with offsets that may be `by` (in parts of V0) off as well, each by itself:

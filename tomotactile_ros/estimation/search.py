@@ -125,12 +125,14 @@ class Solver(Protocol):
 
 
 class Search(Fits):
-    """Finds contacts in rows of a sensor, with at most `across` patches to the width of each."""
+    """Finds contacts in rows of a sensor, with at most `across` patches to the width of each; `round` : all
+    are discs."""
 
-    def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS):
+    def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS, round: bool = False):
         self.detector, self.shapes = Detector(operator), Shapes(operator)
         threshold = float(chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels)))
         super().__init__(operator, across, threshold)
+        self._round = round
         self._most = len(operator.used)  # contacts, each of which an electrode is nearest to
         self._refused = 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
@@ -466,7 +468,7 @@ class Search(Fits):
         for which in range(len(found.unknowns.contacts)):
             found = self._beyond(found, which)
         short = self._falls_short(found)
-        if shapes and short and not self._changing:
+        if shapes and short and not (self._changing or self._round):
             found = self._of_any_shape(found, look, rest)
             if found.unknowns.bond is not None:
                 return found
@@ -668,7 +670,7 @@ class Search(Fits):
             few = self._of_sensor(look, discs, like)
             if few is not None:
                 return Start(look, few)
-        shape = None if self._changing else self._in_cells(look, like)
+        shape = None if self._changing or self._round else self._in_cells(look, like)
         if shape is not None and explains(shape):
             return Start(look, shape, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)

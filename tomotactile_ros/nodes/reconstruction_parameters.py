@@ -6,7 +6,7 @@ from tomotactile_ros.nodes import learning, row_contacts, tare
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.reconstruction.calibration import load_calibration
-from tomotactile_ros.reconstruction.settings import IMAGES, PROFILES
+from tomotactile_ros.reconstruction.settings import AUTO, IMAGES, PROFILES, UNKNOWN
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
 
@@ -29,6 +29,12 @@ SPECS = (
         high=10.0,
     ),
     Spec("image", "", "What images show; empty: as the profile makes them", choices=("", *IMAGES)),
+    Spec(
+        "unknown",
+        (AUTO,),
+        f"What is found with the contacts: {', '.join(UNKNOWN)}; {AUTO}: all",
+        items=str,
+    ),
     Spec("contacts", True, "Look for contacts; false: linear images alone"),
     Spec("resolution", 40, "Cells of the image along the longer side", low=4, high=200),
     Spec(
@@ -99,6 +105,7 @@ _PLAIN_SETTINGS = (
     "noise",
     "contact_radius",
     "contacts",
+    "unknown",
     "excluded",
     "threshold",
     "model",

@@ -204,6 +204,7 @@ class Pipeline:
             excluded=settings.excluded,
             sensor=self.sensor,
             across=ESTIMATED.get(self.profile, BOUNDED),
+            unknown=settings.asked,
         )
 
     def _estimates(self) -> Estimator:

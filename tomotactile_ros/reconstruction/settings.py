@@ -14,6 +14,8 @@ from tomotactile_ros.support.errors import InputError
 
 IMAGES = ("none", "paper", "contacts")
 PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
+AUTO = "auto"
+UNKNOWN = "gains", "offsets", "resistances", "sheet", "places", "settling", "shape", "motion"
 IN_TIME = 0.05  # s: a robot that grasps is told within a twentieth of a second
 PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 # of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
@@ -50,6 +52,10 @@ class Settings:
     contacts : whether contacts are looked for; without, the pressure is that of one linear step: blurred over
         the distance of electrodes, and at most the true one, as the sheet around a contact holds currents back
         and only contacts tell how much.
+    unknown : what is found with the contacts, of `UNKNOWN`: gains, offsets, resistances to ground and places of
+        electrodes, the sheet (uneven, cut or printed otherwise), what readings keep of the row before, contacts
+        that are no discs, contacts that move within a frame. The others are as the layout has them, or as learned.
+        `auto`: all; what readings do not ask for then stays as it was. Of `balanced`, `accurate` and `auto`.
     """
 
     profile: str = "fast"
@@ -64,6 +70,7 @@ class Settings:
     model: str = "auto"
     image: str | None = None
     contacts: bool = True
+    unknown: tuple[str, ...] = (AUTO,)
 
     def __post_init__(self):
         if self.profile not in PROFILES:
@@ -91,8 +98,22 @@ class Settings:
         elif self.profile == "auto":
             object.__setattr__(self, "deadline", IN_TIME)
         checks.positive(self.threshold, "threshold", "number")
+        unknown = (self.unknown,) if isinstance(self.unknown, str) else tuple(self.unknown)
+        for each in unknown:
+            if each not in (AUTO, *UNKNOWN):
+                raise InputError(
+                    f"unknown: {checks.show(each)} is none of {AUTO}, {', '.join(UNKNOWN)}"
+                )
+        if AUTO in unknown and len(unknown) > 1:
+            raise InputError(f"unknown: {AUTO} is all, and stands alone")
+        object.__setattr__(self, "unknown", unknown)
         excluded = tuple(checks.integer(e, "excluded", 0, 65534) for e in self.excluded)
         object.__setattr__(self, "excluded", excluded)
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """What is found with the contacts."""
+        return UNKNOWN if self.unknown == (AUTO,) else self.unknown
 
     @property
     def law(self) -> ContactLaw:
