@@ -31,7 +31,7 @@ from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import AUTO, UNKNOWN
 
-SPEED = 0.3  # m/s, of contacts that move
+SPEED = 0.2  # m/s, of contacts that move
 LEARNED = 30  # touches
 
 

@@ -87,7 +87,14 @@ def test_a_force_that_is_known_from_below_is_at_least_that(pipelines):
             assert contact.force < force
         else:
             assert abs(contact.force - force) < 2.5 * contact.force_std
-    assert 10 < bounded < 30
+    assert 5 < bounded < 20
+
+
+def test_how_strong_a_press_on_an_electrode_is_takes_more_than_one_step(pipelines):
+    fast, (x, y) = pipelines["fast"], pipelines["fast"].layout.positions[27]
+    (frame,) = frames_of(fast.layout, [(x + 0.001, y, 0.006, 15.0 / (np.pi * 0.006**2))])
+    (contact,) = fast.process(frame, GROUNDED, DRIVE).contacts
+    assert contact.force == pytest.approx(15.0, rel=0.15) and contact.force_std < 3.0
 
 
 @pytest.mark.parametrize("radius", [0.008])

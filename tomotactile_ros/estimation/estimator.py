@@ -415,18 +415,19 @@ class Estimator:
         return clipped(voltages) & (below | (voltages > 0))
 
     def _prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
-        offset = float(np.hypot(self.channels.offset, CUT_OFF * noise))
-        channels = replace(self.channels, offset=offset)
+        held = set(SENSOR) - self.unknown
+        own = 0.0 if "offsets" in held else self.channels.offset
+        channels = replace(self.channels, offset=float(np.hypot(own, CUT_OFF * noise)))
         prior = Prior.unknown(operator, channels, self.radius, drive_voltage)
         if self.spread is not None:
             prior = replace(prior, spread=self.spread)
         if self.sensor is not None:
             prior = self.sensor.prior(operator, drive_voltage, prior)
-        if self.unknown == UNKNOWN:
-            return prior
+        else:
+            held -= {"offsets"}  # of which what is cut off at 0 V is left
         if "shape" not in self.unknown:
             prior = replace(prior, stretch=_ROUND)
-        return prior.with_held(set(SENSOR) - self.unknown)
+        return prior.with_held(held) if held else prior
 
     def sensor_of(
         self, used: tuple[int, ...], drive_voltage: float, noise: float = 0.0

@@ -57,6 +57,9 @@ _PLACE_ERROR = 0.025  # spacings, and
 _FORCE_ERROR = 0.1  # of the force: standard deviations of what this model of a disc lacks
 # the same of one that covers the centre of an electrode, where H is not harmonic; upwards half of that
 _ON_ELECTRODE, _MORE_THERE = 0.5, 0.25
+# 2 ln k from which on most of the current of a disc goes to an electrode under it, as far as sheet and contact
+# share it: weaker ones are right to `_ON_ELECTRODE`
+_STRONG = 2 * math.log(1.7)
 _NEVER_LARGER = 0.975  # probability of a radius: a bound holds in 39 of 40
 _TINY = 1e-30  # S
 _K = np.geomspace(6.0, 1e-6, 1000)  # from as good as a bare conductor to nearly nothing
@@ -137,7 +140,8 @@ class Disc:
     """place (2,) m; conductance g a^2 pi, S; radius, m.
 
     covariance (2, 2) of the place, m^2; spread (2, 2) the same of the logarithms of conductance and
-    radius; certainty : conductance in standard deviations
+    radius; certainty : conductance in standard deviations; hidden : how much it conducts, by an electrode
+    under it
     """
 
     place: np.ndarray
@@ -146,6 +150,7 @@ class Disc:
     covariance: np.ndarray
     spread: np.ndarray
     certainty: float
+    hidden: bool = False
 
 
 @dataclass(frozen=True)
@@ -276,7 +281,8 @@ def _sized(local, noise, left, point, radius) -> Disc:
     usual = int(np.abs(sizes).argmin())
     most = max(found, math.pi * math.exp(total[usual]) / local.resistance)
     bare = told(most, max(1 / point.effective - 1 / most, 0.0), local.resistance)[1]
-    if bare or (covers and means[0] > 0):  # of a strong one an electrode takes a part
+    hidden = not bare and covers and max(means[0], total[usual]) > _STRONG
+    if bare or hidden:
         # known from below alone: as one of the largest radius that is not excluded
         spread[0, 0] = math.inf
         large = int(np.searchsorted(np.cumsum(weight), _NEVER_LARGER))
@@ -291,6 +297,7 @@ def _sized(local, noise, left, point, radius) -> Disc:
         point.covariance[1:, 1:] + (_PLACE_ERROR * local.spacing) ** 2 * np.eye(2),
         spread,
         float(point.covariance[0, 0]) ** -0.5,
+        bool(hidden),
     )
 
 

@@ -48,12 +48,14 @@ class Strength:
 @dataclass(frozen=True)
 class Image:
     """values (K,), effective conductance of each pixel, S; its blobs; how strongly each conducts;
-    `left_over` of the currents, in parts of them, that no strengths of these contacts explain."""
+    `left_over` of the currents, in parts of them, that no strengths of these contacts explain; whether an
+    electrode hides how strong one is."""
 
     values: np.ndarray
     blobs: list[Blob]
     strengths: list[Strength]
     left_over: float
+    hidden: bool
 
 
 def described(
@@ -80,7 +82,9 @@ def described(
     found = [_strength(discs[i], LARGEST / local.resistance) for i in kept]
     if most_together(np.array([each.position for each in found]), local.spacing) > 2:
         return None
-    return Image(values, [blobs[i] for i in kept], found, _left_over(found, measured, local))
+    left_over = _left_over(found, measured, local)
+    hidden = any(discs[i].hidden for i in kept)
+    return Image(values, [blobs[i] for i in kept], found, left_over, hidden)
 
 
 def _strength(disc: Disc, most: float) -> Strength:

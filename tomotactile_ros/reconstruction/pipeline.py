@@ -829,7 +829,7 @@ class Pipeline:
         for a frame that one linear step is not made for, see `_read`, or with which something is wrong."""
         if self.fits or self._mistake(given):
             return None
-        shown = self._shown(given, self._read(given))
+        shown = self._shown(given, self._read(given), at_a_glance=False)
         if shown is None:
             return None
         if not self._within.busy:
@@ -838,9 +838,9 @@ class Pipeline:
         self._imaged_before = given  # should the next frame need what was there
         return _Found(self._settled(shown), given)
 
-    def _shown(self, given: _Given, read: tuple) -> Result | None:
+    def _shown(self, given: _Given, read: tuple, at_a_glance: bool = True) -> Result | None:
         """What the linear image says of a frame `read` as `_read` does; None where one step is not
-        enough."""
+        enough: `at_a_glance` a contact whose force an electrode hides does for its place."""
         frame, bad, local, measured = read
         if local is None:
             if not self._rests(frame, bad):
@@ -849,7 +849,7 @@ class Pipeline:
         image = None
         if measured is not None and np.count_nonzero(~bad) >= FEWEST:
             image = described(local, measured, self._disc_change, self.settings.contact_radius)
-        if image is None or image.left_over > _LEFT_OVER:
+        if image is None or image.left_over > _LEFT_OVER or (image.hidden and not at_a_glance):
             return None
         level = self.settings.level
         if level is None:
