@@ -52,6 +52,7 @@ def main() -> None:
     args = parser.parse_args()
 
     layout = my_layout()
+    print(f"{layout.name}: simulating and imaging takes some seconds", flush=True)
     idle, voltages = measured_frames(layout)
     grounded = np.arange(layout.electrodes)  # of each row
     pipeline = tt.Pipeline(layout, tt.Settings("balanced", noise=0.001))

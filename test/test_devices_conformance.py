@@ -69,6 +69,7 @@ def test_nobody_and_noise_are_told_apart():
     for mangle, words in (
         (lambda data: b"", "nothing answers"),
         (lambda data: b"noise" if data else b"", "no valid packet"),
+        (lambda data: b"0\t612\t655\t701\r\n", "it prints text.*--protocol text-V"),
         (lambda data: protocol.encode(protocol.Ack(0, 1, False, 1.0)), "no answer to IDENTIFY"),
     ):
         with pytest.raises(Broken, match=words):
@@ -243,6 +244,7 @@ MANNERS = {
 def test_a_device_with_bad_manners_is_found(kind, monkeypatch):
     try_only(monkeypatch, MANNERS[kind])
     told = broken(kind(counted, E, rate=100.0))
+    assert not any("(tag=" in each for each in told), told  # a packet as Python prints it
     for rule in MANNERS[kind]:
         assert any(rule in each for each in told), told
 

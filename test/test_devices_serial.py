@@ -221,6 +221,14 @@ def test_unplug_and_replug_a_hundred_times(tmp_path):
         assert watch.device.status().counters["reconnects"] >= 100
 
 
+def test_the_emulator_says_what_it_is_and_programs_read_the_port_alone(capsys, monkeypatch):
+    monkeypatch.setattr(emulator.Emulator, "run", lambda self, announce: announce("/tmp/skin"))
+    assert emulator.main(["--protocol", "text-mV"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "/tmp/skin\n" and said.err.count("\n") == 1
+    assert "watch --layout equal-8x8 --port /tmp/skin --protocol text-mV" in said.err
+
+
 def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
     assert emulator.main(["--port", "usb", "--ros-args", "-r", "__node:=sensor"]) == 2
     assert emulator.main(["--layout", "no-such-layout"]) == 2

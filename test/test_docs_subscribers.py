@@ -31,6 +31,10 @@ int main()
   message.contacts.resize(1);
   message.contacts[0].force = 2;
   message.contacts[0].position.x = 0.01;
+  message.complete = true;
+  std::fputs(describe(message).c_str(), stdout);
+  message.contacts.clear();
+  message.complete = false;
   std::fputs(describe(message).c_str(), stdout);
   message.state = message.WITHHELD;
   message.reason = "torn";
@@ -59,12 +63,19 @@ def test_contacts_are_written_out(probe, run):
     publisher = probe.node.create_publisher(ContactArray, "/contacts", 2)
     header = make_header(1.0, "palm")
     known = ContactArray(
-        header=header, contacts=[Contact(position=Point(x=0.01, z=0.5), force=2.0)]
+        header=header,
+        contacts=[Contact(position=Point(x=0.01, z=0.5), force=2.0)],
+        complete=True,
     )
+    cut = ContactArray(header=header)
     withheld = ContactArray(header=header, state=ContactArray.WITHHELD, reason="torn")
-    probe.node.create_timer(0.1, lambda: (publisher.publish(known), publisher.publish(withheld)))
+    probe.node.create_timer(0.1, lambda: [*map(publisher.publish, (known, cut, withheld))])
     feel = run(PYTHON[0])
-    for line in ("2.00 N at (0.010, 0.000, 0.500) m in palm", "not known what touches: torn"):
+    for line in (
+        "2.00 N at (0.010, 0.000, 0.500) m in palm",
+        "cut by the deadline: rough",
+        "not known what touches: torn",
+    ):
         probe.until(lambda line=line: line in feel.output, line)
 
 
@@ -106,7 +117,11 @@ def compile_cpp(tmp_path, code: str, *options: str) -> Path:
 def test_the_function_in_cpp_says_the_same(tmp_path):
     program = compile_cpp(tmp_path, CPP[0] + MAIN)
     said = subprocess.run([program], check=True, capture_output=True, text=True).stdout
-    assert said == "2.00 N at (0.010, 0.000, 0.000) m\nnot known what touches: torn\n"
+    assert said.splitlines() == [
+        "2.00 N at (0.010, 0.000, 0.000) m",
+        "cut by the deadline: rough",
+        "not known what touches: torn",
+    ]
 
 
 def test_the_node_in_cpp_compiles(tmp_path):

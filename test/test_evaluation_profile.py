@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
+from tomotactile_ros.evaluation import profile_quality
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile, off_lattice
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, equal_grid
@@ -56,6 +57,26 @@ def test_regions_outside_the_outline_are_left_out(ell):
     assert sum(region["contacts"] for region in regions) == len(found.quality.positions)
     worst = max(region["hwhm"] for region in regions)
     assert found.metrics["hwhm"]["worst_region"] == worst
+
+
+@pytest.mark.parametrize("every", [2, 1])
+def test_withheld_images_are_in_no_figure(monkeypatch, capsys, every):
+    class Withholding(profile_quality.Pipeline):
+        count = 0
+
+        def process(self, *frame):
+            self.count += 1
+            result = super().process(*frame)
+            if self.count % every == 0:
+                result.pressure, result.reason = np.full_like(result.pressure, np.nan), "torn"
+            return result
+
+    monkeypatch.setattr(profile_quality, "Pipeline", Withholding)
+    words = ["evaluate", "--layout", "equal-4x4", "--profile", "fast", "--resolution", "4"]
+    assert cli.main(words) == (0 if every == 2 else 2)
+    said = capsys.readouterr()
+    assert "nan" not in said.out and ("withheld 8, left out" in said.out) == (every == 2)
+    assert every == 2 or "all images are withheld, the last one: torn" in said.err
 
 
 def test_the_command_states_ghosts_and_misses_beside_places(capsys):

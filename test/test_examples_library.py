@@ -106,7 +106,7 @@ def test_simulated_contacts_are_found_where_they_are(tmp_path):
 def test_own_frames_with_an_offset_show_the_finger_and_nothing_else(tmp_path):
     done = run(tmp_path, "own_frames.py")
     assert done.returncode == 0, done.stderr
-    first, last = done.stdout.splitlines()  # one contact, and the picture
+    _, first, last = done.stdout.splitlines()  # that it has begun, one contact, and the picture
     assert np.hypot(*(np.array(numbers(first)) - [80, -30])) < 1.5
     assert "contacts.png" in last and is_picture(tmp_path / "contacts.png")
 
@@ -160,7 +160,8 @@ def test_learned_gains_and_two_known_forces_give_the_force_of_another_place(tmp_
 def test_the_search_on_an_odd_outline_gains_and_writes_a_layout(tmp_path):
     done = run(tmp_path, "odd_outline.py", "--steps", 3, "--resolution", 12)
     assert done.returncode == 0, done.stderr
-    start, best = (numbers(line) for line in done.stdout.splitlines()[1:3])
+    assert done.stdout.count("\nstep ") == 4  # the start is one
+    start, best = (numbers(line) for line in done.stdout.splitlines()[-3:-1])
     assert best[0] < start[0]
     layout = tt.load_layout(tmp_path / "l-shaped.yaml")
     assert layout.name == "l-shaped" and layout.electrodes == 12 and len(layout.outline.holes) == 1

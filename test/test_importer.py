@@ -211,8 +211,10 @@ def test_pyeit_itself_lists_measurements_so():
     [
         ((E * (E - 1),), {}, "without the grounded electrode.*--order pyeit or --order eidors"),
         ((E * (E - 3),), {"order": "pyeit"}, "currents between pairs are another"),
+        ((2,), {}, "2 numbers are too few: a frame of this layout is 16 lines.*of 16 readings"),
+        ((1, E), {}, "16 numbers are too few.*are fewer electrodes grounded .--grounded"),
         ((31, E), {}, "15 rows are left over; are fewer electrodes grounded"),
-        ((7, 11), {}, "is it the right layout"),
+        ((37, 11), {}, "is it the right layout"),
         ((2, E, E), {"axes": "NLX"}, "is not N .frames., L .rows. and E"),
         ((2, E, E), {"rotated": True}, "order of pyeit or eidors"),
         ((E, E), {"grounded": [0, 16]}, "electrode 16 does not exist"),

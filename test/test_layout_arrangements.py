@@ -1,6 +1,7 @@
 """Grids, hexagonal grids and rings: where their electrodes are, and the command that writes
 them."""
 
+import re
 import shlex
 
 import numpy as np
@@ -54,6 +55,18 @@ def test_shipped_layouts_come_from_the_command_that_they_name(name, tmp_path):
     assert words[0] == "tomotactile"
     assert cli.main([*words[1:], "--out", str(again)]) == 0
     assert again.read_bytes() == shipped.read_bytes()
+
+
+@pytest.mark.parametrize("words", ["--size 0.1 0.07", "--size 0.2 0.14 --hex", "--size 0.07 0.1"])
+def test_numbers_of_a_file_read_well_and_keep_the_id(words, tmp_path):
+    """0.035, and neither 0.0035000000000000005 nor -0.034999999999999996."""
+    out = tmp_path / "out.yaml"
+    words = f"layout --rows 5 --cols 5 {words} --inset 0.01 --out {out}"
+    assert cli.main(words.split()) == 0
+    layout = load_layout(out)
+    assert max(map(len, re.findall(r"\d\.(\d+)", out.read_text()))) <= 12
+    layout.save(out)
+    assert load_layout(out).id == layout.id
 
 
 @pytest.mark.parametrize(

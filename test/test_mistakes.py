@@ -120,6 +120,14 @@ def test_readings_in_another_unit(own_frames, capsys, make, drive, meant):
     assert meant in complaint(capsys, own_frames(make(frames_of(WIDE, "default")), WIDE, drive))
 
 
+@pytest.mark.parametrize(("scale", "meant"), [(1e3, "are they in mV"), (2.0, "is that the right")])
+def test_frames_of_a_device_in_another_unit(scale, meant):
+    """The unit is the reason, not that readings beyond 1000 V are none and channels seem dead."""
+    voltages = scale * frames_of(WIDE, "default")[0]
+    result = Pipeline(WIDE, Settings("fast")).process(voltages, np.arange(WIDE.electrodes), 3.3)
+    assert result.reason.startswith("readings up to") and meant in result.reason
+
+
 @pytest.mark.parametrize(
     ("make", "meant"),
     [

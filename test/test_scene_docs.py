@@ -72,4 +72,8 @@ def test_words_and_numbers_of_the_page_are_those_of_the_code():
 def test_every_shipped_scene_is_listed():
     shipped = {path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml")}
     listed = TEXT.split("## Shipped scenes")[1].replace("`-", "`experiment-")
-    assert shipped == set(re.findall(r"`([a-z-]+)`", listed))
+    listed = set(re.findall(r"`([a-z-]+)`", listed))
+    assert shipped == listed, (
+        f"docs/scenes.md, 'Shipped scenes': give each scene of config/scenes/ a row with what it is for "
+        f"(missing: {sorted(shipped - listed)}), and no other (without a file: {sorted(listed - shipped)})"
+    )

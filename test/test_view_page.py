@@ -14,10 +14,11 @@ from process_support import python
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction.estimate import ContactEstimate
 from tomotactile_ros.surfaces.simple import Cylinder
 from tomotactile_ros.view import timeline
 from tomotactile_ros.view.page import LOCALHOST, Page
-from tomotactile_ros.view.page_parts import frames_of, rings, roots_of
+from tomotactile_ros.view.page_parts import frames_of, rings, roots_of, table_of
 
 WITHOUT = """
 import sys
@@ -105,6 +106,27 @@ def test_an_ellipse_has_the_axes_of_its_covariance():
     points = rings(np.zeros((1, 3)), np.eye(3)[None], roots_of(covariance)).reshape(-1, 3)
     distances = np.einsum("ni,ij,nj->n", points[:, :2], np.linalg.inv(covariance[0]), points[:, :2])
     assert np.allclose(distances, 1.0) and np.allclose(points[:, 2], 0.0)
+
+
+def test_columns_have_units_and_something_in_them():
+    contact = ContactEstimate(0.01, 0.02, 2.0, 2.5e4, 7.9e-5, 0.005, (1e-8, 0.0, 0.0, 4e-8), 0.1)
+    true = {"x": 0.01, "y": 0.02, "force": 2.0}
+    heads = ["", "x, y / mm", "± / mm", "N"]
+    for truth, more in (
+        (None, []),
+        ([true | {"force": None}], ["off / mm"]),  # of a bare conductor
+        ([true], ["off / mm", "true N"]),
+        ([true, true], ["off / mm", "true N"]),
+    ):
+        first, *rows = table_of([contact], truth, True).split("<tr>")[1:]
+        assert re.findall("<th>(.*?)</th>", first) == [*heads, *more]
+        assert len(rows) == len(truth or [0])
+        assert all(row.count("<td>") == len(heads + more) for row in rows)
+
+
+def test_the_page_has_the_title_of_the_program(page, open_tab):
+    tab = open_tab(page.url)
+    tab.says("tomotactile a page")
 
 
 @pytest.mark.parametrize("make", [lambda: load_layout("equal-8x8"), bent])

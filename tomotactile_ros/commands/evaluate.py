@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
-from argparse import ArgumentParser, BooleanOptionalAction, Namespace
+from argparse import (
+    ArgumentParser,
+    BooleanOptionalAction,
+    Namespace,
+    RawDescriptionHelpFormatter,
+)
 
 from tomotactile_ros.bench.tables import text
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
@@ -32,9 +37,25 @@ _TOUCH_PLACES = 6  # contacts along the longer side
 # electrodes; beyond, what is expected of a contact takes a minute and is asked for
 _MOST_FOR_TOUCH = 64
 _SHOWN = 12  # regions in the text; --json has all
+TERMS = f"""\
+what is printed:
+  HWHM             from the middle of a contact's image to where it has fallen to half of its peak
+  position error   from that middle to the contact
+  blur             how far the image spreads around the contact, rms: width and error in one
+  %                of the longer side of the sheet
+  worst tenth      the mean of the largest tenth; worst region: of the mean of a region
+  noise gain       noise of a pixel that noise of the readings makes
+  place, force     what a contact can be known to at best, by readings with that noise
+  d'               {SEPARATION.removeprefix("d' is ")}
+  ghosts           reported, and no contact is within 10 mm; doubled: a second one within 10 mm
+  weak, missed     reported with less than 0.02 N; not reported
+  p95              the value that 95 % are below
+  OSPA             distance to the true contacts, ghosts and misses counted as 10 mm
+more: docs/layouts.md, docs/glossary.md"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
+    parser.epilog, parser.formatter_class = TERMS, RawDescriptionHelpFormatter
     parser.add_argument("--layout", required=True, help="layout file or name of an installed one")
     parser.add_argument(
         "--profile",
@@ -199,6 +220,7 @@ def as_text(content):
         )
     if len(regions) > _SHOWN:
         yield f"  and {len(regions) - _SHOWN} more (--json lists all)"
+    yield "what these are: tomotactile evaluate --help"
 
 
 def _touch_lines(touch):

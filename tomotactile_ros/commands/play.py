@@ -54,7 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     load_layout(args.layout)  # says what is wrong with it before there is a page
-    with open_page(args, "tomotactile play") as page, suppress(KeyboardInterrupt):
+    with open_page(args, "play") as page, suppress(KeyboardInterrupt):
         page.say(ABOUT)
         over = threading.Event()
         if args.duration is not None:

@@ -54,7 +54,7 @@ def add_page_arguments(parser: ArgumentParser) -> None:
 def open_page(args: Namespace, title: str, calibrated: bool = True) -> Page:
     """The page that the options ask for; it is said where it is."""
     page = Page(title, args.host, args.web_port, calibrated)
-    print(f"{title}: {page.url}", flush=True)
+    print(f"tomotactile {title}: {page.url}", flush=True)
     return page
 
 

@@ -8,6 +8,7 @@ see is not tried: whether a device drops whole packets when the line is slow, cl
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -18,13 +19,14 @@ import numpy as np
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.line import Line, LineFault
-from tomotactile_ros.devices.probe import PAUSE, Broken, Probe, Untried
+from tomotactile_ros.devices.probe import PAUSE, Broken, Probe, Untried, name_of
 
 ANSWER_TIME = 0.1
 CLOCK_PPM = 1000.0
 ROWS_PER_SECOND = 1000.0  # that are asked for, where the device can
 SLACK = 1.0  # s that a line may keep things back
 CLOCK_TIME = 2.0
+_TEXT = re.compile(rb"([\t -~]*\r?\n)+[\t -~]*")  # lines; noise has other bytes, too
 
 KEPT, BROKEN, UNTRIED = "kept", "BROKEN", "not tried"
 
@@ -327,7 +329,8 @@ def wrong_lengths_are_refused(trial: Trial) -> str:
         if answer is None and trial.probe.version == 1:
             remark = "thrown away"
         elif not isinstance(answer, protocol.Error):
-            raise Broken(f"SET_RATE of {len(wrong)} bytes: {answer or 'no answer'}")
+            said = "nothing" if answer is None else name_of(protocol.type_of(answer))
+            raise Broken(f"SET_RATE of {len(wrong)} bytes is answered with {said}, not ERROR")
     return remark
 
 
@@ -603,6 +606,11 @@ def _nobody(probe: Probe) -> str:
         return "nothing answers IDENTIFY"
     if counters.packets:
         return "packets come, but no answer to IDENTIFY"
+    if _TEXT.fullmatch(probe.bytes):
+        return (
+            "it prints text, and only binary packets have rules to try; "
+            "'tomotactile watch --protocol text-V' (or -mV, -10bit ...) reads what it prints"
+        )
     return f"{counters.bytes} bytes come and no valid packet (wrong baud rate?)"
 
 

@@ -202,10 +202,21 @@ def _interrupt(signum: int, frame: object) -> None:
 
 
 def serve(arguments: argparse.Namespace) -> None:
-    """Run the emulator until it is interrupted; it prints what a host opens."""
+    """Run the emulator until it is interrupted; it prints what a host opens, and for people how."""
     device = _make_device(arguments)
+    (protocol,) = [name for name in arguments.protocol if name in FORMATS] or ["binary"]
+
+    def announce(path: str) -> None:
+        print(path, flush=True)
+        print(
+            f"a sensor without hardware, until Ctrl-C; in another shell: tomotactile watch --layout "
+            f"{arguments.layout} --port {path}"
+            + (f" --protocol {protocol}" * (protocol != "binary")),
+            file=sys.stderr,
+        )
+
     try:
-        Emulator(device, port_maker(arguments.port)).run(lambda path: print(path, flush=True))
+        Emulator(device, port_maker(arguments.port)).run(announce)
     except OSError as error:
         raise InputError(f"port: {arguments.port}: {error.strerror or error}") from None
 

@@ -171,8 +171,8 @@ class Health:
             found.append(Trouble("loss", share > self.SERIOUS_LOSS, text))
         if above > self.OFTEN * delivered:
             text = (
-                f"readings up to {self._highest:.3g} V are above the drive voltage: "
-                "scale, range or drive voltage of the device are wrong"
+                f"readings up to {self._highest:.4g} V are above the drive voltage: their unit (protocol), "
+                "or scale, range or drive voltage of the device are wrong"
             )
             found.append(Trouble("above drive", True, text))
         if empty > self.OFTEN * delivered:

@@ -55,7 +55,10 @@ def evaluate_profile(
     seed : of places, sizes and noise
     track : wraps the contacts, to show progress
 
-    Raises InputError for an unknown profile, and where no contact of that radius fits on the sheet.
+    Images that are withheld are left out of the figures of images, and counted in the settings.
+
+    Raises InputError for an unknown profile, where no contact of that radius fits on the sheet, and where
+    all images are withheld.
     """
     settings = Settings(profile, resolution=resolution)
     radii = settings.contact_radius * np.array(SIZES)
@@ -85,7 +88,12 @@ def evaluate_profile(
         "positions": f"{len(places)}, one to a cell of {pipeline.grid.height} x "
         f"{pipeline.grid.width}",
     }
-    found = quality(images, places, pipeline.grid)
+    shown = np.isfinite(images).all(axis=1)
+    if not shown.any():
+        raise InputError(f"{layout.name}: all images are withheld, the last one: {result.reason}")
+    if not shown.all():
+        how["withheld"] = f"{np.count_nonzero(~shown)}, left out"
+    found = quality(images[shown], places[shown], pipeline.grid)
     return LayoutQuality(
         layout, pipeline.grid, found, layout_regions(layout), None, how, summary(scores)
     )

@@ -126,6 +126,11 @@ def _wrong_size(values: np.ndarray, rows: int, electrodes: int) -> str:
             f"{text}, but of {rows} x {electrodes - 1}, without the grounded electrode: in which order are the "
             "others, --order pyeit or --order eidors?"
         )
+    if values.size < rows * electrodes:
+        return (
+            f"{values.size} numbers are too few: a frame of this layout is {rows} lines, one for each grounded "
+            f"electrode, of {electrodes} readings; are fewer electrodes grounded (--grounded)?"
+        )
     if values.shape[-1] == electrodes:
         left = values.size // electrodes % rows
         return f"{text}: {left} rows are left over; are fewer electrodes grounded (--grounded)?"

@@ -1,8 +1,7 @@
 """Arrangements of electrodes beside the equal grid (`layout.equal_grid`): hexagonal, a ring, and
 spread evenly over any outline.
 
-Positions come from sums, products and quotients alone, or are rounded to a picometre: the same
-numbers give the same file on every machine.
+Lengths are rounded to a picometre: the same numbers give the same file on every machine.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.grid import Grid
-from tomotactile_ros.layouts.layout import MAX_ELECTRODES, Layout, half_sides
+from tomotactile_ros.layouts.layout import MAX_ELECTRODES, Layout, half_sides, rounded
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -20,7 +19,6 @@ USUAL_SIZE = 0.2, 0.2  # m, of a grid's sheet where nothing is said
 MAX_SPREAD = 1024  # electrodes over an outline
 _CELLS = 20  # along the longer side for each electrode along it, while electrodes are spread
 _SWEEPS = 100
-_DECIMALS = 12  # of positions on a circle, m
 
 
 def hexagonal_grid(
@@ -59,7 +57,7 @@ def hexagonal_grid(
         gaps = cols - 1 if row % 2 else cols - 2
         x = np.arange(-gaps, gaps + 1, 2) / (cols - 1) * half_width
         lines.append(np.column_stack([x, np.full(len(x), y[row])]))
-    positions = np.concatenate(lines)
+    positions = rounded(np.concatenate(lines))
     return Layout(name or f"hex-{len(positions)}", outline, sheet_resistance, radius, positions)
 
 
@@ -88,8 +86,7 @@ def electrode_ring(
     outline = Outline.circle(circle, unusual_size=unusual_size)
     reach, _ = half_sides(outline, inset)
     angle = 2 * np.pi * np.arange(count) / count
-    positions = np.round(reach * np.column_stack([np.cos(angle), np.sin(angle)]), _DECIMALS)
-    positions += 0.0  # no -0.0 in the file
+    positions = rounded(reach * np.column_stack([np.cos(angle), np.sin(angle)]))
     return Layout(name or f"ring-{count}", outline, sheet_resistance, radius, positions)
 
 
@@ -130,7 +127,7 @@ def spread_electrodes(
         middle = np.column_stack([np.bincount(owner, c, count) for c in cells.T]) / size
         on = outline.contains(middle) & (outline.rim_distance(middle) >= inset)
         places = np.where(on[:, None], middle, places)  # of a bent cell it may lie in a hole
-    places = np.round(places, _DECIMALS) + 0.0
+    places = rounded(places)
     if radius is None:
         radius = usual_radius(float(cKDTree(places).query(places, k=2)[0][:, 1].min()), False)
     return Layout(name or f"spread-{count}", outline, sheet_resistance, radius, places)
@@ -139,4 +136,4 @@ def spread_electrodes(
 def usual_radius(pitch: float, few: bool) -> float:
     """Radius of an electrode, m: 5 mm for ``few`` of them and 2.5 mm otherwise, as in Kojima et
     al. 2023, but no more than a tenth of the ``pitch`` (m)."""
-    return min(0.005 if few else 0.0025, pitch / 10)
+    return float(rounded(min(0.005 if few else 0.0025, pitch / 10)))

@@ -22,6 +22,7 @@ MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
 MAX_ROWS = 65535  # of a frame: rows are counted by a uint16
 LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
 FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
+_DECIMALS = 12  # of lengths that are computed, m: they read well, and are the same on every machine
 _ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
 
 
@@ -270,8 +271,13 @@ def equal_grid(
     outline = Outline.rectangle(width, height, unusual_size=unusual_size)
     half_width, half_height = half_sides(outline, inset)
     x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
-    positions = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
+    positions = rounded(np.column_stack([np.tile(x, rows), np.repeat(y, cols)]))
     return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+
+
+def rounded(lengths: np.ndarray | float) -> np.ndarray:
+    """Computed lengths, m, to a picometre, as they stand in a file."""
+    return np.round(lengths, _DECIMALS) + 0.0  # no -0.0
 
 
 def half_sides(outline: Outline, inset: float) -> tuple[float, float]:

@@ -215,7 +215,7 @@ def _resistances(state, operator, good):
     values, deviation = (each[good] for each in of_channels(state, operator, "resistance"))
     yield (
         f"resistance to ground: {values.mean():.0f} ohm in the mean, {values.min():.0f} to "
-        f"{values.max():.0f}, each known to {np.sqrt((deviation**2).mean()):.0f} ohm"
+        f"{values.max():.0f}, known to {deviation.min():.0f} to {deviation.max():.0f} ohm, best inside, worst in corners"
     )
 
 

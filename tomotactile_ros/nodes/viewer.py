@@ -75,7 +75,8 @@ class Viewer:
         locate = None
         if values["frame_id"]:
             locate = make_locator(node, values["frame_id"], values["poses"])
-        self._page = Page(", ".join(names), values["host"], values["port"])
+        title = ", ".join(name for name in names if name != "/")
+        self._page = Page(title, values["host"], values["port"])
         self._sensors = {
             namespace: _Sensor(node, self._page, namespace, number, locate)
             for number, namespace in enumerate(namespaces)

@@ -18,6 +18,7 @@ _CHANGES = 4  # from one to the other: a touch that begins and ends, and one row
 _STILL = 6.0  # times the noise, that a channel spans which never changes; ten times as much does
 _MOVING = 2, 0.05  # channels, and share of them, that a touch is taken from and not broken wires
 _ABOVE = 1.1  # times the drive voltage, that no reading of a sheet is: gains are a few % off
+_FAR_ABOVE = 10.0  # times the drive voltage: no other drive voltage, readings are in another unit
 _LEAST_READINGS = 8  # valid ones that a frame needs to be more than idle
 
 
@@ -138,9 +139,14 @@ def above_drive(voltages, drive_voltage: float) -> str:
     highest = np.nanmax(np.asarray(voltages, float), axis=0, initial=-np.inf)
     if np.count_nonzero(highest > _ABOVE * drive_voltage) < 2:
         return ""
+    far = highest.max() > _FAR_ABOVE * drive_voltage
     return (
-        f"readings up to {highest.max():.3g} V are above the drive voltage {drive_voltage:g} V: are they in "
-        "another unit, or is it another one?"
+        f"readings up to {highest.max():.4g} V are above the drive voltage {drive_voltage:g} V: "
+        + (
+            "are they in mV, or counts of a converter (protocol)?"
+            if far
+            else "is that the right one?"
+        )
     )
 
 

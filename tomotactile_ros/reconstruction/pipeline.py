@@ -341,8 +341,10 @@ class Pipeline:
         if self.settings.image == "none":
             result.pressure = result.potential = _NO_IMAGE
         if result.reason and found.given is given:
-            above = above_drive(given.voltages, given.drive_voltage)
-            result = replace(result, reason="; ".join(filter(None, (result.reason, above))))
+            above = above_drive(
+                given.voltages, given.drive_voltage
+            )  # what else is said follows from it
+            result = replace(result, reason=above or result.reason)
         return self._as_known(result)
 
     def _given(self, voltages, grounded, drive_voltage, row_period, stamp) -> _Given:

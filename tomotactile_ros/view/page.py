@@ -32,7 +32,7 @@ class Page:
 
     Parameters
     ----------
-    title : of the page.
+    title : of the page, behind `tomotactile`.
     host, port : where it listens; the next free port where that one is taken, 0 for any.
     calibrated : whether a contact law gives forces; otherwise conductances are shown.
     """
@@ -49,6 +49,7 @@ class Page:
         rich.reconfigure(quiet=True)  # what viser says of itself, and of browsers that hang up
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         self.calibrated = calibrated
+        title = f"tomotactile {title}".rstrip()
         self.server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
         shown = "localhost" if host in ("0.0.0.0", "::") else host
         self.url = f"http://{shown}:{self.server.get_port()}"

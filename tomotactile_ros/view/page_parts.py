@@ -72,8 +72,10 @@ def table_of(contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool)
     """Contacts as rows of an HTML table, beside the truth where it is known."""
     if not contacts and not truth:
         return "<div>no contact</div>"
-    heads = ["", "x, y / mm", "±", "N" if calibrated else "µS"]
-    heads += ["off", "true N"] if truth is not None else []
+    weighed = any(each["force"] is not None for each in truth or ())  # else bare conductors
+    heads = ["", "x, y / mm", "± / mm", "N" if calibrated else "µS"]
+    heads += ["off / mm"] if truth is not None else []
+    heads += ["true N"] if weighed else []
     rows = []
     partners = pair(contacts, truth or ())
     for k, (c, j) in enumerate(zip(contacts, partners, strict=True), 1):
@@ -84,12 +86,12 @@ def table_of(contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool)
         row += [f"{least}{strength_of(c, calibrated):.2f}"]
         if truth is not None:
             row += ["ghost", ""] if j is None else _beside(c, truth[j])
-        rows.append(row)
+        rows.append(row[: len(heads)])
     for j, each in enumerate(truth or ()):
         if j not in partners:
             force = "" if each["force"] is None else f"{each['force']:.2f}"
             place = f"{1e3 * each['x']:.1f}, {1e3 * each['y']:.1f}"
-            rows.append(["", place, "", "", "missed", force])
+            rows.append(["", place, "", "", "missed", force][: len(heads)])
     lines = ["".join(f"<th>{head}</th>" for head in heads)]
     lines += ["".join(f"<td>{cell}</td>" for cell in row) for row in rows]
     body = "".join(f"<tr>{line}</tr>" for line in lines)

@@ -100,7 +100,8 @@ class Sheet:
         self._electrodes = self._instances("electrodes", DISC * radius, nearest, above, _WELL)
         self._lines: dict[str, Any] = {}
         self._labels: list[Any] = []
-        self._folder = gui.add_folder(name, order=0.35 + 1e-4 * number)  # between others
+        shown = "sensor" if name == "/" else name
+        self._folder = gui.add_folder(shown, order=0.35 + 1e-4 * number)  # between others
         with self._folder:
             self._text = gui.add_html("")
             self._chosen = gui.add_text("curves of contacts", "", hint="ids, such as 3, 7")
