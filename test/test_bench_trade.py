@@ -272,18 +272,6 @@ def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content,
     assert path.read_text(encoding="utf-8") == content
 
 
-def test_a_missing_peer_is_a_line(made, monkeypatch):
-    for name in ("pyeit", "pyeit.eit.jac", "skfem"):
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(peers, "_SECONDS", 0.0)
-    found = peers.compare(made)
-    assert "not installed" in found["problem"]["pyeit"]["skipped"]
-    assert "not installed" in found["forward"]["scikit-fem"]["skipped"]
-    assert found["ratios"]["dense / fast"]["ratio"] > 0
-    shown = "\n".join(report._peers(found))
-    assert shown.count("is not installed: python3 -m pip install") == 2
-
-
 def test_the_lattice_has_two_triangles_in_every_pixel(made):
     nodes, triangles = libraries.lattice(made.layout, 20)
     grid = Pipeline(made.layout, CASE.settings).grid
@@ -475,11 +463,8 @@ def test_other_files_are_refused_as_results(tmp_path, content, reason):
         run_command("--from", path)
 
 
-def _not_installed(*_):
-    raise ImportError
-
-
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
+    """Libraries that are missing are a line each."""
     small = cases.Case("equal-4x4")
     for module in (cases, run):
         monkeypatch.setattr(module, "DEFAULT_LAYOUT", small.layout)
@@ -492,14 +477,16 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(growth, "ELECTRODES", (3, 4))
     monkeypatch.setattr(growth, "RESOLUTIONS", (20, 30))
     monkeypatch.setattr(growth, "_DEFAULT", (4, 20))
-    monkeypatch.setattr(libraries, "PyeitOneStep", _not_installed)
+    for name in ("pyeit", "pyeit.eit.jac", "skfem"):
+        monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setenv("COLUMNS", "1000")
     for module in (peers, growth):
         monkeypatch.setattr(module, "_SECONDS", 0.0)
+    monkeypatch.setattr(peers, "_SENSORS", 1)
     monkeypatch.setattr(run, "SENSOR", ("crowd",))
     nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])
     monkeypatch.setitem(PARTS, "crowd", lambda step: iter([nothing]))
-    some = [replace(each, values=each.values[-1:]) for each in extremes.trials()[-3:]]
+    some = [replace(each, values=each.values[-1:]) for each in extremes.trials()[-1:]]
     monkeypatch.setattr(extremes, "trials", lambda: some)
     out, text = tmp_path / "new" / "bench.json", tmp_path / "README.md"
     text.write_text("<!-- bench:profiles -->\n<!-- /bench:profiles -->\n")
@@ -517,6 +504,11 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     }  # fmt: skip
     assert (out.parent / "bench-front.png").read_bytes()[:4] == b"\x89PNG"
     assert "| `fast` |" in text.read_text()
+    found = result["peers"]
+    assert "not installed" in found["problem"]["pyeit"]["skipped"]
+    assert "not installed" in found["forward"]["scikit-fem"]["skipped"]
+    assert found["ratios"]["dense / fast"]["ratio"] > 0
     shown = capsys.readouterr().out
     assert "\n".join(report.lines(result)) in shown
+    assert shown.count("is not installed: python3 -m pip install") == 2
     assert run_command("--compare", out, out) == 0

@@ -137,13 +137,16 @@ def test_what_a_layout_says_of_its_making_is_expected_of_the_sheet():
     np.testing.assert_allclose(after.deviations[3], before.deviations[3] * 2e-3 / (3e-3 * 0.2 / 3))
 
 
-def pressed(true, at, sheet=None):
-    """Frame of 2 N on a foot of 6 mm, V, and which electrode each row grounds."""
-    contact = Contact("disc", center=at, radius=0.006, force=2.0)
+def pressed(true, places, sheet=None):
+    """Frames of 2 N on a foot of 6 mm at one place after the other, V."""
+    contacts = [
+        Contact("disc", center=at, radius=0.006, force=2.0, start=i, end=i + 1.0)
+        for i, at in enumerate(places)
+    ]
     defects = Defects(sheet=sheet or SheetField())
-    simulator = tt.Simulator(true, Scene("cut", DRIVE, (contact,), LAW, defects=defects))
-    frame = simulator.frame(0.0)
-    return frame + np.random.default_rng(1).normal(0, NOISE, frame.shape), simulator.grounded
+    simulator = tt.Simulator(true, Scene("cut", DRIVE, contacts, LAW, defects=defects))
+    frames = np.array([simulator.frame(i + 0.5) for i in range(len(places))])
+    return frames + np.random.default_rng(1).normal(0, NOISE, frames.shape)
 
 
 def fine(size, half=0.1, radius=0.0025):
@@ -162,8 +165,10 @@ def fine(size, half=0.1, radius=0.0025):
     ids=["4 mm more", "20 mm more", "5 mm less", "electrodes too large", "4 x 4, 4 mm more"],
 )
 def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, within):
-    for at in ((0.037, 0.052), (-0.071, 0.018)):
-        result = Pipeline(drawn, Settings("accurate")).process(*pressed(true, at), DRIVE)
+    places, pipeline = ((0.037, 0.052), (-0.071, 0.018)), Pipeline(drawn, Settings("accurate"))
+    for at, frame in zip(places, pressed(true, places), strict=True):
+        pipeline.untare()  # as the first frame
+        result = pipeline.process(frame, drawn.grounded, DRIVE)
         assert result.state == "valid", result.reason
         (found,) = result.contacts
         assert np.hypot(found.x - at[0], found.y - at[1]) < within
@@ -173,8 +178,9 @@ def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, wit
 def test_a_contact_on_a_torn_sheet():
     """No sheet near the layout's explains its couplings; its currents tell all the same."""
     torn = SheetField(tears=(Tear(((-0.045, 0.027), (0.045, 0.027)), 0.001),))
-    at = -0.043, -0.03
-    result = Pipeline(fine(0.2), Settings("accurate")).process(*pressed(fine(0.2), at, torn), DRIVE)
+    at, layout = (-0.043, -0.03), fine(0.2)
+    (frame,) = pressed(layout, [at], torn)
+    result = Pipeline(layout, Settings("accurate")).process(frame, layout.grounded, DRIVE)
     assert result.state == "valid" and result.misfit > 10
     (found,) = result.contacts
     assert np.hypot(found.x - at[0], found.y - at[1]) < 1e-3
@@ -182,8 +188,8 @@ def test_a_contact_on_a_torn_sheet():
 
 def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     drawn, true, random = square(0.2), square(0.204), np.random.default_rng(11)
-    frames = [pressed(true, random.uniform(-0.085, 0.085, 2))[0] for _ in range(20)]
-    learned = tt.learn(drawn, np.array(frames), drawn.grounded, DRIVE, noise=NOISE)
+    frames = pressed(true, random.uniform(-0.085, 0.085, (20, 2)))
+    learned = tt.learn(drawn, frames, drawn.grounded, DRIVE, noise=NOISE)
     out, spread = (
         each[learned.operator.of_rim][:4] for each in (learned.state.mean, learned.state.deviation)
     )
@@ -194,12 +200,12 @@ def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     np.testing.assert_allclose(again.mean, learned.state.mean, atol=1e-5)
     np.testing.assert_allclose(again.deviation, learned.state.deviation, rtol=1e-3)
     np.testing.assert_allclose(again.expected, learned.state.expected, rtol=1e-5)
-    off = {None: [], again: []}
-    for at in random.uniform(-0.08, 0.08, (12, 2)):
-        frame = pressed(true, at)
-        for sensor, ways in off.items():
-            pipeline = Pipeline(drawn, Settings("accurate"), sensor=sensor)
-            (found,) = pipeline.process(*frame, DRIVE).contacts
-            ways.append(np.hypot(found.x - at[0], found.y - at[1]))
-    learned, drawn_only = (np.sqrt(np.mean(np.square(off[each]))) for each in (again, None))
+    places, off = random.uniform(-0.08, 0.08, (12, 2)), []
+    pipelines = [Pipeline(drawn, Settings("accurate"), sensor=each) for each in (again, None)]
+    for at, frame in zip(places, pressed(true, places), strict=True):
+        for pipeline in pipelines:
+            pipeline.untare()  # as the first frame
+            (found,) = pipeline.process(frame, drawn.grounded, DRIVE).contacts
+            off.append(np.hypot(found.x - at[0], found.y - at[1]))
+    learned, drawn_only = np.sqrt(np.mean(np.square(off).reshape(-1, 2), axis=0))
     assert learned < drawn_only

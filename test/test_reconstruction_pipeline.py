@@ -141,18 +141,24 @@ def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
             assert result.faults == {18: CONTRADICTS, 19: CONTRADICTS} and result.misfit < 2
 
 
-@pytest.mark.parametrize("radius, pressure", [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)])
-def test_no_contact_is_taken_for_swapped_wires(layout, pipelines, radius, pressure):
-    variation = SheetVariation(0.2, 0.05, 1)
-    for place in ((0.0, 0.0), (-0.085, 0.085)):
-        disc = Contact(
-            "disc", center=place, radius=min(radius, 0.1 - max(place)), pressure=pressure
+def test_no_contact_is_taken_for_swapped_wires(layout, pipelines):
+    """One after the other, a second each."""
+    sizes = [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)]
+    discs = [
+        Contact(
+            "disc", center=place, radius=min(radius, 0.1 - max(place)), pressure=pressure,
+            start=2 * i + k, end=2 * i + k + 1,
         )
-        scene = Scene(
-            "one", DRIVE, [disc], LAW, Noise(1e-3), None, Defects(sheet_variation=variation)
-        )
-        readings = Simulator(layout, scene, h=0.005).frame(0.0)
-        assert pipelines["fast"].process(readings, GROUNDED, DRIVE).excluded == ()
+        for i, (radius, pressure) in enumerate(sizes)
+        for k, place in enumerate(((0.0, 0.0), (-0.085, 0.085)))
+    ]  # fmt: skip
+    uneven = Defects(sheet_variation=SheetVariation(0.2, 0.05, 1))
+    scene = Scene("one by one", DRIVE, discs, LAW, Noise(1e-3), None, uneven)
+    simulator = Simulator(layout, scene, h=0.005, row_period=0.0)
+    for number in range(len(discs)):
+        pipeline = pipelines["fast"].with_settings(Settings("fast"))
+        result = pipeline.process(simulator.frame(number + 0.5, number), GROUNDED, DRIVE)
+        assert result.contacts and result.excluded == ()
 
 
 @pytest.mark.parametrize(
@@ -209,16 +215,17 @@ def test_idle_frames_give_a_zero_image_and_no_contact(pipelines):
         assert not result.pressure.any()
 
 
-def test_eq_1_can_be_asked_for(layout, frame, pipelines):
-    pipeline = pipelines["fast"].with_settings(Settings("fast", regularization=1000.0))
+def test_eq_1_can_be_asked_for(layout, frame):
+    coarse = {"resolution": 20}
+    pipeline = Pipeline(layout, Settings("fast", regularization=1000.0, **coarse))
     result = pipeline.process(frame, GROUNDED, DRIVE)
     assert result.regularization == 1000.0
     x, y, _ = TRUE[1]
     assert min(np.hypot(c.x - x, c.y - y) for c in result.contacts) < 0.02
-    paper = pipelines["fast"].with_settings(Settings("paper")).process(frame, GROUNDED, DRIVE)
+    paper = pipeline.with_settings(Settings("paper", **coarse)).process(frame, GROUNDED, DRIVE)
     np.testing.assert_array_equal(paper.potential, result.potential)
     assert paper.contacts == result.contacts and paper.regularization == 1000.0
-    other = pipelines["fast"].with_settings(Settings("paper", regularization=10.0))
+    other = pipeline.with_settings(Settings("paper", regularization=10.0, **coarse))
     assert other.process(frame, GROUNDED, DRIVE).regularization == 10.0
 
 
@@ -460,9 +467,7 @@ def test_rows_go_on_when_a_channel_is_left_out():
     assert result.state == "valid"
 
 
-@pytest.mark.parametrize(
-    "side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e3), (8, 1e4), (8, 1e5), (8, 1e6)]
-)
+@pytest.mark.parametrize("side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e4), (8, 1e6)])
 def test_a_contact_on_the_whole_sheet_shows_what_is_grounded(side, pressure):
     """The widest contact changes least from row to row, and is not taken for broken electronics."""
     pressed = Contact("rectangle", center=(0.0, 0.0), size=(0.2, 0.2), pressure=pressure)
@@ -486,9 +491,11 @@ def test_what_all_readings_of_a_row_have_in_common_is_no_contact(name, profile):
     layout = load_layout(name)
     count = layout.electrodes
     noise = 1e-3 * np.random.default_rng(2).standard_normal((count, count))
+    pipeline = Pipeline(layout, Settings(profile))
     for what, common in common_to_rows(count):
-        pipeline = Pipeline(layout, Settings(profile))
-        result = pipeline.process(common[:, None] + noise, GROUNDED[:count], DRIVE)
+        result = pipeline.with_settings(pipeline.settings).process(
+            common[:, None] + noise, GROUNDED[:count], DRIVE
+        )
         assert result.state == "withheld" and not result.contacts and result.reason, what
 
 
@@ -501,17 +508,15 @@ def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name, phase)
     scene = Scene("pressed", DRIVE, [pressed], ContactLaw(1e-6, 1.0))
     readings = Simulator(layout, scene, "closed_form").frame(0.0)
     readings += 1e-3 * np.random.default_rng(2).standard_normal((count, count))
-    (found,) = processed(layout, readings).contacts
-    assert np.hypot(found.x - 0.02, found.y - 0.03) < 2e-3
     hum = 0.2 * np.sin(0.7 * np.arange(count) + phase)
-    result = processed(layout, readings + hum[:, None])
-    assert result.state == "withheld" and not result.contacts
-
-
-def processed(layout, readings):
-    return Pipeline(layout, Settings("balanced")).process(
-        readings, GROUNDED[: len(readings)], DRIVE
+    first = Pipeline(layout, Settings("balanced"))
+    quiet, humming = (
+        first.with_settings(first.settings).process(each, GROUNDED[:count], DRIVE)
+        for each in (readings, readings + hum[:, None])
     )
+    (found,) = quiet.contacts
+    assert np.hypot(found.x - 0.02, found.y - 0.03) < 2e-3
+    assert humming.state == "withheld" and not humming.contacts
 
 
 def test_rows_with_something_in_common_are_no_contacts():

@@ -44,7 +44,13 @@ from tomotactile_ros.estimation.tables import (
     mirrored,
     off_electrodes,
 )
-from tomotactile_ros.estimation.uneven import Rest, Solution, bordered_inverse, solved
+from tomotactile_ros.estimation.uneven import (
+    Rest,
+    Solution,
+    bordered_inverse,
+    solution,
+    uneven,
+)
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.fem import FemSheet
@@ -117,42 +123,43 @@ class SheetOperator:
     def about(self, sheet: np.ndarray, tears: Tears = ()) -> SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
         there, and with `tears`."""
-        other, cut = copy(self), AsCut(self.layout, sheet[self.of_cut], tears)
+        other, cut, fem = copy(self), AsCut(self.layout, sheet[self.of_cut], tears), None
         for known in ("expected", "untouched", "core", "own_impedance"):
             other.__dict__.pop(known, None)
         if not self._cut.near(cut):
             other._cut, other._even = cut, None
             other._solve()
-            other._uneven(self.field)
+            fem = other._uneven(self.field)
             other._tables = other._handed_over()
-        other._expand(sheet)
+        other._expand(sheet, fem)
         return other
 
-    def _expand(self, sheet: np.ndarray) -> None:
-        """Be right about the coefficients `sheet` (J,) of a sheet so cut."""
+    def _expand(self, sheet: np.ndarray, fem: FemSheet | None) -> None:
+        """Be right about the coefficients `sheet` (J,) of a sheet so cut; `fem` of the even one, where it is
+        at hand."""
         size = np.array(self.cut.outline.size)
         places = off_electrodes(mirrored(self.lattice.points, size / 2), self.cut)
         if self._even is None:
-            self._even = solved(self.cut, self.used, places, self.pitch)
-        even, uneven, drawn = self._even, sheet.copy(), np.zeros(self.modes)
-        uneven[self.of_cut] = 0.0
+            fem = fem or FemSheet(self.cut)
+            self._mesh, self._even = fem.mesh, solution(fem, self.used, places, self.pitch)
+        even, alone, drawn = self._even, sheet.copy(), np.zeros(self.modes)
+        alone[self.of_cut] = 0.0
         drawn[self.of_cut] = self._cut.coefficients  # what was solved is right without a change
-        found = solved(
+        fem = uneven(
             self.cut,
-            self.used,
-            places,
-            self.pitch,
+            self._mesh,
             lambda points: self.field.at(points) @ sheet[: self.field.count],
             sheet[self.field.count : self.of_cut.start],
         )
+        found = solution(fem, self.used, places, self.pitch)
         seen = self.seen & (found.admittance * even.admittance > 0)
         ratio = np.where(seen, found.admittance / np.where(seen, even.admittance, 1.0), 1.0)
-        first, cut = self._changed(uneven), self._changed(drawn)
-        term = found.admittance - even.admittance - np.tensordot(uneven, self._first_change, 1)
+        first, cut = self._changed(alone), self._changed(drawn)
+        term = found.admittance - even.admittance - np.tensordot(alone, self._first_change, 1)
         self._rest = Rest(
             np.log(ratio) - np.where(seen, first, 0.0) - np.where(self.seen, cut, 0.0),
             np.where(seen, 0.0, term) - np.where(self.seen, 0.0, cut),
-            found.share - even.share - np.tensordot(uneven + drawn, self._share_change, 1),
+            found.share - even.share - np.tensordot(alone + drawn, self._share_change, 1),
             found.own * np.exp(self.field_at(places) @ sheet) - even.own,
         )
         np.fill_diagonal(self._rest.term, 0.0)
@@ -332,9 +339,9 @@ class SheetOperator:
         inverse = np.linalg.inv(self.expected + least)
         return (inverse + inverse.T) / 2
 
-    def _uneven(self, field: SheetField | None) -> None:
+    def _uneven(self, field: SheetField | None) -> FemSheet:
         """Modes of the sheet, those of `field` where there are some, and what they change, from finite
-        elements."""
+        elements, which are returned."""
         fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.cut)
         mesh, used = fem.mesh, self.used
         inverse = bordered_inverse(fem.electrode_electrode, used)
@@ -381,6 +388,7 @@ class SheetOperator:
         printed = float(np.sqrt(ALIKE)) * layout.tolerance.radius  # what is common to all radii
         self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
         self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
+        return fem
 
     def _shares_on_lattice(
         self,

@@ -16,6 +16,7 @@ import numpy as np
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet.mesh import Mesh
 
 _RADIUS = 1 / 6  # spacings: of the disc whose D stands for that of contacts
 _ISOTROPIC = 1e-6  # half the logarithm of a ratio: below, there is no direction
@@ -42,25 +43,26 @@ class Rest:
     own: np.ndarray
 
 
-def solved(
+def uneven(
     layout: Layout,
-    used: np.ndarray,
-    places: np.ndarray,
-    pitch: float,
-    conductance: Callable[[np.ndarray], np.ndarray] | None = None,
-    anisotropy: np.ndarray | tuple[float, float] = (0.0, 0.0),
-) -> Solution:
-    """The sheet with the logarithm of `conductance`, a function of points (n, 2) -> (n,), None
-    where it is even, and `anisotropy` (2,), p and q as `field` has them."""
-    resistance, half = None, float(np.hypot(*anisotropy))
-    if conductance is not None:
+    mesh: Mesh,
+    conductance: Callable[[np.ndarray], np.ndarray],
+    anisotropy: np.ndarray,
+) -> FemSheet:
+    """The sheet on the `mesh` of the even one, with the logarithm of `conductance`, a function of points
+    (n, 2) -> (n,), and `anisotropy` (2,), p and q as `field` has them."""
 
-        def resistance(points: np.ndarray) -> np.ndarray:
-            return layout.sheet_resistance * np.exp(-conductance(points))
+    def resistance(points: np.ndarray) -> np.ndarray:
+        return layout.sheet_resistance * np.exp(-conductance(points))
 
+    half = float(np.hypot(*anisotropy))
     direction = np.degrees(np.arctan2(anisotropy[1], anisotropy[0])) / 2
     turned = Anisotropy(float(np.exp(2 * half)), float(direction)) if half > _ISOTROPIC else None
-    sheet = FemSheet(layout, resistance=resistance, anisotropy=turned)
+    return FemSheet(layout, resistance=resistance, anisotropy=turned, mesh=mesh)
+
+
+def solution(sheet: FemSheet, used: np.ndarray, places: np.ndarray, pitch: float) -> Solution:
+    """What is seen of a sheet by the electrodes `used` (n,), `pitch`, m, apart, and at `places` (M, 2), m."""
     transfer = sheet.transfer(places, np.full(len(places), _RADIUS * pitch))
     fed = np.vstack([transfer.electrode_point[used], np.ones(len(places))])
     inverse = bordered_inverse(transfer.electrode_electrode, used)

@@ -32,7 +32,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
-from tomotactile_ros.sheet.mesh import make_mesh
+from tomotactile_ros.sheet.mesh import Mesh, make_mesh
 from tomotactile_ros.sheet.metric import Metric
 from tomotactile_ros.sheet.solved_on_demand import KeptGreen
 from tomotactile_ros.sheet.transfer import Transfer, make_transfer
@@ -52,6 +52,7 @@ class FemSheet:
     resistance     function of points (n, 2) -> (n,), sheet resistance, ohm/sq; uniform without it
     anisotropy     of the whole sheet; none without it
     lines          polylines (V, 2), m, that elements follow: where the resistance jumps
+    mesh           of another sheet of the same layout and elements, for the same triangles again
     """
 
     model = "fem"
@@ -66,13 +67,14 @@ class FemSheet:
         resistance: Resistance | None = None,
         anisotropy: Anisotropy | None = None,
         lines: Sequence[np.ndarray] = (),
+        mesh: Mesh | None = None,
     ):
         self.layout = layout
         self.shunting = shunting
         self.h = h or max(layout.outline.size) / 40
         self.metric = Metric(anisotropy, layout.radius)
         inner = 0 if shunting else 3
-        self.mesh = mesh = make_mesh(layout, self.h, ring, inner=inner, lines=lines)
+        self.mesh = mesh = mesh or make_mesh(layout, self.h, ring, inner=inner, lines=lines)
         centroids = mesh.points[mesh.triangles].mean(axis=1)
         uniform = np.full(len(centroids), float(layout.sheet_resistance))
         self._resistance = (

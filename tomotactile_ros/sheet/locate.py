@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-_MANY = 400  # points, from which on a raster pays
+_MANY = 400  # points at a time, from which on a raster pays
+_SQUARES = 4  # of it, for each triangle
 _INSIDE = -1e-9  # least barycentric weight of a point that counts as inside
 
 
@@ -29,6 +30,7 @@ class Locator:
         self._number = np.where(kept, np.cumsum(kept) - 1, -1)
         self._kept = np.flatnonzero(kept)
         self._raster: tuple[np.ndarray, float, np.ndarray] | None = None
+        self._asked = 0  # points so far
         self._tree = cKDTree(self._corners[kept].sum(axis=1) / 3, balanced_tree=False)
 
     def __call__(self, where: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -61,9 +63,11 @@ class Locator:
 
     def _start(self, where: np.ndarray) -> np.ndarray:
         """(Q,) kept triangle to begin with: that with the nearest centre, or, for many points,
-        the one nearest to the middle of the square of a raster that the point lies in.
+        the one nearest to the middle of the square of a raster that the point lies in; it is made once
+        more have been asked for than it has squares.
         """
-        if len(where) < _MANY:
+        self._asked += len(where)
+        if len(where) < _MANY or self._raster is None and self._asked < _SQUARES * len(self._kept):
             return self._tree.query(where)[1]
         if self._raster is None:
             self._raster = self._make_raster()
@@ -75,7 +79,7 @@ class Locator:
         """Lower left corner, side of a square, (columns, rows) triangle nearest to its middle."""
         centres = self._tree.data
         low, high = centres.min(axis=0), centres.max(axis=0)
-        cell = np.sqrt(np.prod(high - low) / (4 * len(centres)))
+        cell = np.sqrt(np.prod(high - low) / (_SQUARES * len(centres)))
         columns, rows = (np.ceil((high - low) / cell) + 1).astype(int)
         middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"), axis=-1)
         return low, cell, self._tree.query(low + cell * (middles + 0.5))[1]
