@@ -104,6 +104,9 @@ _SAME_TIME = 1e-6  # s
 # chi^2 a reading that contacts which go on leave over, from which on it is asked whether readings
 # have settled: with 3 %, contacts 1.3 mm off went on
 _UNEXPLAINED = 1.3
+# chi^2 a reading up to which a fit says how its sheet was cut: 220 mm in place of 200 leaves 1.0, electrodes
+# of 3.5 mm in place of 2.5 leave 0.9 to 1.1, a tear 1.5 and more
+_WELL = 1.2
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings: at an end of the converter's range: nothing is told unless the others are
@@ -372,6 +375,13 @@ class Estimator:
             state.forget()
             reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
             return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
+        if scan.recuts and not torn and (recut := self._recut(search, fit, len(rows.grounded))):
+            self._searches[used] = recut
+            state.forget()
+            scan = replace(scan, recuts=scan.recuts - 1)
+            return self._look(
+                voltages, grounded, drive_voltage, state, row_period, noise, follow, scan
+            )
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.last + (times[-1] + row_period) / 2
@@ -407,6 +417,21 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), scattered
 
+    def _recut(self, search: Search, fit: Fit, rows: int) -> Search | None:
+        """The search on the sheet as a fit of so many `rows` found it to be cut and printed, if that is far
+        from how it was solved; None if it is not, or if the sheet was learned."""
+        if self.sensor is not None or "sheet" not in self.unknown or len(fit.rows.grounded) < rows:
+            return None
+        if not len(fit.unknowns.contacts) or fit.unknowns.bond is not None:
+            return None
+        if fit.chi_squared > _WELL * fit.rows.count:
+            return None
+        found = fit.unknowns.sheet
+        operator = search.operator.recut(found, _after(fit).sheet_deviation)
+        if operator is search.operator:
+            return None
+        return Search(operator, self.across, "shape" not in self.unknown)
+
     def _ended(self, voltages: np.ndarray, used: tuple[int, ...], prior: Prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
         to lie below."""
@@ -429,12 +454,16 @@ class Estimator:
             prior = replace(prior, stretch=_ROUND)
         return prior.with_held(held) if held else prior
 
+    def operator_of(self, used: tuple[int, ...]) -> SheetOperator:
+        """The operator of the electrodes `used`, about the sheet as it is known by now."""
+        return self._search(used).operator
+
     def sensor_of(
         self, used: tuple[int, ...], drive_voltage: float, noise: float = 0.0
     ) -> tuple[SheetOperator, Prior]:
         """The operator of the electrodes `used`, and what is expected of the sensor before any row;
         `noise` of its readings, V rms, where more is known of it."""
-        operator = self._search(used).operator
+        operator = self.operator_of(used)
         return operator, self._prior(operator, drive_voltage, max(self.noise, noise))
 
     def _search(self, used: tuple[int, ...]) -> Search:
@@ -788,12 +817,14 @@ def _ask(followed: Callable[[], FollowedRows | None] | None, most: float = np.in
 @dataclass(frozen=True)
 class _Scan:
     """Rows as they were read: `voltages` (L, E), V, electrodes `grounded` (L,), potentials (E,) in the row
-    before the `first`, as for `rows_before`; `without` (E,) bool, channels that are not to be used."""
+    before the `first`, as for `rows_before`; `without` (E,) bool, channels that are not to be used; how often the sheet may still be
+    solved as these rows find it, `recuts`: the first time sides and radius err by second order."""
 
     voltages: np.ndarray
     grounded: np.ndarray
     first: np.ndarray | None
     without: np.ndarray | None
+    recuts: int = 3
 
     def taken_off(self, settling: Settling | None) -> np.ndarray:
         """(L, E) V, what is used, without what readings keep of the row before."""
@@ -870,8 +901,10 @@ def _below_zero(fit: Fit, expected: np.ndarray) -> float:
     rows = np.unique(fit.rows.grounded)
     if len(rows) < _FEWEST_JUDGED:
         return 0.0
+    solved = u.resistance, u.sheet[-1]
     own, known = (
-        each.resistance - operator.by_radius[operator.used] * each.sheet[-1] for each in (u, prior)
+        resistance - operator.by_radius[operator.used] * radius
+        for resistance, radius in (solved, (prior.resistance, operator.mean[-1]))
     )
     below = np.minimum(own - np.minimum(known, 0.0), 0.0)
     below /= np.sqrt(

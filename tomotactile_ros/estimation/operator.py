@@ -65,6 +65,9 @@ _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouc
 # of a coefficient: distance from the field of the last expansion that asks for a new one; second
 # order is then 1e-3
 _NEAR = 0.03
+_EXCLUDED = (
+    4.0  # standard deviations: a geometry so far from what was found is not that of the sheet
+)
 _ROUND = 64  # points around an electrode, of which it is asked whether they are on the sheet
 _NO_PATCHES = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
 
@@ -170,6 +173,16 @@ class SheetOperator:
         apart = np.abs(sheet - self._mean)[: self.of_cut.start]
         cut = AsCut(self.layout, sheet[self.of_cut], tears)
         return self if apart.max() < _NEAR and self._cut.near(cut) else self.about(sheet, tears)
+
+    def recut(self, found: np.ndarray, deviation: np.ndarray) -> SheetOperator:
+        """This one, or that about the geometry of the coefficients `found` (J,) where their `deviation` (J,)
+        excludes that it is right to first order there."""
+        apart = np.abs(found - self._mean)[self.of_cut] / deviation[self.of_cut]
+        if apart.max() < _EXCLUDED or self._cut.near(AsCut(self.layout, found[self.of_cut])):
+            return self
+        about = self._mean.copy()
+        about[self.of_cut] = found[self.of_cut]
+        return self.about(about)
 
     @property
     def tears(self) -> Tears:

@@ -252,7 +252,10 @@ class RowEstimator:
         read[grounded] = np.nan
         if not state.begun or drive_voltage != state.drive or self._is_broken(state, time):
             self._begin(state, drive_voltage)
-        elif state.sensor is not self.estimator.sensor:
+        elif (
+            state.sensor is not self.estimator.sensor
+            or state.rows.model.operator is not self.estimator.operator_of(state.used)
+        ):
             self._learned(state)
         seen = state.told()
         if seen is not None:
@@ -380,7 +383,9 @@ class RowEstimator:
         return Known.before(prior, (noise / drive_voltage) ** 2)
 
     def _follower(self, used: tuple[int, ...], drive_voltage: float) -> Follower:
-        if used not in self._followers:
+        known = self._followers.get(used)
+        # the sheet may be found to be cut otherwise, or learned
+        if known is None or known.operator is not self.estimator.operator_of(used):
             operator, prior = self.estimator.sensor_of(used, drive_voltage)
             self._followers = {used: Follower(operator, self.estimator.radius, prior.spread)}
         return self._followers[used]
