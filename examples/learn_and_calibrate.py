@@ -32,6 +32,7 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     layout = tt.load_layout("equal-4x4")
 
+    print("simulating 12 touches and learning from them takes some seconds", flush=True)
     rng = np.random.default_rng(1)
     places = rng.uniform(-0.08, 0.08, (12, 2))  # m; nobody tells them to `learn`, nor the forces
     touches = [frame for p in places for frame in recorded(layout, tuple(p), rng.uniform(1, 4))]

@@ -148,7 +148,7 @@ def test_the_citation_is_of_this_version_and_of_the_article():
 def test_learned_gains_and_two_known_forces_give_the_force_of_another_place(tmp_path):
     done = run(tmp_path, "learn_and_calibrate.py")
     assert done.returncode == 0, done.stderr
-    gains, law, seen = done.stdout.splitlines()
+    _, gains, law, seen = done.stdout.splitlines()
     low, high = (float(word) for word in re.findall(r"\d\.\d+", gains))
     assert 0.9 < low < 0.97 and 1.03 < high < 1.1  # 3 % rms over 16 channels
     coefficient, exponent = (float(word) for word in re.findall(r"\d\.?\d*e-\d+|\d\.\d+", law))

@@ -99,7 +99,9 @@ def make_device(settings: DeviceSettings) -> Device:
         An unknown kind, a missing or impossible setting, an unreadable recording.
     """
     if not 0.0 <= settings.rate <= 1e5:
-        raise InputError(f"rate: {settings.rate:g} is no rate; expected 0 (default) or frames/s")
+        raise InputError(
+            f"rate: {settings.rate:g} frames/s cannot be; expected more, or 0 for the device's own"
+        )
     if settings.device not in KINDS:
         raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
     make: dict[str, Callable[[DeviceSettings], ThreadedDevice]] = {

@@ -64,15 +64,15 @@ class Doubts:
         frames, stands, timeless, mistaken, anew, waited, varies = self._recent.sums()
         found = []
         if stands:
-            text = f"the numbers of {stands:.0f} frames do not rise, though their times do"
+            text = f"{stands:.0f} frames have no higher number than the one before, but a later time: the device counts wrong"
             found.append(Trouble("sequence", stands > OFTEN * frames, text))
         if timeless > OFTEN * frames:
             text = "the device tells no times of rows: stamps are late by up to a frame"
             found.append(Trouble("times", False, text))
         if mistaken > OFTEN * frames:
             text = (
-                "each row lacks the reading of another electrode than the grounded one: "
-                "the device tells wrong rows or grounded electrodes"
+                "in each row the reading that is missing is not that of the electrode called grounded: the "
+                "device numbers rows or grounded electrodes wrong"
             )
             found.append(Trouble("rows", True, text))
         if varies > OFTEN * frames:
@@ -86,8 +86,8 @@ class Doubts:
             found.append(Trouble("anew", anew >= TOO_OFTEN, text))
         if waited:
             text = (
-                f"frames had waited {self._delay:.2g} s on the line, and their times did not show it: the "
-                "line is a little slower than the sensor (lower its rate), or the device's clock is fast"
+                f"frames had waited {self._delay:.2g} s on the line, unseen by their times, and were thrown "
+                "away: the line is a little slower than the sensor (lower its rate), or its clock is fast"
             )
             found.append(Trouble("delay", False, text))
         return found

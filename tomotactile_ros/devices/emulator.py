@@ -148,7 +148,9 @@ def _make_device(arguments: argparse.Namespace) -> EmulatedDevice | PrintingDevi
     text = [name for name in arguments.protocol if name in FORMATS]
     if text:
         if len(arguments.protocol) > 1 or arguments.address:
-            raise InputError(f"protocol: {text[0]} goes with no other and with no address")
+            raise InputError(
+                f"protocol: {text[0]} cannot be combined with another protocol or an address"
+            )
         return _printing(layout, arguments.scene, text[0], arguments.rate)
     settings = {
         "rate": arguments.rate,

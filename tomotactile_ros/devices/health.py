@@ -184,7 +184,7 @@ class Health:
             )
             found.append(Trouble("all the same", True, text))
         if refused:
-            text = f"{refused:.0f} frames could not be handed over: {self.callback_error}"
+            text = f"what takes the frames failed on {refused:.0f} of them: {self.callback_error}"
             found.append(Trouble("receiver", refused > self.OFTEN * delivered, text))
         return found
 

@@ -123,7 +123,9 @@ def _target(link: str) -> str | None:
 
 def _replace_link(target: str, link: str) -> None:
     if os.path.lexists(link) and _target(link) is None:
-        raise InputError(f"port: {link} is there already and no link")
+        raise InputError(
+            f"port: {link} exists and is no link that could be replaced; remove it, or name another"
+        )
     temporary = f"{link}.{os.getpid()}"
     try:
         os.symlink(target, temporary)

@@ -225,7 +225,7 @@ class TextFrames:
         elif not numbered and fields == self._electrodes and np.isnan(last).all():
             objection = "the last field of every row is blank"
         elif rows_are_mistaken(readings, order):
-            objection = "each row lacks the reading of another electrode than its own"
+            objection = "in each row another reading is blank than that of the electrode it grounds"
         if objection:
             self._lose(objection)
             return None

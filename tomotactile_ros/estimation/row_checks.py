@@ -18,7 +18,10 @@ IN_TURN = (
     "rows show the sheet touched and untouched in turn: some rows are not read (a contact "
     "that is loose, the supply, the electronics)"
 )
-OVERDRIVEN = "most readings of some of the last rows are at the end of the converter's range"
+OVERDRIVEN = (
+    "most readings of some of the last rows are at the end of the converter's range: what presses is a "
+    "conductor or very hard, or the range is too small"
+)
 # rows within which no contact goes and comes again: after a return, rows are withheld for as long
 # as a frame lasts, and until a frame tells
 _BACK = 3

@@ -65,8 +65,8 @@ def too_many_are_bad(bad: int, of: int) -> str:
     if bad < _MOST_BAD * of or (bad == _MOST_BAD * of and of - bad >= _ENOUGH):
         return ""
     return (
-        f"{bad} of {of} channels give no readings or never change: those that are left are too far "
-        "apart to tell contacts from each other"
+        f"{bad} of {of} channels give no readings or never change (wires, connectors, multiplexers?): the "
+        "others alone cannot tell contacts from each other"
     )
 
 

@@ -65,8 +65,8 @@ def message_to_frame(message: VoltageFrame) -> Frame:
     rows, electrodes = len(message.grounded), message.electrodes
     if rows == 0 or len(message.voltages) != rows * electrodes:
         raise InputError(
-            f"{len(message.voltages)} voltages do not fit {rows} ground conditions of "
-            f"{electrodes} electrodes"
+            f"{len(message.voltages)} voltages do not fit: {rows} rows (grounded) of {electrodes} electrodes need "
+            f"{rows * electrodes}"
         )
     return Frame(
         voltages=np.frombuffer(message.voltages, np.float32).reshape(rows, electrodes),
@@ -98,7 +98,9 @@ def check_frame(frame: Frame, layout: Layout) -> None:
             f"{len(frame.grounded)} rows no longer than {_LONGEST:g} s"
         )
     if not abs(frame.stamp) <= _LATEST:
-        raise InputError(f"its stamp, {frame.stamp:.10g} s, is at the end of all time")
+        raise InputError(
+            f"its stamp, {frame.stamp:.10g} s, is the latest a message can carry: expected are s since 1970"
+        )
     largest = np.fmax.reduce(np.abs(frame.voltages), axis=None)
     if np.isnan(largest):
         raise InputError("no voltage is valid")

@@ -222,7 +222,7 @@ class Reconstruction:
         if text := doubt_of_settling(self._settling):
             troubles.append(Trouble("settling", False, text))
         if self._bare:
-            text = f"frames name their layout without its hash, it should be {pipeline.layout.id}"
+            text = f"frames name their layout without the hash of its geometry: whether it is {pipeline.layout.id} is not known"
             troubles.append(Trouble("bare layout", False, text))
         self._conditions.say(troubles)
         level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
@@ -278,7 +278,9 @@ class Reconstruction:
         else:
             drawn = values["image"] != "none"
             if drawn and not np.isfinite(pipeline.grid.gather(shown.pressure)).all():
-                raise InputError("the voltages give an image with infinite pressures")
+                raise InputError(
+                    "the image has infinite pressures: are the voltages in V, and is the contact law right?"
+                )
             if not followed and values["contacts"]:  # before the pictures, which may take long
                 self._outputs.publish_contacts(shown.contacts, holds, shown.complete)
             if drawn:  # with the time of its frame, which may be one before

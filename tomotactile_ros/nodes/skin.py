@@ -201,7 +201,8 @@ def check_contacts(contacts: list[Contact]) -> None:
             raise InputError("a contact has a place, a direction or a force that is not finite")
         if not (0.0 <= c.force <= _STRONGEST and np.abs(_array(c.position)).max() <= LONGEST):
             raise InputError(
-                f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be"
+                f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be: 0 to {_STRONGEST:g} N "
+                f"within {LONGEST:g} m are taken"
             )
         if not abs(math.hypot(*_array(c.normal)) - 1.0) <= _UNIT:
             raise InputError("the normal of a contact is no direction: its length is not 1")

@@ -87,7 +87,9 @@ class Taring:
         try:
             found = load_tare(self._file, pipeline.layout.id, pipeline.layout.electrodes)
             if not self._named and found.boot != this_boot():
-                raise InputError(f"{self._file}: dates from before the machine was started")
+                raise InputError(
+                    f"{self._file}: was made before this machine was started, and zero may have moved since"
+                )
         except InputError as error:
             self._lost = f"restarted without its tare: {error}; tare again, or untare"
             return
