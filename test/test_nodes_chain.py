@@ -22,7 +22,9 @@ from tomotactile_ros.msg import ContactArray, VoltageFrame
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):
+def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_other(
+    probe, start, scene
+):
     driver = start("driver", {"scene": scene})
     reconstruction = start("reconstruction")
     ros_checks.check_topics(probe)
@@ -33,6 +35,17 @@ def test_two_processes_make_images_where_the_scene_presses(probe, start, scene):
     )
     ros_checks.check_images(probe, "reconstruction: reconstruction")
     ros_checks.check_tare(probe)
+    driver.kill()
+    ros_checks.check_diagnostics(
+        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "no frames"
+    )
+    driver = start("driver", {"scene": scene})
+    ros_checks.check_contact(probe)
+    reconstruction.kill()
+    last = probe.wait_for(VoltageFrame, "/voltage_frame").sequence
+    probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: m.sequence > last + 3)
+    reconstruction = start("reconstruction")
+    ros_checks.check_contact(probe)
     ends_cleanly(reconstruction)
     ends_cleanly(driver, signal.SIGTERM)
 
@@ -190,20 +203,3 @@ def test_a_managed_node_can_start_by_itself(probe, start, scene):
     assert refused.wait() == 2
     (line,) = refused.output.splitlines()
     assert "no-such-scene" in line
-
-
-def test_a_killed_node_leaves_the_other_alive_and_both_recover(probe, start, scene):
-    driver = start("driver", {"scene": scene})
-    reconstruction = start("reconstruction")
-    ros_checks.check_contact(probe)
-    driver.kill()
-    ros_checks.check_diagnostics(
-        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "no frames"
-    )
-    start("driver", {"scene": scene})
-    ros_checks.check_contact(probe)
-    reconstruction.kill()
-    last = probe.wait_for(VoltageFrame, "/voltage_frame").sequence
-    probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: m.sequence > last + 3)
-    start("reconstruction")
-    ros_checks.check_contact(probe)

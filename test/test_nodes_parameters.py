@@ -138,18 +138,40 @@ def test_a_bad_command_line_ends_with_status_2(domain):
     assert "Traceback" not in process.output
 
 
-@pytest.fixture
-def tactile(domain):
-    """Both nodes, started with their files of config/."""
+def test_parameters_are_described_paths_fixed_and_misspelt_ones_pointed_out(
+    probe, start, scene, tmp_path
+):
+    """Of both nodes, started with their files of config/ and one that is for another."""
     share = Path(get_package_share_directory("tomotactile_ros"), "config")
     files = [share / f"{name}.yaml" for name in ("driver", "reconstruction")]
-    words = [word for file in files for word in ("--params-file", str(file))]
-    process = Process([program("tactile"), "--ros-args", *words], domain)
-    yield process
-    process.kill()
+    of_another = tmp_path / "p.yaml"
+    of_another.write_text("left: {driver: {ros__parameters: {rate: 20.0}}}\n")
+    tactile = start(
+        "tactile", {"rat": "20.0", "partial_frames": "true"}, files=[*files, of_another]
+    )
+    probe.wait_for(VoltageFrame, "/voltage_frame")
+    assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in tactile.output
+    assert "partial_frames" not in tactile.output  # the other node's
+    probe.until(lambda: "is ignored" in tactile.output.split("'rat'", 1)[1], "word of the file")
+    ignored = f"{of_another} is ignored: it is for /left/driver, this node is /driver"
+    assert ignored in tactile.output
+    assert "this node is /reconstruction" not in tactile.output
+    _are_described(probe)
+    for node, name, value in [
+        ("/driver", "scene", scene),
+        ("/driver", "port", "/dev/ttyS0"),
+        ("/driver", "recording", "frames.npz"),
+        ("/reconstruction", "calibration", "/etc/passwd"),
+    ]:
+        result = probe.set_parameter(node, name, value)
+        assert not result.successful and f"{name}: is read-only" in result.reason
+        assert "allow_path_changes" in result.reason
+    as_it_is = probe.get_parameter("/driver", "scene")
+    assert probe.set_parameter("/driver", "scene", as_it_is).successful
+    assert tactile.running()
 
 
-def test_every_parameter_is_described(probe, tactile):
+def _are_described(probe):
     for node in ("driver", "reconstruction"):
         listed = probe.call(ListParameters, f"/{node}/list_parameters").result.names
         own = [name for name in listed if "." not in name and name not in
@@ -179,7 +201,6 @@ def test_every_parameter_is_described(probe, tactile):
     get = GetParameters.Request(names=["excluded"])
     (excluded,) = probe.call(GetParameters, "/reconstruction/get_parameters", get).values
     assert excluded.type == ParameterType.PARAMETER_INTEGER_ARRAY
-    assert tactile.running()
 
 
 def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
@@ -274,21 +295,6 @@ def test_the_log_and_the_diagnostics_say_where_newtons_come_from(probe, start, t
     ends_cleanly(reconstruction)
 
 
-def test_paths_are_fixed_at_the_start_unless_asked_for(probe, start, scene):
-    start("tactile", {"scene": "idle"})
-    probe.wait_for(VoltageFrame, "/voltage_frame")
-    for node, name, value in [
-        ("/driver", "scene", scene),
-        ("/driver", "port", "/dev/ttyS0"),
-        ("/driver", "recording", "frames.npz"),
-        ("/reconstruction", "calibration", "/etc/passwd"),
-    ]:
-        result = probe.set_parameter(node, name, value)
-        assert not result.successful and f"{name}: is read-only" in result.reason
-        assert "allow_path_changes" in result.reason
-    assert probe.set_parameter("/driver", "scene", "idle").successful  # as it is
-
-
 SLOW_SETTINGS = """
 import sys, time
 from pathlib import Path
@@ -373,19 +379,6 @@ def test_keys_of_a_parameter_file_are_understood_as_ros_understands_them(
         node.destroy_node()
     finally:
         context.try_shutdown()
-
-
-def test_a_misspelt_parameter_is_pointed_out(probe, start, tmp_path):
-    file = tmp_path / "p.yaml"
-    file.write_text("left: {driver: {ros__parameters: {rate: 20.0}}}\n")
-    parameters = {"scene": "idle", "rat": "20.0", "partial_frames": "true"}
-    both = start("tactile", parameters, files=[file])
-    probe.wait_for(VoltageFrame, "/voltage_frame")
-    assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in both.output
-    assert "partial_frames" not in both.output  # the other node's
-    probe.until(lambda: "is ignored" in both.output.split("'rat'", 1)[1], "word of the file")
-    assert f"{file} is ignored: it is for /left/driver, this node is /driver" in both.output
-    assert "this node is /reconstruction" not in both.output
 
 
 @pytest.mark.parametrize("name", ["tactile", "driver", "sensors"])

@@ -78,6 +78,15 @@ BAD_FRAMES = [
 
 def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
     reconstruction = start("reconstruction", {"layout": "equal-4x4"})
+    silent = "nobody publishes /voltage_frame"
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, silent)
+    answer = probe.call(Trigger, "/reconstruction/tare")
+    assert not answer.success and silent in answer.message
+    other = probe.node.create_publisher(String, "/voltage_frame", 1)
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.ERROR, "/voltage_frame carries std_msgs/msg/String"
+    )
+    probe.node.destroy_publisher(other)
     source = Source(probe)
     for changes, reason in BAD_FRAMES:
         source.send(**changes)
@@ -95,18 +104,9 @@ def test_bad_frames_are_refused_and_the_next_good_one_is_used(probe, start):
     source.send(**changes)
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, reason)
     source.close()
-    silent = "nobody publishes /voltage_frame"
     ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, silent)
     ros_checks.has_logged(probe, reconstruction, "ERROR", silent)
     ends_cleanly(reconstruction)
-
-
-def test_without_a_publisher_there_is_no_tare(probe, start):
-    start("reconstruction", {"layout": "equal-4x4"})
-    silent = "nobody publishes /voltage_frame"
-    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, silent)
-    answer = probe.call(Trigger, "/reconstruction/tare")
-    assert not answer.success and silent in answer.message
 
 
 def test_frames_that_have_become_old_are_an_error_at_once(domain, monkeypatch):
@@ -159,7 +159,7 @@ def test_most_frames_refused_is_an_error_although_there_are_images(probe, start)
     ros_checks.has_logged(probe, reconstruction, "ERROR", "% of the frames are refused")
 
 
-def test_two_publishers_and_old_frames_are_told(probe, start):
+def test_two_publishers_and_stamps_that_cannot_be_are_told(probe, start):
     reconstruction = start("reconstruction", {"layout": "equal-4x4"})
     first, second = Source(probe), Source(probe)
     first.send()  # of 2023
@@ -175,6 +175,19 @@ def test_two_publishers_and_old_frames_are_told(probe, start):
     message = probe.wait_for(ContactArray, "/contacts")
     assert message.state == ContactArray.STALE and "(max_age 2 s)" in message.reason
     assert probe.wait_for(Bool, "/touched", qos=LATCHED).data  # for what anybody knows
+    first.stamp = 2_100_000_000  # of 2036
+    first.send()
+    ros_checks.check_diagnostics(
+        probe, STATUS, DiagnosticStatus.WARN, "s ahead of the time here: clocks differ"
+    )
+    first.stamp -= 1000
+    first.send()
+    ros_checks.check_diagnostics(
+        probe,
+        STATUS,
+        DiagnosticStatus.WARN,
+        "the stamps of 1 frames lie before those of the frames",
+    )
 
 
 def test_what_was_valid_is_taken_back_where_nothing_follows(probe, start):
@@ -217,24 +230,6 @@ def test_times_that_no_message_can_hold_are_refused(changes, complaint):
         check_frame(replace(a_frame(), **changes), layout)
 
 
-def test_stamps_that_go_back_or_lie_ahead_are_told(probe, start):
-    start("reconstruction", {"layout": "equal-4x4"})
-    source = Source(probe)
-    source.stamp = 2_100_000_000  # of 2036
-    source.send()
-    ros_checks.check_diagnostics(
-        probe, STATUS, DiagnosticStatus.WARN, "s ahead of the time here: clocks differ"
-    )
-    source.stamp -= 1000
-    source.send()
-    ros_checks.check_diagnostics(
-        probe,
-        STATUS,
-        DiagnosticStatus.WARN,
-        "the stamps of 1 frames lie before those of the frames",
-    )
-
-
 def test_rows_that_take_longer_than_their_frames_are_told(domain):
     """A row_period in ms: contacts would hold, as their stamps say, a minute after their frames."""
     rclpy.init(args=[], domain_id=domain)
@@ -254,14 +249,6 @@ def test_missed_frames_are_counted_across_the_wrap_of_their_numbers(domain):
         watch.accepted(sequence, float(sequence), 0.0, 0.0)
     rclpy.shutdown()
     assert watch.missed == 1 + 2 + 1
-
-
-def test_a_publisher_of_something_else_is_named(probe, start):
-    probe.node.create_publisher(String, "/voltage_frame", 1)
-    start("reconstruction", {"layout": "equal-4x4"})
-    ros_checks.check_diagnostics(
-        probe, STATUS, DiagnosticStatus.ERROR, "/voltage_frame carries std_msgs/msg/String"
-    )
 
 
 def test_the_quality_of_service_can_be_overridden_and_a_mismatch_is_named(probe, start):

@@ -167,18 +167,7 @@ def test_a_sensor_is_seen_in_the_browser_without_the_internet(serve, open_tab):
     assert tab.asked and all(each.startswith(own) for each in tab.asked)
 
 
-def test_a_recording_is_played_and_scrubbed(serve, open_tab, tmp_path):
-    frames = str(tmp_path / "frames.npz")
-    words = ["--layout", "equal-4x4", "--scene", "slide", "--frames", "30", "--out", frames]
-    assert main(["simulate", *words]) == 0
-    tab = open_tab(serve("view", "--layout", "equal-4x4", "--recording", frames))
-    tab.says("30 of 30 frames, 0 of them withheld, 0 late")
-    tab.key_until(lambda: seconds(tab) < 0.03, "[role=slider]", "Home", 36)
-    tab.key_until(lambda: seconds(tab) > 0.46, "[role=slider]", "End", 35)
-    tab.until(lambda: tab.contacts(), "contact")
-
-
-def test_withheld_and_late_frames_are_marked_below_the_slider(serve, open_tab, tmp_path):
+def test_a_recording_is_scrubbed_and_withheld_and_late_frames_are_marked(serve, open_tab, tmp_path):
     """Ten frames of a sensor whose readings cannot be, five that are missing."""
     frames, spoilt = str(tmp_path / "frames.npz"), str(tmp_path / "spoilt.npz")
     words = ["--layout", "equal-4x4", "--scene", "press", "--frames", "40", "--out", frames]
@@ -204,6 +193,9 @@ def test_withheld_and_late_frames_are_marked_below_the_slider(serve, open_tab, t
     assert begin == pytest.approx(11, abs=0.5) and 20.5 < end < 24  # a frame holds at its end
     ((begin, end),) = marked(timeline.LATE)
     assert begin == pytest.approx(36, abs=0.5) and end == pytest.approx(37, abs=0.5)
+    tab.key_until(lambda: seconds(tab) < 0.03, "[role=slider]", "Home", 36)
+    tab.key_until(lambda: seconds(tab) > 0.6, "[role=slider]", "End", 35)
+    tab.until(lambda: tab.contacts(), "contact")
 
 
 def test_the_sheet_is_pressed_by_a_click_and_the_touch_appears(page, open_tab):
