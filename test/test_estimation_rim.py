@@ -157,7 +157,7 @@ def fine(size, half=0.1, radius=0.0025):
     "drawn, true, within",
     [
         (fine(0.2), fine(0.204), 0.3e-3),
-        (fine(0.2), fine(0.22), 0.5e-3),
+        (fine(0.2), fine(0.22), 0.3e-3),
         (fine(0.2, 0.09), fine(0.195, 0.09), 0.3e-3),
         (fine(0.2), fine(0.2, radius=0.0035), 1e-3),
         (square(0.2), square(0.204), 1.5e-3),
@@ -173,6 +173,20 @@ def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, wit
         (found,) = result.contacts
         assert np.hypot(found.x - at[0], found.y - at[1]) < within
         assert abs(found.force - 2.0) < max(0.2, 3 * found.force_std)
+
+
+def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
+    drawn, true, at = fine(0.2), fine(0.22), (0.037, 0.052)
+    (frame,) = pressed(true, [at])
+    pipeline = Pipeline(drawn, Settings("accurate"))
+    (found,) = pipeline.process(frame, drawn.grounded, DRIVE).contacts
+    used = tuple(range(64))
+    cut = pipeline._estimates().operator_of(used).cut
+    assert cut.outline.size == pytest.approx((0.22, 0.22), abs=0.5e-3)
+    assert abs(found.force - 2.0) < 0.1 and found.force_std < 0.15  # linear: 2.7 +- 0.8
+    known = Pipeline(drawn, Settings("accurate", unknown=("gains", "offsets")))
+    known.process(frame, drawn.grounded, DRIVE)
+    assert known._estimates().operator_of(used).cut.outline.size == drawn.outline.size
 
 
 def test_a_contact_on_a_torn_sheet():

@@ -107,6 +107,9 @@ _UNEXPLAINED = 1.3
 # chi^2 a reading up to which a fit says how its sheet was cut: 220 mm in place of 200 leaves 1.0, electrodes
 # of 3.5 mm in place of 2.5 leave 0.9 to 1.1, a tear 1.5 and more
 _WELL = 1.2
+# how often the sheet of a sensor is solved anew: it does not change, and three steps of Gauss-Newton bring 220 mm
+# to 0.1 mm; sheets that are something else than cut otherwise would ask for it in every frame
+_RECUTS = 3
 _MORE = 1.2  # times as many rows are worth another fit
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings: at an end of the converter's range: nothing is told unless the others are
@@ -215,6 +218,8 @@ class Estimator:
         self.model, self.excluded, self.across = model, frozenset(excluded), across
         self.channels, self.sensor = channels or ChannelPrior().for_layout(layout), sensor
         self.spread, self.unknown = spread, frozenset(unknown)
+        self._recuts = _RECUTS
+        self._cut: np.ndarray | None = None  # as readings have shown it
         self._searches: dict[tuple[int, ...], Search] = {}
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
@@ -375,10 +380,8 @@ class Estimator:
             state.forget()
             reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
             return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
-        if scan.recuts and not torn and (recut := self._recut(search, fit, len(rows.grounded))):
-            self._searches[used] = recut
+        if not torn and self._recut(fit, len(rows.grounded)):
             state.forget()
-            scan = replace(scan, recuts=scan.recuts - 1)
             return self._look(
                 voltages, grounded, drive_voltage, state, row_period, noise, follow, scan
             )
@@ -417,20 +420,22 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), scattered
 
-    def _recut(self, search: Search, fit: Fit, rows: int) -> Search | None:
-        """The search on the sheet as a fit of so many `rows` found it to be cut and printed, if that is far
-        from how it was solved; None if it is not, or if the sheet was learned."""
-        if self.sensor is not None or "sheet" not in self.unknown or len(fit.rows.grounded) < rows:
-            return None
+    def _recut(self, fit: Fit, rows: int) -> bool:
+        """Whether the sheet is now another one: that which a fit of so many `rows` found to be cut and printed
+        far from how it was solved, if it was not learned."""
+        if self.sensor is not None or "sheet" not in self.unknown or not self._recuts:
+            return False
         if not len(fit.unknowns.contacts) or fit.unknowns.bond is not None:
-            return None
-        if fit.chi_squared > _WELL * fit.rows.count:
-            return None
-        found = fit.unknowns.sheet
-        operator = search.operator.recut(found, _after(fit).sheet_deviation)
-        if operator is search.operator:
-            return None
-        return Search(operator, self.across, "shape" not in self.unknown)
+            return False
+        if len(fit.rows.grounded) < rows or fit.chi_squared > _WELL * fit.rows.count:
+            return False
+        found, operator = fit.unknowns.sheet, fit.operator
+        if not operator.is_excluded(found, _after(fit).sheet_deviation):
+            return False
+        self._recuts -= 1
+        self._cut = found[operator.of_cut]
+        self._searches.clear()
+        return True
 
     def _ended(self, voltages: np.ndarray, used: tuple[int, ...], prior: Prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -471,6 +476,8 @@ class Estimator:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
             operator = SheetOperator(self.layout, self.model, used)
+            if self.sensor is None and self._cut is not None:
+                operator = operator.cut_as(self._cut)
             self._searches[used] = Search(operator, self.across, "shape" not in self.unknown)
         search = self._searches[used]
         if self.sensor is not None:
@@ -817,14 +824,12 @@ def _ask(followed: Callable[[], FollowedRows | None] | None, most: float = np.in
 @dataclass(frozen=True)
 class _Scan:
     """Rows as they were read: `voltages` (L, E), V, electrodes `grounded` (L,), potentials (E,) in the row
-    before the `first`, as for `rows_before`; `without` (E,) bool, channels that are not to be used; how often the sheet may still be
-    solved as these rows find it, `recuts`: the first time sides and radius err by second order."""
+    before the `first`, as for `rows_before`; `without` (E,) bool, channels that are not to be used."""
 
     voltages: np.ndarray
     grounded: np.ndarray
     first: np.ndarray | None
     without: np.ndarray | None
-    recuts: int = 3
 
     def taken_off(self, settling: Settling | None) -> np.ndarray:
         """(L, E) V, what is used, without what readings keep of the row before."""

@@ -174,14 +174,17 @@ class SheetOperator:
         cut = AsCut(self.layout, sheet[self.of_cut], tears)
         return self if apart.max() < _NEAR and self._cut.near(cut) else self.about(sheet, tears)
 
-    def recut(self, found: np.ndarray, deviation: np.ndarray) -> SheetOperator:
-        """This one, or that about the geometry of the coefficients `found` (J,) where their `deviation` (J,)
-        excludes that it is right to first order there."""
+    def is_excluded(self, found: np.ndarray, deviation: np.ndarray) -> bool:
+        """Whether coefficients `found` (J,) with their `deviation` (J,) exclude that the geometry it was solved
+        with is right to first order."""
         apart = np.abs(found - self._mean)[self.of_cut] / deviation[self.of_cut]
-        if apart.max() < _EXCLUDED or self._cut.near(AsCut(self.layout, found[self.of_cut])):
-            return self
+        near = self._cut.near(AsCut(self.layout, found[self.of_cut]))
+        return bool(apart.max() > _EXCLUDED) and not near
+
+    def cut_as(self, cut: np.ndarray) -> SheetOperator:
+        """The same for a sheet of the geometry `cut` (9,)."""
         about = self._mean.copy()
-        about[self.of_cut] = found[self.of_cut]
+        about[self.of_cut] = cut
         return self.about(about)
 
     @property
