@@ -314,6 +314,14 @@ def test_resistances_are_not_negative_and_as_far_off_as_is_said(ohms):
     assert rms(error / findings.resistance_deviation(state, operator())) < 1.5
 
 
+def test_the_evidence_is_for_what_is_wrong_and_against_what_is_not():
+    found = findings.evidence(learned().state, learned().operator)
+    assert min(found[wrong] for wrong in ("gains", "offsets")) > 10
+    assert max(found[right] for right in ("places", "sheet")) < 3
+    nothing = findings.evidence(SensorState.unknown(operator(), WIDE), operator())
+    assert nothing == pytest.approx(dict.fromkeys(found, 0.0), abs=1e-6)
+
+
 def test_the_grounded_electrodes_own_reading_tells_its_resistance():
     """The drop over switch and wire, whatever the model errs in the electrode: far better known."""
     whole = simulator()

@@ -33,6 +33,9 @@ def test_it_learns_publishes_and_keeps_what_it_knows(probe, start, tmp_path):
     ratio = np.array(message.gain) / truth().gain
     assert (ratio / ratio.mean()).std() < 1e-3
     assert message.layout_id == layout().id and len(message.places) == len(message.logarithm)
+    evidence = dict(zip(message.unknown, message.evidence, strict=True))
+    assert evidence["gains"] > 100 and evidence["gains"] > evidence["places"]
+    assert message.radius == pytest.approx(layout().radius, rel=0.2) and not message.tears
     assert max(message.gain_deviation) < 0.02 and message.header.stamp.sec > 0
     probe.until(file.exists, "file of the sensor")
     first.kill()

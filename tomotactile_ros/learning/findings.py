@@ -10,9 +10,16 @@ import numpy as np
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
 from tomotactile_ros.learning import tears
-from tomotactile_ros.learning.recorded import Learned
+from tomotactile_ros.learning.recorded import WIDE, Learned
 from tomotactile_ros.learning.state import SensorState
 
+_UNKNOWN = {
+    "gains": ["gain"],
+    "offsets": ["offset"],
+    "resistances": ["resistance"],
+    "places": ["aside_x", "aside_y"],
+    "sheet": ["sheet"],
+}
 _TOLD = 0.01  # of what was expected: less is nothing
 FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
 _NAMED = 3  # electrodes that are named
@@ -100,6 +107,22 @@ def of_channels(
     if part == "resistance":
         return resistance(state), resistance_deviation(state, operator)
     return state[part], state.std(part)
+
+
+def made(
+    state: SensorState, operator: SheetOperator
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[float, float]]:
+    """How far out each of `SIDES` lies and its deviation, (4,) m; radius of the electrodes and its, m."""
+    out, spread = (each[operator.of_rim][: len(SIDES)] for each in (state.mean, state.deviation))
+    radius = operator.layout.radius * float(np.exp(state["sheet"][-1]))
+    return (out, spread), (radius, radius * float(state.std("sheet")[-1]))
+
+
+def evidence(state: SensorState, operator: SheetOperator) -> dict[str, float]:
+    """Of each kind of unknowns by how much the logarithm of the evidence is larger with it, see
+    `SensorState.evidence`."""
+    before = SensorState.unknown(operator, WIDE.for_layout(operator.layout))
+    return {name: state.evidence(parts, before) for name, parts in _UNKNOWN.items()}
 
 
 def lines(learned: Learned) -> Iterator[str]:
@@ -251,9 +274,7 @@ def _sheet(state, operator):
 
 def _outline(state, operator):
     """How far out the sides of the sheet are, of what surrounds its outline."""
-    out, spread = (
-        1e3 * each[operator.of_rim][: len(SIDES)] for each in (state.mean, state.deviation)
-    )
+    out, spread = (1e3 * each for each in made(state, operator)[0])
     sides = ", ".join(f"{side} {by:+.1f}" for side, by in zip(SIDES, out))
     return (
         f"outline: sides are farther out than in the layout by {sides} mm, each known to "
@@ -262,11 +283,10 @@ def _outline(state, operator):
 
 
 def _radius(state, operator):
-    radius = 1e3 * operator.layout.radius
-    found = radius * np.exp(state["sheet"][-1])
+    found, spread = made(state, operator)[1]
     return (
-        f"electrodes' radius: {found:.2f} mm in the mean, known to {found * state.std('sheet')[-1]:.2f} mm; "
-        f"{radius:.2f} mm in the layout"
+        f"electrodes' radius: {1e3 * found:.2f} mm in the mean, known to {1e3 * spread:.2f} mm; "
+        f"{1e3 * operator.layout.radius:.2f} mm in the layout"
     )
 
 

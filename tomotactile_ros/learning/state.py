@@ -9,6 +9,7 @@ is known.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -113,6 +114,21 @@ class SensorState:
         part."""
         where = self.slice(part)
         return 1 - np.minimum(self.deviation[where] / self.expected[where], 1.0)
+
+    def evidence(self, parts: Sequence[str], before: SensorState) -> float:
+        """By how much the logarithm of the evidence of what was read is larger with `parts` unknown, as `before`
+        anything was read, than with them as expected: that of their density where they are expected, before over
+        after (Savage and Dickey)."""
+        where = np.concatenate([np.arange(len(self.mean))[self.slice(part)] for part in parts])
+        scale = before.deviation[where]
+        apart = (self.mean - before.mean)[where] / scale
+        after, prior = (
+            state.covariance[np.ix_(where, where)] / np.outer(scale, scale)
+            for state in (self, before)
+        )
+        told = apart @ cho_solve(cho_factor(after), apart)
+        narrowed = np.linalg.slogdet(after)[1] - np.linalg.slogdet(prior)[1]
+        return float(told + narrowed) / 2
 
     def indices(self, used: np.ndarray) -> np.ndarray:
         """Numbers in theta of the sheet and of the channels of the electrodes `used` (n,)."""

@@ -20,12 +20,21 @@ def sensor_to_message(
     whole, part = divmod(round(state.time * 1e9), 10**9)
     ratio, direction, deviation = findings.anisotropy(state, operator)
     logarithm, logarithm_deviation = findings.field(state, operator)
+    evidence = findings.evidence(state, operator)
+    (sides, spread), (radius, radius_deviation) = findings.made(state, operator)
     message = SensorMessage(
         header=Header(stamp=Time(sec=whole, nanosec=part), frame_id=frame_id),
         layout_id=layout.id,
         touches=state.touches,
         frames=state.frames,
         untouched=state.idle,
+        unknown=list(evidence),
+        evidence=list(evidence.values()),
+        outline=sides,
+        outline_deviation=spread,
+        radius=radius,
+        radius_deviation=radius_deviation,
+        tears=[each for tear in state.tears for each in tear],
         places=[Point32(x=x, y=y, z=0.0) for x, y in operator.field.centres.tolist()],
         logarithm=logarithm.tolist(),
         logarithm_deviation=logarithm_deviation.tolist(),
