@@ -23,7 +23,7 @@ COUNT = WAYS + 1
 # of the way from the outermost electrode to the rim, its radius at least: second order is then 1e-2
 # of what the rim does to that electrode
 _CLOSE = 0.1
-_SAME = 0.03  # of the logarithm of the radius: second order is then 1e-3
+_SAME = 0.01  # of the logarithm of the radius: second order is then 1e-4
 _APART = 0.9  # of half the shortest spacing: electrodes that are printed too large do not touch
 _GAPE = 5e-4  # m, between the sides of a tear
 # radii around an electrode that a tear leaves whole: how it is held there is not known

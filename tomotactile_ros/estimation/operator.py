@@ -175,11 +175,11 @@ class SheetOperator:
         return self if apart.max() < _NEAR and self._cut.near(cut) else self.about(sheet, tears)
 
     def is_excluded(self, found: np.ndarray, deviation: np.ndarray) -> bool:
-        """Whether coefficients `found` (J,) with their `deviation` (J,) exclude that the geometry it was solved
-        with is right to first order."""
-        apart = np.abs(found - self._mean)[self.of_cut] / deviation[self.of_cut]
+        """Whether coefficients `found` (J,) with their `deviation` (J,) exclude that the sheet is as drawn, and
+        are not those that it is right about to first order."""
+        away = np.abs(found)[self.of_cut] / deviation[self.of_cut]
         near = self._cut.near(AsCut(self.layout, found[self.of_cut]))
-        return bool(apart.max() > _EXCLUDED) and not near
+        return bool(away.max() > _EXCLUDED) and not near
 
     def cut_as(self, cut: np.ndarray) -> SheetOperator:
         """The same for a sheet of the geometry `cut` (9,)."""
