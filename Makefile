@@ -37,8 +37,11 @@ play:
 view:
 	@$(SETUP) tomotactile view $(if $(LAYOUT),--layout '$(LAYOUT)') $(VIEW_ARGS)
 
-test: # where pytest-xdist is installed on all cores, the tests of a file one after the other
-	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && cores="-n auto --dist loadfile"; \
+# Where pytest-xdist is installed on all cores, the tests of a file one after the other. There is one process
+# more than cores: tests of nodes wait half of their time.
+test:
+	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && \
+		cores="-n $$(($$(nproc) + 1)) --dist loadfile"; \
 		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
 
 check: # style, types, spelling, pages of the interface

@@ -31,7 +31,7 @@ def children_of(domain):
 def test_contacts_are_near_the_truth_and_the_picture_is_written(domain, tmp_path):
     from PIL import Image
 
-    live = start_live(domain, tmp_path, "--duration", "3")
+    live = start_live(domain, tmp_path, "--duration", "1")
     assert live.wait() == 0, live.output
     strongest = re.findall(
         r"contact \d+: \( *(\S+), *(\S+)\) mm .* off by +(\S+) mm, true ", live.output

@@ -110,7 +110,7 @@ def stop_after(monkeypatch, iteration):
 @pytest.mark.parametrize("method", METHODS)
 def test_the_command_goes_on(tmp_path, monkeypatch, capsys, method):
     whole, parts = tmp_path / "whole.yaml", tmp_path / "parts.yaml"
-    words = [*WORDS, *METHODS[method]]
+    words = [*WORDS, "--rows", "2", "--cols", "2", *METHODS[method]]
     assert main([*words, "--out", str(whole)]) == 0
     stop_after(monkeypatch, 1)
     capsys.readouterr()
