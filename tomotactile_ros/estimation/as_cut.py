@@ -23,9 +23,10 @@ COUNT = WAYS + 1
 # of the way from the outermost electrode to the rim, its radius at least: second order is then 1e-2
 # of what the rim does to that electrode
 _CLOSE = 0.1
-_SAME = 0.01  # of the logarithm of the radius: second order is then 1e-4
+_SAME = 0.02  # of the logarithm of the radius: second order is then 4e-4
 _APART = 0.9  # of half the shortest spacing: electrodes that are printed too large do not touch
 _GAPE = 5e-4  # m, between the sides of a tear
+_SLIVER = 2e-4  # m: what is narrower carries no current worth telling
 # radii around an electrode that a tear leaves whole: how it is held there is not known
 _BESIDE = 1.2
 _STEPS = 10  # in which a sheet grows until it holds its electrodes
@@ -88,7 +89,10 @@ def torn(layout: Layout, tears: Tears) -> Layout:
     lines = (shapely.LineString([each[:2], each[2:]]) for each in tears)
     cuts = shapely.union_all([line.buffer(_GAPE / 2, cap_style="flat") for line in lines])
     around = shapely.buffer(shapely.points(layout.positions), _BESIDE * layout.radius)
-    left = shapely.get_parts(whole.difference(cuts.difference(shapely.union_all(around))))
+    left = whole.difference(cuts.difference(shapely.union_all(around)))
+    # without slivers between tear and rim: elements would be as small
+    left = left.buffer(-_SLIVER / 2, join_style="mitre").buffer(_SLIVER / 2, join_style="mitre")
+    left = shapely.get_parts(left)
     largest = max(left, key=lambda part: part.area)
     shell, *holes = (np.array(ring.coords)[:-1] for ring in (largest.exterior, *largest.interiors))
     return replace(layout, outline=Outline.polygon(shell, holes, unusual_size=True))

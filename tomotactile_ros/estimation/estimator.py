@@ -380,8 +380,9 @@ class Estimator:
             state.forget()
             reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
             return Estimate([], [], "withheld", reason, left_out, np.nan, begun), None
-        if not torn and self._recut(fit, len(rows.grounded)):
+        if not torn and self._recut(fit, used, len(rows.grounded)):
             state.forget()
+            state.unknowns, state.used = fit.unknowns, used
             return self._look(
                 voltages, grounded, drive_voltage, state, row_period, noise, follow, scan
             )
@@ -420,9 +421,9 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         return Estimate(contacts, parts, "valid", "", left_out, misfit, first), scattered
 
-    def _recut(self, fit: Fit, rows: int) -> bool:
-        """Whether the sheet is now another one: that which a fit of so many `rows` found to be cut and printed
-        far from how it was solved, if it was not learned."""
+    def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:
+        """Whether the sheet is now another one: that which a fit of so many `rows` with the electrodes
+        `used` found to be cut and printed far from how it was solved, if it was not learned."""
         if self.sensor is not None or "sheet" not in self.unknown or not self._recuts:
             return False
         if not len(fit.unknowns.contacts) or fit.unknowns.bond is not None:
@@ -430,12 +431,15 @@ class Estimator:
         if len(fit.rows.grounded) < rows or fit.chi_squared > _WELL * fit.rows.count:
             return False
         found, operator = fit.unknowns.sheet, fit.operator
-        if not operator.is_excluded(found, _after(fit).sheet_deviation):
+        if not operator.is_far(found):
             return False
         self._recuts -= 1
         self._cut = found[operator.of_cut]
-        self._searches.clear()
+        self._searches = {used: self._made(operator.cut_as(self._cut))}
         return True
+
+    def _made(self, operator: SheetOperator) -> Search:
+        return Search(operator, self.across, "shape" not in self.unknown)
 
     def _ended(self, voltages: np.ndarray, used: tuple[int, ...], prior: Prior) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
@@ -478,13 +482,12 @@ class Estimator:
             operator = SheetOperator(self.layout, self.model, used)
             if self.sensor is None and self._cut is not None:
                 operator = operator.cut_as(self._cut)
-            self._searches[used] = Search(operator, self.across, "shape" not in self.unknown)
+            self._searches[used] = self._made(operator)
         search = self._searches[used]
         if self.sensor is not None:
             operator = search.operator.near(self.sensor["sheet"], self.sensor.tears)
             if operator is not search.operator:
-                search = Search(operator, self.across, "shape" not in self.unknown)
-                self._searches[used] = search
+                search = self._searches[used] = self._made(operator)
         return search
 
     def _rows(

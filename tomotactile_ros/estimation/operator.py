@@ -65,9 +65,7 @@ _LEAK = 1e-7  # of what electrodes conduct, of a sheet that is as good as untouc
 # of a coefficient: distance from the field of the last expansion that asks for a new one; second
 # order is then 1e-3
 _NEAR = 0.03
-_EXCLUDED = (
-    4.0  # standard deviations: a geometry so far from what was found is not that of the sheet
-)
+_TOLERATED = 3.0  # deviations of how a sheet is made: up to that what it changes is of first order
 _ROUND = 64  # points around an electrode, of which it is asked whether they are on the sheet
 _NO_PATCHES = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
 
@@ -174,12 +172,12 @@ class SheetOperator:
         cut = AsCut(self.layout, sheet[self.of_cut], tears)
         return self if apart.max() < _NEAR and self._cut.near(cut) else self.about(sheet, tears)
 
-    def is_excluded(self, found: np.ndarray, deviation: np.ndarray) -> bool:
-        """Whether coefficients `found` (J,) with their `deviation` (J,) exclude that the sheet is as drawn, and
-        are not those that it is right about to first order."""
-        away = np.abs(found)[self.of_cut] / deviation[self.of_cut]
+    def is_far(self, found: np.ndarray) -> bool:
+        """Whether coefficients `found` (J,) are of a sheet that is cut or printed otherwise than tolerances let
+        it, and not of one that this is right about to first order."""
+        off = np.abs(found)[self.of_cut] / self.deviation[self.of_cut]
         near = self._cut.near(AsCut(self.layout, found[self.of_cut]))
-        return bool(away.max() > _EXCLUDED) and not near
+        return bool(off.max() > _TOLERATED) and not near
 
     def cut_as(self, cut: np.ndarray) -> SheetOperator:
         """The same for a sheet of the geometry `cut` (9,)."""
