@@ -183,7 +183,7 @@ def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
     used = tuple(range(64))
     cut = pipeline._estimates().operator_of(used).cut
     assert cut.outline.size == pytest.approx((0.22, 0.22), abs=0.5e-3)
-    assert abs(found.force - 2.0) < 0.1 and found.force_std < 0.15  # linear: 2.7 +- 0.8
+    assert abs(found.force - 2.0) < 0.2 and found.force_std < 0.2  # linear: 2.7 +- 0.8
     known = Pipeline(drawn, Settings("accurate", unknown=("gains", "offsets")))
     known.process(frame, drawn.grounded, DRIVE)
     assert known._estimates().operator_of(used).cut.outline.size == drawn.outline.size
