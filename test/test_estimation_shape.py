@@ -22,6 +22,8 @@ from tomotactile_ros.estimation.touch import CONDUCTANCE
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.simulation import Simulator
 
 
 def pressed(case, family="wide-8x8", wiring=None, step=1):
@@ -116,6 +118,16 @@ def test_a_ring_is_one_contact_after_an_untouched_frame():
         score = score_frame(result.contacts, truth)
         assert not score.ghosts and not score.doubled and not score.missed
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
+
+
+@pytest.mark.parametrize("profile", ["balanced", "accurate"])
+def test_an_l_on_sixteen_electrodes_is_one_contact_from_the_first_frame_on(profile):
+    layout, scene = load_layout("equal-4x4"), load_scene("l-shape")
+    simulator = Simulator(layout, scene)
+    pipeline = Pipeline(layout, Settings(profile, contact_law=scene.contact_law))
+    first, second = (pipeline.process(simulator.measure(0.016 * i, i)) for i in range(2))
+    assert len(first.contacts) == len(second.contacts) == 1 and first.misfit < 1.1
+    assert second.contacts[0].id == first.contacts[0].id
 
 
 def test_five_contacts_on_sixteen_electrodes_are_no_shape():

@@ -524,6 +524,10 @@ class Search(Fits):
         found = self._simplified(self._solve(parts.unknowns, parts))
         if self._falls_short(found):
             found = self._split(found, self._solve)
+        if self._falls_short(found) and self.across > BOUNDED:
+            # with fewer patches the way there is another one
+            rough = self._roughly(shape, rest)
+            found = self._likelier(found, self._simplified(self._solve(rough.unknowns, rough)))
         return self._shape_or(shape, found)
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
@@ -725,6 +729,14 @@ class Search(Fits):
         if least.max() < most.max():
             found = self._likelier(found, self._parts_of(shape, least, like))
         return found
+
+    def _roughly(self, shape: Fit, like: Fit) -> Fit:
+        """`_parts` with few patches to the width of each."""
+        fine, self.across = self.across, BOUNDED
+        try:
+            return self._parts(shape, like)
+        finally:
+            self.across = fine
 
     def _parts_of(self, shape: Fit, group: np.ndarray, like: Fit) -> Fit:
         """The same for cells that are parts of the contacts `group` (k,)."""
