@@ -184,9 +184,12 @@ def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
     cut = pipeline._estimates().operator_of(used).cut
     assert cut.outline.size == pytest.approx((0.22, 0.22), abs=0.5e-3)
     assert abs(found.force - 2.0) < 0.2 and found.force_std < 0.2  # linear: 2.7 +- 0.8
+    said = pipeline.made_otherwise
+    assert said.startswith("the sheet seems to be 2") and "not 200.0 mm x 200.0 mm" in said
     known = Pipeline(drawn, Settings("accurate", unknown=("gains", "offsets")))
     known.process(frame, drawn.grounded, DRIVE)
     assert known._estimates().operator_of(used).cut.outline.size == drawn.outline.size
+    assert not known.made_otherwise
 
 
 def test_a_contact_on_a_torn_sheet():

@@ -141,6 +141,8 @@ def run(args: Namespace) -> None:
         print(f"{doubt}: --noise")
     if doubt := doubt_of_settling(settling):
         print(f"{doubt}; this is subtracted")
+    if pipeline.made_otherwise:
+        print(pipeline.made_otherwise)
     if of_law:
         print(of_law)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
+from tomotactile_ros.estimation.as_cut import AsCut
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -437,6 +438,13 @@ class Estimator:
         self._cut = found[operator.of_cut]
         self._searches = {used: self._made(operator.cut_as(self._cut))}
         return True
+
+    @property
+    def as_cut(self) -> Layout | None:
+        """The layout as readings have shown that it was made; None: as drawn, or as learned."""
+        if self.sensor is not None or self._cut is None:
+            return None
+        return AsCut(self.layout, self._cut).layout
 
     def _made(self, operator: SheetOperator) -> Search:
         return Search(operator, self.across, "shape" not in self.unknown)

@@ -221,6 +221,8 @@ class Reconstruction:
             troubles.append(Trouble("noise", False, text))
         if text := doubt_of_settling(self._settling):
             troubles.append(Trouble("settling", False, text))
+        if text := pipeline.made_otherwise:
+            troubles.append(Trouble("sheet", False, text))
         if self._bare:
             text = f"frames name their layout without the hash of its geometry: whether it is {pipeline.layout.id} is not known"
             troubles.append(Trouble("bare layout", False, text))

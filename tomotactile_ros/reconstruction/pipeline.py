@@ -248,6 +248,19 @@ class Pipeline:
         self._forget()
 
     @property
+    def made_otherwise(self) -> str:
+        """A line where readings show that the sheet is cut or printed otherwise than drawn; else nothing."""
+        cut = None if self._estimator is None else self._estimator.as_cut
+        if cut is None:
+            return ""
+        sizes = (1e3 * np.array(each.outline.size) for each in (cut, self.layout))
+        found, drawn = (f"{width:.1f} mm x {height:.1f} mm" for width, height in sizes)
+        return (
+            f"the sheet seems to be {found} with electrodes of {1e3 * cut.radius:.2f} mm, not {drawn} with "
+            f"{1e3 * self.layout.radius:.2f} mm: measure it, or learn the sensor"
+        )
+
+    @property
     def follows(self) -> bool:
         """Whether rows can be followed at once; otherwise the first `rows` takes seconds."""
         return self._rows is not None or self._estimator is not None
