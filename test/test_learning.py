@@ -346,7 +346,29 @@ def test_frames_that_hold_no_touch_leave_everything_but_offsets_as_it_was():
     for part in ("sheet", "gain", "resistance"):
         assert state.known(part).max() < 1e-9
     assert state.known("offset").min() > 0.2
-    assert "no frame holds a touch" in "\n".join(findings.lines(found))
+    *said, last = findings.lines(found)
+    assert "no frame holds a touch" in "\n".join(said) and last.startswith("nothing but offsets")
+
+
+def test_touches_that_begin_and_end_within_a_frame_are_learned_from_between():
+    """A touch has two frames that contradict reciprocity, and one that rests."""
+    parts = []
+    for i, rests in enumerate(frames()):
+        row = 2 + i % 12
+        idle = np.random.default_rng(i).normal(0, NOISE, rests.shape)
+        begins = np.where(np.arange(16)[:, None] < row, idle, rests)
+        ends = np.where(np.arange(16)[:, None] < row, rests, idle)
+        parts += [
+            idle,
+            begins,
+            rests,
+            rests + np.random.default_rng(i + 99).normal(0, 1e-4, rests.shape),
+            ends,
+        ]
+    found = learn(layout(), np.array(parts), np.arange(16), DRIVE, noise=NOISE)
+    assert found.state.touches >= learned().state.touches and found.moved >= 12
+    ratio = found.state["gain"] / truth().gain
+    assert (ratio / ratio.mean()).std() < 2e-3  # of 5 %
 
 
 def test_dead_channels_are_named_and_left_as_expected():

@@ -10,7 +10,8 @@ import numpy as np
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
 from tomotactile_ros.learning import tears
-from tomotactile_ros.learning.recorded import WIDE, Learned
+from tomotactile_ros.learning.kept_out import LEAST
+from tomotactile_ros.learning.recorded import MOST, WIDE, Learned
 from tomotactile_ros.learning.state import SensorState
 
 _UNKNOWN = {
@@ -168,6 +169,13 @@ def lines(learned: Learned) -> Iterator[str]:
     good = np.setdiff1d(np.arange(state.electrodes), list(learned.faults))
     yield from _parts(state, learned.operator, good)
     yield from _undetermined(learned, good)
+    if not state.touches:
+        yield "nothing but offsets was learned: no frame shows a touch that rests"
+    elif state.touches < LEAST:
+        yield (
+            f"{count(state.touches, 'touch', 'es')}: too few to tell whether what was learned predicts others; "
+            f"{LEAST} to {MOST} in different places are wanted"
+        )
 
 
 def _kept_out(found):

@@ -216,7 +216,7 @@ def _learned(
     if torn(learner, rows[:_PROBED], squares):
         start = replace(start, tears=learner.state.tears)
     known = learner.state
-    fits, courses = _one_by_one(learner, rows, watch, course)
+    fits, courses = _first(learner, rows, watch, course)
     kept_out = None
     exchanged = _exchanged(learner, known, fits)
     if exchanged is not None:
@@ -308,36 +308,33 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     """(n,) chi-squared per equation of reciprocity of each frame of `part`, None where too few pairs
     were read.
 
-    One frame in which something moves spoils the gains that all are fitted with: the worst are left
-    out, half of them at the most in each turn, until the others agree. Where these are fewer than
-    half of all there is no telling which are right, and all are judged together.
+    Most touches begin and end within a frame, which contradicts reciprocity by itself. Of the others, one in
+    which something moves spoils the gains that all are fitted with: the worst are left out, half of them at
+    the most in each turn, until the others agree. Where these are fewer than half there is no telling which
+    are right, and all are judged together.
     """
-    kept, at_first, known = np.arange(len(part)), None, np.zeros(len(part))
     given = learner, frames, ends, grounded
-    while 2 * len(kept) >= len(part):
+    known = np.array([_alone(*given, part[[i]], drive, noise) for i in range(len(part))])
+    kept, at_first = np.flatnonzero(known < _MOVING), known
+    steady = len(kept)
+    while len(kept) and 2 * len(kept) >= steady:
         try:
             gains = _by_reciprocity(*given, part[kept], drive, noise)
-        except np.linalg.LinAlgError:  # some are no readings of a sheet: each by itself tells which
-            known[kept] = [_alone(*given, part[[i]], drive, noise) for i in kept]
-            at_first = known.copy() if at_first is None else at_first
-            left = kept[known[kept] < _MOVING]
-            if len(left) == len(kept):
-                known[kept] = np.inf
-                return known
-            kept = left
-            continue
+        except (
+            np.linalg.LinAlgError
+        ):  # by themselves they are readings of a sheet, together of none
+            known[kept] = np.inf
+            return known
         if gains is None:
             return None
         known[kept] = gains.misfit
-        at_first = known.copy() if at_first is None else at_first
+        at_first = known.copy() if at_first is known else at_first
         worst = float(gains.misfit.max())
         if worst < _MOVING:
             return known
         order = np.argsort(gains.misfit)
         bad = np.count_nonzero(gains.misfit > max(_MOVING, worst / 2))
         kept = np.sort(kept[order[: len(kept) - min(bad, (len(kept) + 1) // 2)]])
-        if not len(kept):
-            break
     return at_first
 
 
@@ -421,6 +418,20 @@ def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
     where = np.concatenate([state.slice("gain").start + used, state.slice("offset").start + used])
     told = np.concatenate([found.gain, found.offset])
     learner.set(state.told(where, told, found.covariance))
+
+
+def _first(learner, rows, watch, course):
+    """`_one_by_one` on the sheet as drawn, or, where that does not explain them, cut and printed as they show
+    it: few touches take unevenness for another outline, from where all together lead elsewhere."""
+    known = learner.state
+    learner.set(known.held("cut"))
+    fits, courses = _one_by_one(learner, rows, watch, course)
+    if np.median([left_over(fit) for fit in fits]) < EXPLAINED:
+        return fits, courses
+    learner.set(known)
+    learner.about()
+    learner.ledger = Ledger(learner.operator.pitch)
+    return _one_by_one(learner, rows, watch, course)
 
 
 def _one_by_one(learner, rows, watch, course):

@@ -30,6 +30,7 @@ ASIDE_WALK = 2e-5  # m per root hour: fabric that is worn
 # V, of offsets from one touch to the next, beyond what was learned: amplifiers warm up, mains hum. A touch
 # tells its own offsets to a tenth of that
 OFFSET_WANDER = 1e-3
+_HELD = 1e-2  # of the deviations of what is held
 _HOUR = 3600.0  # s
 
 
@@ -114,6 +115,12 @@ class SensorState:
         part."""
         where = self.slice(part)
         return 1 - np.minimum(self.deviation[where] / self.expected[where], 1.0)
+
+    def held(self, part: str) -> SensorState:
+        """The same with a part as good as certain."""
+        units = np.ones(len(self.mean))
+        units[self.slice(part)] = _HELD
+        return replace(self, covariance=self.covariance * np.outer(units, units))
 
     def evidence(self, parts: Sequence[str], before: SensorState) -> float:
         """By how much the logarithm of the evidence of what was read is larger with `parts` unknown, as `before`
