@@ -116,7 +116,7 @@ def test_good_file_is_read(tmp_path):
         (
             "name: square",
             "name: s\ntolerance: {radius: 10}",
-            "tolerance.radius: 10.0 is no part of",
+            "tolerance.radius: 10 is relative to the radius: 0.1 is 10 %",
         ),
         ("name: square", "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
         ("name: square", "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),

@@ -122,6 +122,9 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
     yield f"  nearest pitch     {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
+    for key, value in layout.tolerance.to_dict().items():
+        said = f"{100 * value:g} %" if key == "radius" else f"{1e3 * value:g} mm"
+        yield f"  {f'tolerance, {key}':17} {said}"
     if layout.scan:
         order = " ".join(map(str, layout.scan[:_SHOWN]))
         order += " ..." if len(layout.scan) > _SHOWN else ""

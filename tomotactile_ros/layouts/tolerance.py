@@ -34,7 +34,8 @@ class Tolerance:
             value = getattr(self, key)
             if value is not None:
                 checks.positive(value, key, "length in m", least=_LEAST)
-        checks.positive(self.radius, "radius", "part of the radius", _LEAST, 1.0)
+        if checks.positive(self.radius, "radius", "number", _LEAST) > 1:
+            raise InputError(f"radius: {self.radius:g} is relative to the radius: 0.1 is 10 %")
 
     def check(self, size: tuple[float, float]) -> None:
         """Refuse what is wide beside a sheet of this size, m, and was probably given in mm."""

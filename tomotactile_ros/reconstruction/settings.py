@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from dataclasses import dataclass, field, replace
 
@@ -101,9 +102,10 @@ class Settings:
         unknown = (self.unknown,) if isinstance(self.unknown, str) else tuple(self.unknown)
         for each in unknown:
             if each not in (AUTO, *UNKNOWN):
-                raise InputError(
-                    f"unknown: {checks.show(each)} is none of {AUTO}, {', '.join(UNKNOWN)}"
-                )
+                close = difflib.get_close_matches(str(each), UNKNOWN, n=1)
+                hint = f"; did you mean {close[0]}?" if close else ""
+                names = f"{AUTO}, {', '.join(UNKNOWN)}"
+                raise InputError(f"unknown: {checks.show(each)} is none of {names}{hint}")
         if AUTO in unknown and len(unknown) > 1:
             raise InputError(f"unknown: {AUTO} is all, and stands alone")
         object.__setattr__(self, "unknown", unknown)
