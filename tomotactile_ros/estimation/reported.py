@@ -138,9 +138,6 @@ def _contact(
     radius = float(np.sqrt(area / np.pi))
     sheet = operator.resistance
     known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
-    size = float(np.sqrt(own[index[RADIUS], index[RADIUS]]))
-    if bare:  # known from below: of one that is two deviations wider, whose D is less
-        known = 1 / (1 / known + 2 * size * sheet / (2 * np.pi))
     g = known * covered
     pressure = float(law.pressure(g / area))
     there = fit.equations.prediction  # near, and its derivatives are known
@@ -167,7 +164,7 @@ def _contact(
         g,
         four(place),
         abs(pressure * area) * relative,
-        radius * size,
+        radius * float(np.sqrt(own[index[RADIUS], index[RADIUS]])),
         float(1 - np.exp(-certainty / 2)),
         tuple(u.rates[i, :2].tolist()),
     )
