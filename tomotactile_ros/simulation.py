@@ -26,7 +26,7 @@ from tomotactile_ros.sheet.merge import Track
 from tomotactile_ros.sheet.moving_rows import moving_rows
 from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, complaints_at
 
 ROW_PERIOD = 1e-3  # s for one ground condition, the switching of Kojima et al. 2023 (1 kHz)
 _ELEMENTS = 80  # along the longer side: 0.3 % of the drive voltage, see docs/model.md
@@ -108,7 +108,8 @@ class Simulator:
     def _make_sheet(self, model, h):
         """The sheet as the scene has it; tears are as wide as half an element at least."""
         uneven, width = self.scene.defects.sheet, h / 2
-        made = self.scene.defects.made(self.layout)
+        with complaints_at(f"scene {self.scene.name}: "):
+            made = self.scene.defects.made(self.layout)
         return make_sheet(
             made,
             model,

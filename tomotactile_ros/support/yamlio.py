@@ -151,6 +151,15 @@ class Reader:
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")
+            if ours and found.partition("/")[0] != file_format.partition("/")[0]:
+                is_a, wanted = (
+                    each.partition("/")[0].removeprefix("tomotactile-")
+                    for each in (found, file_format)
+                )
+                raise InputError(
+                    f"{path}: format: {show(found)}: this is a file of kind '{is_a}', one of kind '{wanted}' is "
+                    "wanted; were two arguments swapped?"
+                )
             was = "is missing" if found is None else "is not known here"
             was = f"{show(found)} {was}" if ours else was
             raise InputError(f"{path}: format: {was}, the file must say 'format: {file_format}'")
