@@ -90,6 +90,22 @@ def test_a_force_that_is_known_from_below_is_at_least_that(pipelines):
     assert 5 < bounded < 20
 
 
+def test_what_lies_upon_an_electrode_of_a_coarse_grid_is_there():
+    layout = load_layout("equal-4x4")
+    x, y = layout.positions[10]
+    frames = frames_of(layout, [(x + 0.001, y - 0.001, 0.0055, 12.0 / (np.pi * 0.0055**2))])
+    result = Pipeline(layout, Settings("fast", contact_law=LAW)).process(
+        frames[0], np.arange(16), DRIVE
+    )
+    assert result.state == "valid", result.reason
+    (contact,) = result.contacts
+    assert np.hypot(contact.x - x, contact.y - y) < 0.006
+    if np.isfinite(contact.force_std):
+        assert abs(contact.force - 12.0) < 3 * contact.force_std
+    else:
+        assert contact.force < 12.0
+
+
 def test_how_strong_a_press_on_an_electrode_is_takes_more_than_one_step(pipelines):
     fast, (x, y) = pipelines["fast"], pipelines["fast"].layout.positions[27]
     (frame,) = frames_of(fast.layout, [(x + 0.001, y, 0.006, 15.0 / (np.pi * 0.006**2))])

@@ -675,16 +675,17 @@ class Pipeline:
         bad[list(estimate.left_out)] = True
         contacts = [_reported(each) for each in estimate.contacts]
         covariances = [np.reshape(each.position_covariance, (2, 2)) for each in contacts]
-        reason = estimate.reason
-        # a sheet cut otherwise, torn or holed: its couplings err where it is so, its currents do not
-        shown = self._shown(given, self._read(given)) if estimate.unlike else None
+        anywhere = any(may_be_anywhere(each, self.layout) for each in covariances)
+        reason = ANYWHERE if anywhere else estimate.reason
+        # a sheet cut otherwise, torn or holed: its couplings err where it is so, its currents do not; what lies
+        # within an electrode is there, wherever the fit has it
+        within = reason == ANYWHERE and not self.fits
+        shown = self._shown(given, self._read(given)) if estimate.unlike or within else None
         if shown is not None:
             aside = float(np.median(self.layout.pitches)) * _UNLIKE
             contacts = [_wider(each, aside) for each in shown.contacts]
             shown = replace(shown, contacts=contacts, misfit=estimate.misfit, noise=noise)
             return _Found(shown, given, seen)
-        if any(may_be_anywhere(each, self.layout) for each in covariances):
-            reason = ANYWHERE
         if reason:
             why = reason, bad, estimate.left_out, estimate.misfit, given.lasts
             return _Found(replace(self._withheld(*why), noise=noise), given, seen)

@@ -151,11 +151,11 @@ class Reader:
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")
-            if ours and found.partition("/")[0] != file_format.partition("/")[0]:
-                is_a, wanted = (
-                    each.partition("/")[0].removeprefix("tomotactile-")
-                    for each in (found, file_format)
-                )
+            is_a, wanted = (
+                str(each).partition("/")[0].removeprefix("tomotactile-")
+                for each in (found, file_format)
+            )
+            if ours and is_a != wanted:
                 raise InputError(
                     f"{path}: format: {show(found)}: this is a file of kind '{is_a}', one of kind '{wanted}' is "
                     "wanted; were two arguments swapped?"
