@@ -56,7 +56,7 @@ def test_good_file_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("scene/1", "layout/1", "this is a file of kind 'layout', one of kind 'scene' is wanted"),
+        ("scene/1", "layout/1", "were a layout and a scene swapped?"),
         ("drive_voltage: 3.3\n", "", "drive_voltage: is missing"),
         ("drive_voltage: 3.3", "drive_voltage: -3.3", "drive_voltage: -3.3 is not a positive"),
         ("contacts:", "contact:", "contact: unknown key; did you mean 'contacts'?"),

@@ -157,8 +157,8 @@ class Reader:
             )
             if ours and is_a != wanted:
                 raise InputError(
-                    f"{path}: format: {show(found)}: this is a file of kind '{is_a}', one of kind '{wanted}' is "
-                    "wanted; were two arguments swapped?"
+                    f"{path}: format: {show(found)} is of a {is_a}, the file must say 'format: {file_format}': were "
+                    f"a {is_a} and a {wanted} swapped?"
                 )
             was = "is missing" if found is None else "is not known here"
             was = f"{show(found)} {was}" if ours else was
