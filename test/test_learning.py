@@ -20,7 +20,7 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.touch import conductance
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layouts.layout import equal_grid
-from tomotactile_ros.learning import findings
+from tomotactile_ros.learning import findings, recorded
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.learner import Learner
 from tomotactile_ros.learning.ledger import Ledger
@@ -348,6 +348,19 @@ def test_frames_that_hold_no_touch_leave_everything_but_offsets_as_it_was():
     assert state.known("offset").min() > 0.2
     *said, last = findings.lines(found)
     assert "no frame holds a touch" in "\n".join(said) and last.startswith("nothing but offsets")
+
+
+def test_the_sheet_as_drawn_is_where_learning_begins_and_is_not_known_for_it():
+    """Where touches do not fit together, what each by itself has told is what is known."""
+    known, ends = learner(), np.zeros((16, 16), bool)
+    before = known.state.std("cut")
+    rows = [
+        rows_of(operator(), each, np.arange(16), DRIVE, NOISE, ends) for each in frames()[1:6:2]
+    ]
+    fits, _ = recorded._first(known, rows, lambda items, doing: items, False)
+    assert all(len(fit.unknowns.contacts) for fit in fits) and known.state.touches == 3
+    assert (known.state.std("cut") > 0.9 * before).all()
+    assert known.state.std("gain").max() < 0.1 * WIDE.gain
 
 
 def test_touches_that_begin_and_end_within_a_frame_are_learned_from_between():

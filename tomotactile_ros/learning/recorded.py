@@ -57,6 +57,7 @@ _ROUNDS = 6  # of all frames together
 _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is the last
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on at once
+_HELD = 1e-2  # of the deviations of outline and radius, while the sheet is taken as drawn
 _PROBED = 3  # touches: where most leave more than `EXPLAINED`, tears are looked for
 _TOLD = 0.5  # of what these leave beyond noise, what they leave at most with tears that are some
 _LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
@@ -424,9 +425,10 @@ def _first(learner, rows, watch, course):
     """`_one_by_one` on the sheet as drawn, or, where that does not explain them, cut and printed as they show
     it: few touches take unevenness for another outline, from where all together lead elsewhere."""
     known = learner.state
-    learner.set(known.held("cut"))
+    learner.set(known.spread("cut", _HELD))
     fits, courses = _one_by_one(learner, rows, watch, course)
     if np.median([left_over(fit) for fit in fits]) < EXPLAINED:
+        learner.set(learner.state.spread("cut", 1 / _HELD))  # nothing was learned of it yet
         return fits, courses
     learner.set(known)
     learner.about()

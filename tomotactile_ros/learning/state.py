@@ -30,7 +30,6 @@ ASIDE_WALK = 2e-5  # m per root hour: fabric that is worn
 # V, of offsets from one touch to the next, beyond what was learned: amplifiers warm up, mains hum. A touch
 # tells its own offsets to a tenth of that
 OFFSET_WANDER = 1e-3
-_HELD = 1e-2  # of the deviations of what is held
 _HOUR = 3600.0  # s
 
 
@@ -116,10 +115,10 @@ class SensorState:
         where = self.slice(part)
         return 1 - np.minimum(self.deviation[where] / self.expected[where], 1.0)
 
-    def held(self, part: str) -> SensorState:
-        """The same with a part as good as certain."""
+    def spread(self, part: str, by: float) -> SensorState:
+        """The same with `by` times the deviations of a part."""
         units = np.ones(len(self.mean))
-        units[self.slice(part)] = _HELD
+        units[self.slice(part)] = by
         return replace(self, covariance=self.covariance * np.outer(units, units))
 
     def evidence(self, parts: Sequence[str], before: SensorState) -> float:
