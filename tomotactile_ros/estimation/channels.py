@@ -18,6 +18,17 @@ if TYPE_CHECKING:
 ALIKE = 0.5
 _TOGETHER = 0.01  # of the deviation of each way aside: as good as nothing, and the covariance has an inverse
 KINDS = 5  # gain, offset, resistance to ground, and how far the electrode lies aside in x and y
+# what is unknown of a sensor, and which of these kinds it is; the coefficients of the sheet are none
+SENSOR: dict[str, tuple[int, ...]] = {
+    "gains": (0,),
+    "offsets": (1,),
+    "resistances": (2,),
+    "sheet": (),
+    "places": (3, 4),
+}
+# what is found with the contacts: of the sensor; what readings keep of the row before; contacts that are no
+# discs; contacts that move while the rows of a frame are read
+UNKNOWN = (*SENSOR, "settling", "shape", "motion")
 
 
 @dataclass(frozen=True)

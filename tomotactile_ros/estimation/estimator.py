@@ -15,7 +15,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
 from tomotactile_ros.estimation.as_cut import AsCut
-from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.channels import SENSOR, UNKNOWN, ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
@@ -37,7 +37,7 @@ from tomotactile_ros.estimation.one_state import (
     without_contradicting,
 )
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.prior import SENSOR, Prior
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
     ANYWHERE,
     Contact,
@@ -138,9 +138,6 @@ _MOST_LEFT_OUT = 3  # channels that are only known by what they contradict
 # of V0: error of the model in one reading; without it a sensor whose noise is said to be below 0.1
 # mV is withheld (part `stability`, row noise)
 READING_FLOOR = 3e-5
-# what is found with the contacts: of the sensor; what readings keep of the row before; contacts that are no
-# discs; contacts that move while the rows of a frame are read
-UNKNOWN = frozenset([*SENSOR, "settling", "shape", "motion"])
 _ROUND = 1e-3  # standard deviation of p and q where contacts are discs: nothing shows
 
 
@@ -469,7 +466,7 @@ class Estimator:
             held -= {"offsets"}  # of which what is cut off at 0 V is left
         if "shape" not in self.unknown:
             prior = replace(prior, stretch=_ROUND)
-        return prior.with_held(held) if held else prior
+        return prior.held(held) if held else prior
 
     def operator_of(self, used: tuple[int, ...]) -> SheetOperator:
         """The operator of the electrodes `used`, about the sheet as it is known by now."""

@@ -10,19 +10,11 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
+from tomotactile_ros.estimation.channels import KINDS, SENSOR, ChannelPrior
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 
 _HELD = 1e-2  # of the deviations of a sensor that is held
-# what is unknown of a sensor: the first of the kinds of channels that each group is, and how many
-SENSOR = {
-    "gains": (0, 1),
-    "offsets": (1, 1),
-    "resistances": (2, 1),
-    "places": (3, 2),
-    "sheet": (KINDS, 0),  # its coefficients, and no channel
-}
 # m/s, m/s, 1/s: a hand slides at up to 1 m/s, and presses or lets go within 0.1 s
 RATES = 0.3, 0.3, 10.0
 
@@ -70,30 +62,16 @@ class Prior:
             len(self.sheet),
         )
 
-    def held(self) -> Prior:
-        """The same sensor, as good as certain."""
-        return self.narrowed(_HELD)
-
-    def narrowed(self, part: float) -> Prior:
-        """The same sensor, all its deviations times `part`."""
-        return replace(
-            self,
-            sheet_deviation=part * self.sheet_deviation,
-            deviations=tuple(part * each for each in self.deviations),
-            precision=None if self.precision is None else self.precision / part**2,
-        )
-
-    def with_held(self, groups: Iterable[str]) -> Prior:
+    def held(self, groups: Iterable[str] = SENSOR) -> Prior:
         """The same with what is in `groups`, of `SENSOR`, as good as certain."""
-        modes, count = len(self.sheet), len(self.gain)
-        units = np.ones(modes + KINDS * count)
+        modes = len(self.sheet)
+        units = np.ones(modes + KINDS * len(self.gain))
+        by_kind = units[modes:].reshape(KINDS, -1)
         for group in groups:
-            first, kinds = SENSOR[group]
-            begins = modes + first * count
-            units[begins : begins + kinds * count] = _HELD
+            by_kind[list(SENSOR[group])] = _HELD
             if group == "sheet":
                 units[:modes] = _HELD
-        deviations = zip(units[modes:].reshape(KINDS, -1), self.deviations)
+        deviations = zip(by_kind, self.deviations)
         precision = self.precision
         return replace(
             self,

@@ -90,7 +90,7 @@ class Shapes:
         fit = _descended(Fit(like.operator, start, like.rows, like.prior), _STEPS, Contacts)
         if explains(fit):
             return fit
-        even = Fit(like.operator, fit.unknowns, like.rows, like.prior.with_held(["sheet"]))
+        even = Fit(like.operator, fit.unknowns, like.rows, like.prior.held(["sheet"]))
         fit = _descended(even, _WHOLE, _Linearised())
         return Fit(like.operator, fit.unknowns, like.rows, like.prior, fit.prediction)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tomotactile_ros.estimation.channels import UNKNOWN
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support import checks
@@ -16,7 +17,6 @@ from tomotactile_ros.support.errors import InputError
 IMAGES = ("none", "paper", "contacts")
 PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
 AUTO = "auto"
-UNKNOWN = "gains", "offsets", "resistances", "sheet", "places", "settling", "shape", "motion"
 IN_TIME = 0.05  # s: a robot that grasps is told within a twentieth of a second
 PAPER = 1000.0  # lambda_J^2 of Kojima et al. 2023
 # of the shipped scenes, of the nodes' parameters, and of frames that say nothing of theirs
