@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +11,7 @@ from tomotactile_ros.estimation.channels import UNKNOWN
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support import checks
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, meant
 
 IMAGES = ("none", "paper", "contacts")
 PROFILES = ("fast", "balanced", "accurate", "auto", "paper")
@@ -102,9 +101,8 @@ class Settings:
         unknown = (self.unknown,) if isinstance(self.unknown, str) else tuple(self.unknown)
         for each in unknown:
             if each not in (AUTO, *UNKNOWN):
-                close = difflib.get_close_matches(str(each), UNKNOWN, n=1)
-                hint = f"; did you mean {close[0]}?" if close else ""
                 names = f"{AUTO}, {', '.join(UNKNOWN)}"
+                hint = meant(str(each), UNKNOWN)
                 raise InputError(f"unknown: {checks.show(each)} is none of {names}{hint}")
         if AUTO in unknown and len(unknown) > 1:
             raise InputError(f"unknown: {AUTO} is all, and stands alone")

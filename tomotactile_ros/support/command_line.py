@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 import os
 import signal
@@ -14,7 +13,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NoReturn
 
-from tomotactile_ros.support.errors import Doubt
+from tomotactile_ros.support.errors import Doubt, meant
 
 _SOON = 0.05  # s after which an interrupt that was lost is raised again
 
@@ -49,8 +48,7 @@ class Parser(argparse.ArgumentParser):
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
             names = [str(choice) for choice in action.choices or ()]
-            close = difflib.get_close_matches(str(value), names, n=1)
-            error.message += f"; did you mean {close[0]}?" if close else ""
+            error.message += meant(str(value), names)
             raise
 
     def error(self, message: str) -> NoReturn:

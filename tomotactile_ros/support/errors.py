@@ -1,7 +1,8 @@
 """The one exception for what a user can put right: a file, a key, a parameter."""
 
+import difflib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -39,3 +40,9 @@ def complaints_at(place: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}{error}") from None
+
+
+def meant(text: str, names: Iterable[str]) -> str:
+    """The end of a complaint: the one of `names` that `text` is nearest to; nothing where none is near."""
+    close = difflib.get_close_matches(text, list(names), n=1)
+    return f"; did you mean {close[0]}?" if close else ""

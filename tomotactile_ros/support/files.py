@@ -1,6 +1,5 @@
 """Files: where those of the package are, and how others are written, whole or not at all."""
 
-import difflib
 import errno
 import io
 import os
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import IO
 
 from tomotactile_ros.support.checks import show, size
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, meant
 
 YAML = (".yaml", ".yml")  # endings of layouts and other settings
 PICTURES = (".png", ".svg", ".pdf", ".jpg", ".webp")  # what a picture can be written as
@@ -231,8 +230,7 @@ def find_config(kind: str, name: str | os.PathLike) -> Path:
     except OSError as error:
         raise InputError(f"{show(text)}: cannot be read: {error.strerror}") from None
     there = installed(kind)
-    close = difflib.get_close_matches(Path(text).stem, there, n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
+    hint = meant(Path(text).stem, there)
     raise InputError(
         f"{show(text)}: no such file, and none of the installed {kind}: "
         f"{', '.join(there) or '-'}{hint}"
