@@ -7,20 +7,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tomotactile_ros.estimation.channels import SENSOR
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
 from tomotactile_ros.learning import tears
 from tomotactile_ros.learning.kept_out import LEAST
 from tomotactile_ros.learning.recorded import MOST, WIDE, Learned
-from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.learning.state import PARTS, SensorState
 
-_UNKNOWN = {
-    "gains": ["gain"],
-    "offsets": ["offset"],
-    "resistances": ["resistance"],
-    "places": ["aside_x", "aside_y"],
-    "sheet": ["sheet"],
-}
 _TOLD = 0.01  # of what was expected: less is nothing
 FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
 _NAMED = 3  # electrodes that are named
@@ -123,7 +117,11 @@ def evidence(state: SensorState, operator: SheetOperator) -> dict[str, float]:
     """Of each kind of unknowns by how much the logarithm of the evidence is larger with it, see
     `SensorState.evidence`."""
     before = SensorState.unknown(operator, WIDE.for_layout(operator.layout))
-    return {name: state.evidence(parts, before) for name, parts in _UNKNOWN.items()}
+    sheet, *kinds = PARTS
+    return {
+        name: state.evidence([kinds[k] for k in which] or [sheet], before)
+        for name, which in SENSOR.items()
+    }
 
 
 def lines(learned: Learned) -> Iterator[str]:

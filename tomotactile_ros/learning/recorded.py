@@ -316,7 +316,7 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     """
     given = learner, frames, ends, grounded
     known = np.array([_alone(*given, part[[i]], drive, noise) for i in range(len(part))])
-    kept, at_first = np.flatnonzero(known < _MOVING), known
+    kept, at_first = np.flatnonzero(known < _MOVING), None
     steady = len(kept)
     while len(kept) and 2 * len(kept) >= steady:
         try:
@@ -329,14 +329,14 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
         if gains is None:
             return None
         known[kept] = gains.misfit
-        at_first = known.copy() if at_first is known else at_first
+        at_first = known.copy() if at_first is None else at_first
         worst = float(gains.misfit.max())
         if worst < _MOVING:
             return known
         order = np.argsort(gains.misfit)
         bad = np.count_nonzero(gains.misfit > max(_MOVING, worst / 2))
         kept = np.sort(kept[order[: len(kept) - min(bad, (len(kept) + 1) // 2)]])
-    return at_first
+    return known if at_first is None else at_first
 
 
 def _alone(learner, frames, ends, grounded, one, drive, noise):

@@ -150,7 +150,7 @@ class Disc:
     covariance: np.ndarray
     spread: np.ndarray
     certainty: float
-    hidden: bool = False
+    hidden: bool
 
 
 @dataclass(frozen=True)
