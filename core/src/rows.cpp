@@ -14,8 +14,8 @@ namespace tomotactile {
 namespace {
 
 constexpr double kInexact = 0.01;  // of a reading: what elements, electrodes and one patch to a contact err, deviation
-// spacings, and of ln c, that contacts change before derivatives are taken anew
-constexpr double kAlike = 0.01, kAsStrong = 0.1;
+// spacings, and of ln c and ln a, that contacts change before derivatives are taken anew
+constexpr double kAlike = 0.03, kAsStrong = 0.1;
 // spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim of an insulated
 // sheet they vanish: what ended there would stay, and seem to be known nowhere
 constexpr double kInside = 0.1;
@@ -162,7 +162,7 @@ bool RowModel::alike(const Discs& one, const Discs& other) const {
   if (one.cols() != other.cols()) return false;
   const double near = kAlike * sheet_->tables().pitch;
   const Discs apart = (one - other).cwiseAbs();
-  return (apart.topRows<2>().array() < near).all() && (apart.row(2).array() < kAsStrong).all() && apart.row(3).isZero(0.0);
+  return (apart.topRows<2>().array() < near).all() && (apart.bottomRows<2>().array() < kAsStrong).all();
 }
 
 Matrix RowModel::mutual(const Discs& contacts) const {

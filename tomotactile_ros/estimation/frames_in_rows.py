@@ -44,6 +44,9 @@ _STRETCHED = 0.3  # half the logarithm of the ratio of axes beyond which a shape
 # deviations, root mean square over the electrodes, by which a frame has their places otherwise: the sensor is
 # then what the frame says
 _ELSEWHERE = 1.0
+# deviations of what was expected, root of the sum of squares over the sheet's coefficients, up to which rows go on with
+# the sheet that they are linear about: where one is uneven by 20 %, a tenth, whose square is within what a row is inexact
+_LINEAR = 0.5
 POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
@@ -180,18 +183,29 @@ def corrected(
         in_wide = number in taken_over or _lies_in(belief.contacts[j], found.contacts[is_wide])
         if in_wide or (missed and number not in slide):
             belief = belief.without(j)
-    known = state.model.known.moved(belief.shift, None)
+    linear = state.model.known
+    known = linear.moved(belief.shift, None)
     aside = found.aside - known.aside
     elsewhere = np.sqrt(np.mean((aside / known.deviations[3:]) ** 2)) > _ELSEWHERE
-    if is_wide.any() or confused or elsewhere:
-        # rows took it for something else, and the sensor for the rest
+    anew = bool(is_wide.any()) or confused or elsewhere
+    if anew:  # rows took it for something else, and the sensor for the rest
         wide = chosen(found, is_wide) if is_wide.any() else None
         state.wide_ways = found.rates[is_wide, :2]
         known = replace(known, sheet=found.sheet, gain=found.gain, aside=found.aside, wide=wide)
         belief = belief.unlearned(known.shift_deviation)
-    linearised(follower, state, known, belief)
+    if anew or linear.wide is not None or _strays(known.sheet - linear.sheet, known):
+        linearised(follower, state, known, belief)
+    else:
+        state.belief, state.unexplained = belief, 0
     state.confused, state.touched_at_once = 0.0, False
     state.read = max(state.read, 1)  # a first row that is touched needs no other frame
+
+
+def _strays(way: np.ndarray, known: Known) -> bool:
+    """Whether a sheet whose coefficients are `way` (J,) off is too far for what is linear about it."""
+    sure = known.sheet_deviation > 0
+    off = way[sure] / known.sheet_deviation[sure]
+    return bool(off @ off > _LINEAR**2)
 
 
 def sliding(belief: Belief) -> dict[int, float]:

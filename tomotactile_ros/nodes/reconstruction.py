@@ -21,7 +21,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions, Pace
 from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.frame_subscription import subscribe_to_frames
+from tomotactile_ros.nodes.frame_subscriptions import FrameSubscription, of_frames, of_rows
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.node_time import is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
@@ -33,7 +33,6 @@ from tomotactile_ros.nodes.reconstruction_parameters import (
     settings_of,
 )
 from tomotactile_ros.nodes.row_contacts import Rows
-from tomotactile_ros.nodes.row_subscription import RowSubscription
 from tomotactile_ros.nodes.running import PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
@@ -46,7 +45,7 @@ from tomotactile_ros.support.errors import InputError
 
 PATIENCE = 1e-4  # s until a thread that computes lets the other one have the interpreter
 _EVERY = 5.0  # s between two warnings of a kind
-_LOOK = 0.1  # s between two looks whether contacts have grown old
+_LOOK = 0.25  # s between two looks whether contacts have grown old: an eighth of `max_age`
 
 
 class Reconstruction:
@@ -82,11 +81,13 @@ class Reconstruction:
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
         self._rows_topic = node.resolve_topic_name("voltage_rows")
-        self._subscription: RowSubscription | None = None
+        self._subscriptions: list[FrameSubscription] = []
         if subscribe:
-            subscribe_to_frames(node, self.accept, self.refuse, self._watch.incompatible_qos)
-            skip = self._rows.watch.skip
-            self._subscription = RowSubscription(node, self.accept_rows, skip, self.refuse)
+            incompatible, skip = self._watch.incompatible_qos, self._rows.watch.skip
+            self._subscriptions = [
+                of_frames(node, self.accept, self.refuse, incompatible),
+                of_rows(node, self.accept_rows, skip, self.refuse),
+            ]
         self._taring = Taring(
             node,
             lambda: self.parameters.values,
@@ -122,8 +123,8 @@ class Reconstruction:
         with unless_stopped(self._node):
             self._outputs.begin()
         self._active = True
-        if self._subscription is not None:
-            self._subscription.start()
+        for each in self._subscriptions:
+            each.start()
 
     def deactivate(self) -> None:
         """Stop processing frames, and say last that it is not known any more what touches."""
@@ -134,8 +135,8 @@ class Reconstruction:
         if self._node.context.ok():
             with unless_stopped(self._node):
                 self._outputs.take_back("the reconstruction was stopped")
-        if self._subscription is not None:
-            self._subscription.stop()
+        for each in self._subscriptions:
+            each.stop()
         self._rows.stop()
         self._learning.stop()
 
@@ -251,7 +252,7 @@ class Reconstruction:
         self._rows.watch.frame_has(len(frame.grounded))
         left_out = followed and self._rows.leaves_out(pipeline, frame)
         if followed:
-            result = self._drawn_by_rows(pipeline, left_out)
+            result = self._drawn_by_rows(pipeline)
         if result is None and left_out:
             return
         limit = values["deadline"] or period_of(frame)
@@ -269,11 +270,8 @@ class Reconstruction:
         if not followed:
             self._outputs.say_touched(not result.idle, holds)
         shown = result
-        if (
-            followed and result.reason and self._rows.draws(pipeline, True)
-        ):  # rows know nevertheless
-            with self._rows_lock:
-                shown = self._rows.image(pipeline, True) or result
+        if followed and result.reason:  # rows may know meanwhile
+            shown = self._drawn_by_rows(pipeline) or result
         if shown.reason:
             if not followed:
                 self._outputs.withhold(result.reason, holds, result.complete)
@@ -302,12 +300,10 @@ class Reconstruction:
         if self._rows.come and not left_out:
             self._rows.correct(pipeline, frame, max(limit - took, 0.0))
 
-    def _drawn_by_rows(self, pipeline: Pipeline, instead: bool) -> Result | None:
-        """`Rows.image`, where they draw one."""
-        if not self._rows.draws(pipeline, instead):
-            return None
+    def _drawn_by_rows(self, pipeline: Pipeline) -> Result | None:
+        """`Rows.image`."""
         with self._rows_lock:
-            return self._rows.image(pipeline, instead)
+            return self._rows.image(pipeline)
 
     def _use_sensor(self, sensor: SensorState) -> None:
         """Go on with what was learned."""

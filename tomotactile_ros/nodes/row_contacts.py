@@ -129,19 +129,12 @@ class Rows:
         self._left_out = mixed and not self._left_out
         return self._left_out
 
-    def draws(self, pipeline: Pipeline, instead: bool) -> bool:
-        """Whether rows tell all that an image of a frame would show, or more as something slides or the
-        frame is left out."""
+    def image(self, pipeline: Pipeline) -> Result | None:
+        """An image of what rows tell; None where they do not know all that an image of a frame would show."""
         state = self._state
-        if state is None or not state.begun or self._of[0] is not pipeline:
-            return False
-        return state.known if pipeline.fits or instead else state.clear
-
-    def image(self, pipeline: Pipeline, instead: bool) -> Result | None:
-        """An image of what rows tell; None where that has come to an end meanwhile."""
-        state = self._state
-        draws = self.draws(pipeline, instead)
-        return pipeline.image_after_row(state) if state and draws else None
+        if state is None or not state.begun or not state.known or self._of[0] is not pipeline:
+            return None
+        return pipeline.image_after_row(state)
 
     def process(self, pipeline: Pipeline, frame: Frame, deadline: float) -> Result:
         """The result of a frame within a `deadline`, s; where rows are followed, from the process beside

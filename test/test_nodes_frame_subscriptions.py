@@ -1,4 +1,4 @@
-"""The thread that rows come to: what waits too long is skipped, and a defect ends the node."""
+"""The threads that frames and rows come to: what waits too long is left out, and a defect ends the node."""
 
 import queue
 
@@ -9,18 +9,17 @@ rclpy = pytest.importorskip("rclpy")
 from process_support import python
 
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes import row_subscription
-from tomotactile_ros.nodes.row_subscription import RowSubscription
+from tomotactile_ros.nodes import frame_subscriptions
 
 DEFECT = """
 import sys
 from rclpy.node import Node
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes import row_subscription
+from tomotactile_ros.nodes import frame_subscriptions
 from tomotactile_ros.nodes.running import run
 
 rows = VoltageFrame(electrodes=2, voltages=[0.0, 1.0], grounded=[0])
-row_subscription._all = lambda _: [rows]
+frame_subscriptions._all = lambda _: [rows]
 
 def accept(*_):
     raise ArithmeticError("a defect")
@@ -28,7 +27,7 @@ def accept(*_):
 class Defect(Node):
     def __init__(self):
         super().__init__("defect", namespace="a_defect")
-        row_subscription.RowSubscription(self, accept, print, print).start()
+        frame_subscriptions.of_rows(self, accept, print, print).start()
 
 sys.exit(run(lambda: [Defect()], [], "", {}))
 """
@@ -43,12 +42,12 @@ def rows_at(milliseconds):
 def test_rows_behind_which_others_wait_are_skipped(monkeypatch):
     """Those of more than 20 ms before the last one; what has waited before the start is of before."""
     waiting = [[rows_at(1)], [rows_at(each) for each in (10, 20, 30, 45)], [rows_at(50)]]
-    monkeypatch.setattr(row_subscription, "_all", lambda _: waiting.pop(0) if waiting else [])
+    monkeypatch.setattr(frame_subscriptions, "_all", lambda _: waiting.pop(0) if waiting else [])
     rclpy.init()
     done = queue.Queue()
     try:
         node = rclpy.create_node("rows")
-        listening = RowSubscription(
+        listening = frame_subscriptions.of_rows(
             node,
             lambda rows, layout, header: done.put(("followed", rows.sequence)),
             lambda sequence, count: done.put(("skipped", sequence)),

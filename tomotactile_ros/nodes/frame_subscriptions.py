@@ -1,0 +1,188 @@
+"""The subscriptions to frames and to their rows, each of which a thread of its own serves.
+
+An executor of rclpy asks everything that a node waits for, three times for whatever comes, and gives it to a thread of
+its pool: 2.4 ms for each message beside the work, more than most rows take (sampled stacks of two nodes at 1 kHz), in
+which nothing else in the process runs. Here one thread waits for one subscription, as `rclpy.wait_for_message` does.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from std_msgs.msg import Header
+
+from tomotactile_ros.devices import Frame
+from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.nodes.conversions import message_to_frame, stamp_of
+from tomotactile_ros.nodes.qos_events import SubscriptionEventCallbacks
+from tomotactile_ros.nodes.row_watch import fall_behind
+from tomotactile_ros.support.errors import InputError
+
+ROWS_DEPTH = 16  # messages of rows that may wait
+_PATIENCE = 0.1  # s after which the thread looks whether it is to end
+
+Accept = Callable[[Frame, str, Header], None]
+Refuse = Callable[[str], None]
+
+
+class _ByItself(ReentrantCallbackGroup):
+    """No executor takes the messages of what belongs to it, only what is said of its publishers."""
+
+    def can_execute(self, entity: object) -> bool:
+        return not isinstance(entity, Subscription)
+
+
+class FrameSubscription:
+    """Listens to messages of frames between `start` and `stop`.
+
+    Parameters
+    ----------
+    node : the node that listens; topic : to what.
+    depth : messages that may wait.
+    take : called with those that have come, oldest first.
+    incompatible : called with the policy by which a publisher's quality of service does not suit; None: nobody
+        is told.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        depth: int,
+        take: Callable[[list[VoltageFrame]], None],
+        incompatible: Refuse | None = None,
+    ):
+        self._node, self._topic, self._take = node, topic, take
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
+        if incompatible is None:
+            events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        else:
+            events = SubscriptionEventCallbacks(
+                incompatible_qos=lambda event: incompatible(_policy_name(event))
+            )
+        self._subscription = node.create_subscription(
+            VoltageFrame,
+            topic,
+            lambda message: None,
+            QoSProfile(
+                history=HistoryPolicy.KEEP_LAST,
+                depth=depth,
+                reliability=ReliabilityPolicy.BEST_EFFORT,
+            ),
+            callback_group=_ByItself(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=events,
+        )
+
+    def start(self) -> None:
+        """Begin to listen; what has waited until now is of before."""
+        self._stopped.clear()
+        self._thread = threading.Thread(target=self._listen, name=self._topic, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it; nothing is called any more afterwards."""
+        self._stopped.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _listen(self) -> None:
+        try:
+            self._serve()
+        except Exception as error:  # noqa: BLE001 - of a stop, or a defect that must end the node
+            while self._node.context.ok() and not self._stopped.wait(_PATIENCE):
+                executor = self._node.executor
+                if executor is not None:  # otherwise the node is being made still
+                    executor.create_task(_raised, error)
+                    return
+
+    def _serve(self) -> None:
+        handle, context = self._subscription.handle, self._node.context
+        waiting = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, context.handle)
+        _all(self._subscription)
+        while not self._stopped.is_set() and context.ok():
+            with handle:
+                waiting.clear_entities()
+                waiting.add_subscription(handle)
+                waiting.wait(int(1e9 * _PATIENCE))
+            messages = _all(self._subscription)
+            if messages:
+                self._take(messages)
+
+
+def of_frames(
+    node: Node, accept: Accept, refuse: Refuse, incompatible: Refuse
+) -> FrameSubscription:
+    """Listens to `voltage_frame`: a late frame is dropped, not queued.
+
+    Parameters
+    ----------
+    accept : called with each frame, its layout's id and its header.
+    refuse : called with the reason where a message holds no frame.
+    incompatible : as of `FrameSubscription`.
+    """
+
+    def take(messages: list[VoltageFrame]) -> None:
+        _give(messages[-1], accept, refuse)
+
+    return FrameSubscription(node, "voltage_frame", 1, take, incompatible)
+
+
+def of_rows(
+    node: Node, accept: Accept, skip: Callable[[int, int], None], refuse: Refuse
+) -> FrameSubscription:
+    """Listens to `voltage_rows`.
+
+    Parameters
+    ----------
+    accept, refuse : as of `of_frames`.
+    skip : called with the number of a frame, and of its rows that are left out: those of more than 20 ms
+        before others that wait behind them.
+    """
+
+    def take(messages: list[VoltageFrame]) -> None:
+        behind = fall_behind([stamp_of(each.header) for each in messages])
+        for message, left_out in zip(messages, behind, strict=True):
+            if left_out:
+                skip(message.sequence, len(message.grounded))
+            else:
+                _give(message, accept, refuse)
+
+    return FrameSubscription(node, "voltage_rows", ROWS_DEPTH, take)
+
+
+def _give(message: VoltageFrame, accept: Accept, refuse: Refuse) -> None:
+    try:
+        frame = message_to_frame(message)
+    except InputError as error:
+        refuse(str(error))
+    else:
+        accept(frame, message.layout_id, message.header)
+
+
+def _all(subscription: Subscription) -> list[VoltageFrame]:
+    """All that waits for a subscription."""
+    out = []
+    with subscription.handle:
+        while taken := subscription.handle.take_message(subscription.msg_type, subscription.raw):
+            out.append(taken[0])
+    return out
+
+
+async def _raised(error: Exception) -> None:
+    raise error
+
+
+def _policy_name(event: Any) -> str:
+    try:
+        return QoSPolicyKind(int(event.last_policy_kind)).name.lower()
+    except ValueError:
+        return str(event.last_policy_kind)
