@@ -7,7 +7,12 @@ from tomotactile_ros.cli import main
 
 @pytest.mark.parametrize(
     ("words", "meant"),
-    [(["simulat"], "simulate"), (["optimize", "--method", "papr"], "paper"), (["xyz"], "")],
+    [
+        (["simulat"], "simulate"),
+        (["optimize", "--method", "papr"], "paper"),
+        (["run", "--profle", "fast"], "--profile"),
+        (["xyz"], ""),
+    ],
 )
 def test_a_misspelt_name_is_answered_with_the_one_that_was_probably_meant(words, meant, capsys):
     with pytest.raises(SystemExit) as ended:

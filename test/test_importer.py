@@ -242,3 +242,18 @@ def test_files_that_are_damaged_or_of_another_kind(tmp_path, name, content, what
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=what):
         import_frames(tmp_path / name, LAYOUT)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "what"),
+    [
+        (slice(27, 32), "grounded: the last frame has 11 of 16 rows"),
+        (slice(20, 22), "grounded: row 21 of the readings has electrode 6 where 4 is due"),
+    ],
+)
+def test_a_column_of_grounded_electrodes_with_rows_left_out(tmp_path, left_out, what):
+    readings = np.random.default_rng(0).random((2 * E, E))
+    lines = np.column_stack([np.tile(np.arange(E), 2), readings])
+    np.savetxt(tmp_path / "a.csv", np.delete(lines, left_out, axis=0), delimiter=",")
+    with pytest.raises(InputError, match=what):
+        import_frames(tmp_path / "a.csv", LAYOUT)

@@ -59,6 +59,11 @@ def test_good_file_is_read(tmp_path):
         ("/1", "/2", "format: 'tomotactile-layout/2' is not known here"),
         ("format: tomotactile-layout/1\n", "", "format: is missing"),
         ("name: square", "name: [1]", "name: [1] is not a text"),
+        (
+            "name:",
+            "tolerance: 5\nname:",
+            "tolerance: 5 is not a mapping of keys to values, such as {outl",
+        ),
         ("name:", "nam:", "nam: unknown key; did you mean 'name'? allowed are format, name,"),
         ("name: square", "name: a\nname: b", "line 3: not valid YAML: key 'name' appears twice"),
         ("1e4", "1e31", "sheet_resistance: 1e+31 is too large, at most 1e+30 works"),

@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
         argcomplete.autocomplete(parser)
     args, unknown = parser.parse_known_args(argv)
     if unknown:
-        commands.choices[args.command].error(f"unrecognized arguments: {' '.join(unknown)}")
+        commands.choices[args.command].refuse(unknown)
     say_doubts(f"tomotactile {args.command}")
     try:
         stop_like_ctrl_c()

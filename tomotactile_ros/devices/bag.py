@@ -68,6 +68,11 @@ def _check_plain(path: Path) -> None:
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise InputError(f"{file}: cannot be read: is not a plain file")
+    if path.is_file() and path.suffix not in _STORAGE:
+        wanted = ", ".join(_STORAGE)
+        raise InputError(
+            f"{path}: is no recording: wanted are .npz, the folder of a rosbag2, or its file ({wanted})"
+        )
     if (path / _METADATA).is_file():
         read_mapping(path / _METADATA)
 

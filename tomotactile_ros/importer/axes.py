@@ -104,15 +104,23 @@ def grounded_where_missing(lines: np.ndarray) -> np.ndarray | None:
     return missing.argmax(axis=1)
 
 
-def rows_of_a_frame(grounded: np.ndarray) -> np.ndarray | None:
-    """(L,) what (R,) grounded electrodes of one row after another repeat; None where they do not."""
-    for length in range(1, len(grounded) + 1):
-        if (
-            len(grounded) % length == 0
-            and (grounded.reshape(-1, length) == grounded[:length]).all()
-        ):
-            return grounded[:length]
-    return None
+def rows_of_a_frame(grounded: np.ndarray) -> np.ndarray:
+    """(L,) what (R,) grounded electrodes of one row after another repeat; InputError where they do not."""
+    again = np.flatnonzero(grounded == grounded[0])
+    length = int(again[1]) if len(again) > 1 else len(grounded)
+    order = grounded[:length]
+    other = np.flatnonzero(grounded != np.resize(order, len(grounded)))
+    if len(other):
+        row = int(other[0])
+        raise InputError(
+            f"grounded: row {row + 1} of the readings has electrode {grounded[row]} where {order[row % length]} is due "
+            f"(the first {length} rows are a frame): are rows left out?"
+        )
+    if left := len(grounded) % length:
+        raise InputError(
+            f"grounded: the last frame has {left} of {length} rows: leave these out, or add the missing ones"
+        )
+    return order
 
 
 def _wrong_size(values: np.ndarray, rows: int, electrodes: int) -> str:

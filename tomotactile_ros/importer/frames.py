@@ -149,12 +149,8 @@ def _grounded(
     if given is not None:
         return checks.order(given, "grounded", layout.electrodes), "as given"
     if columns.grounded is not None:
-        order = rows_of_a_frame(columns.grounded)
-        if order is None:
-            raise InputError(
-                "grounded: the column does not repeat from frame to frame; are rows left out?"
-            )
-        return checks.order(order, "grounded", layout.electrodes), "from their column"
+        repeated = rows_of_a_frame(columns.grounded)
+        return checks.order(repeated, "grounded", layout.electrodes), "from their column"
     values = columns.values
     if values.shape[-1] == layout.electrodes:
         seen = grounded_where_missing(values.reshape(-1, layout.electrodes))

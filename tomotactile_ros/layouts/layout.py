@@ -217,7 +217,7 @@ def load_layout(path: str | os.PathLike, content: dict | None = None) -> Layout:
     )
     electrodes = reader.section("electrodes")
     electrodes.only("radius", "positions")
-    outline = read_outline(reader.section("outline"), reader.flag("unusual_size"))
+    outline = read_outline(reader.section("outline", OUTLINE), reader.flag("unusual_size"))
     surface: Surface = Flat()
     if "surface" in reader:
         surface = _read_surface(reader.section("surface"), path.resolve().parent, outline.size)
@@ -294,6 +294,9 @@ def half_sides(outline: Outline, inset: float) -> tuple[float, float]:
 def _equal_steps(count: int) -> np.ndarray:
     """(count,) equally spaced numbers from -1 to 1, mirrored without rounding."""
     return (2 * np.arange(count) - (count - 1)) / (count - 1)
+
+
+OUTLINE = "{rectangle: [0.2, 0.2]}"  # for who wrote something else
 
 
 def read_outline(reader: Reader, unusual_size: bool) -> Outline:

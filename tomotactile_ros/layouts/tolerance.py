@@ -61,6 +61,6 @@ def read_tolerance(reader: Reader) -> Tolerance:
     """The tolerance of a layout file; the usual one where it names none."""
     if "tolerance" not in reader:
         return Tolerance()
-    section = reader.section("tolerance")
+    section = reader.section("tolerance", "{outline: 0.002, places: 0.001, radius: 0.1}")
     section.only("outline", "places", "radius")
     return section.build(Tolerance, **{key: section.number(key) for key in section.mapping})

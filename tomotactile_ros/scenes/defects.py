@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from tomotactile_ros.layouts.layout import Layout, read_outline
+from tomotactile_ros.layouts.layout import OUTLINE, Layout, read_outline
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes import channels, sheet_field
 from tomotactile_ros.scenes.channels import Channels, read_channels
@@ -191,7 +191,9 @@ def read_defects(reader: Reader) -> Defects:
         sheet_variation=read_section(
             reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
         ),
-        outline=read_outline(reader.section("outline"), False) if "outline" in reader else None,
+        outline=read_outline(reader.section("outline", OUTLINE), False)
+        if "outline" in reader
+        else None,
         holes=tuple(entry.points(key) for key, entry in reader.entries("holes")),
         electrode_radius=reader.number("electrode_radius")
         if "electrode_radius" in reader

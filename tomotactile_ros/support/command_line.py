@@ -51,6 +51,19 @@ class Parser(argparse.ArgumentParser):
             error.message += meant(str(value), names)
             raise
 
+    def refuse(self, unknown: list[str]) -> NoReturn:
+        """End because of arguments that are none, with the option that was probably meant."""
+        options = [name for action in self._actions for name in action.option_strings]
+        hint = meant(unknown[0].partition("=")[0], options)
+        self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """The same."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self.refuse(unknown)
+        return found
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (try --help)\n")
 

@@ -90,17 +90,21 @@ class _Loader(
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
 
 
-def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
-    """The mapping at the top of a YAML file of at most `most` bytes; InputError for anything else.
+def read_mapping(
+    path: str | os.PathLike, most: int = MAX_BYTES, file_format: str | None = None
+) -> dict:
+    """The mapping at the top of a YAML file of at most `most` bytes; InputError for anything else, which
+    tells a file that is no such thing the `file_format` that is wanted, if there is one.
 
     What stands in a file that is none of this package is not repeated in the complaint: its path
     may have been given by somebody who must not read it.
     """
     path = Path(path)
+    wanted = f"; wanted is YAML, the file must say 'format: {file_format}'" if file_format else ""
     try:
         text = read_limited(path, most).decode()
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file in UTF-8") from None
+        raise InputError(f"{path}: is not a text file in UTF-8{wanted}") from None
     ours = _OURS.search(text) is not None
     try:
         content = yaml.load(text, Loader=_Loader)
@@ -108,7 +112,7 @@ def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         problem = error.problem or "no reason is given"
         if not ours:
-            problem = re.sub(r"'.*'", "'...'", problem)
+            problem = re.sub(r"'.*'", "'...'", problem) + wanted
         raise InputError(f"{path}: {line}not valid YAML: {problem}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply") from None
@@ -118,7 +122,7 @@ def read_mapping(path: str | os.PathLike, most: int = MAX_BYTES) -> dict:
     if content is None:
         raise InputError(f"{path}: the file is empty")
     if not isinstance(content, dict):
-        raise InputError(f"{path}: is not a mapping of keys to values")
+        raise InputError(f"{path}: is not a mapping of keys to values{'' if ours else wanted}")
     return content
 
 
@@ -147,7 +151,7 @@ class Reader:
 
         ``content`` is its mapping where it was read already.
         """
-        reader = cls(read_mapping(path, most) if content is None else content, f"{path}: ")
+        reader = cls(content or read_mapping(path, most, file_format), f"{path}: ")
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")
@@ -224,7 +228,7 @@ class Reader:
 
     def points(self, key: str) -> np.ndarray:
         """A list of points [x, y]: ``(N, 2)`` float64."""
-        value = self._list(key, self._value(key, _REQUIRED))
+        value = self._list(key, self._value(key, _REQUIRED), " of points [x, y], m")
         rows = [self._numbers(point, f"{key}[{i}]", 2) for i, point in enumerate(value)]
         return np.array(rows, dtype=np.float64).reshape(-1, 2)
 
@@ -259,9 +263,9 @@ class Reader:
             self.refuse(key, value, "is not a mapping of keys to values")
         return value
 
-    def section(self, key: str) -> "Reader":
-        """The mapping under a key."""
-        return self._reader(self._value(key, _REQUIRED), key)
+    def section(self, key: str, like: str = "") -> "Reader":
+        """The mapping under a key; `like` : one that is right, for who wrote something else."""
+        return self._reader(self._value(key, _REQUIRED), key, like)
 
     def sections(self, key: str) -> list["Reader"]:
         """The mappings in the list under a key; none if the key is not there."""
@@ -301,9 +305,9 @@ class Reader:
             self.refuse(key, value, "is not a whole number")
         return value
 
-    def _list(self, key: str, value: object) -> list:
+    def _list(self, key: str, value: object, of: str = "") -> list:
         if not isinstance(value, list):
-            self.refuse(key, value, "is not a list")
+            self.refuse(key, value, f"is not a list{of}")
         return value
 
     def _numbers(self, value: object, key: str, length: int) -> tuple[float, ...]:
@@ -311,9 +315,10 @@ class Reader:
             self.refuse(key, value, f"is not a list of {length} numbers")
         return tuple(self._number(v, f"{key}[{i}]") for i, v in enumerate(value))
 
-    def _reader(self, value: object, key: str) -> "Reader":
+    def _reader(self, value: object, key: str, like: str = "") -> "Reader":
         if not isinstance(value, dict):
-            self.refuse(key, value, "is not a mapping of keys to values")
+            such = f", such as {like}" if like else ""
+            self.refuse(key, value, f"is not a mapping of keys to values{such}")
         return Reader(value, f"{self.place}{key}.")
 
 
