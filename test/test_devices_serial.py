@@ -389,6 +389,12 @@ def test_the_wrong_baud_rate():
         assert watch.frames == []
 
 
+def test_a_device_that_prints_text():
+    with connected(mangle=lambda data: b"0\t612\t655\t701\r\n") as (_, watch):
+        watch.wait_for(lambda s: s.state == "garbled" and "prints text; " in s.message)
+        assert watch.frames == []
+
+
 def test_the_wrong_number_of_electrodes_and_then_the_right_device(tmp_path):
     link = str(tmp_path / "port")
     wrong = emulator.EmulatedDevice(emulator.idle_source(9), 9, name="big skin")

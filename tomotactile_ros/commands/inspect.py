@@ -306,9 +306,17 @@ def _describe_contacts(key, frames):
     last = frames[-1] if frames else []
     yield f"  {key} of the last frame:" if last else f"  {key}: none in the last frame"
     for contact in last:
-        x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f})"
+        x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm"
+        place = _deviation(contact.get("position_std"), 1e3, "mm")
         force = "" if contact["force"] is None else f", {contact['force']:.3g} N"
-        yield f"    {x_y} mm{force}"
+        yield f"    {x_y}{place}{force}{force and _deviation(contact.get('force_std'), 1.0, 'N')}"
+
+
+def _deviation(value, scale, unit):
+    """What a result says of how sure something is; nothing of the truth of a simulated frame."""
+    if value is None or not np.isfinite(value):
+        return ""
+    return f" ± {value * scale:.2g} {unit}"
 
 
 def _shade(image):

@@ -8,7 +8,6 @@ see is not tried: whether a device drops whole packets when the line is slow, cl
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -20,13 +19,13 @@ import numpy as np
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.line import Line, LineFault
 from tomotactile_ros.devices.probe import PAUSE, Broken, Probe, Untried, name_of
+from tomotactile_ros.devices.text import READ_AS, is_text
 
 ANSWER_TIME = 0.1
 CLOCK_PPM = 1000.0
 ROWS_PER_SECOND = 1000.0  # that are asked for, where the device can
 SLACK = 1.0  # s that a line may keep things back
 CLOCK_TIME = 2.0
-_TEXT = re.compile(rb"([\t -~]*\r?\n)+[\t -~]*")  # lines; noise has other bytes, too
 
 KEPT, BROKEN, UNTRIED = "kept", "BROKEN", "not tried"
 
@@ -606,11 +605,8 @@ def _nobody(probe: Probe) -> str:
         return "nothing answers IDENTIFY"
     if counters.packets:
         return "packets come, but no answer to IDENTIFY"
-    if _TEXT.fullmatch(probe.bytes):
-        return (
-            "it prints text, and only binary packets have rules to try; "
-            "'tomotactile watch --protocol text-V' (or -mV, -10bit ...) reads what it prints"
-        )
+    if is_text(probe.bytes):
+        return f"it prints text, and only binary packets have rules to try; {READ_AS}"
     return f"{counters.bytes} bytes come and no valid packet (wrong baud rate?)"
 
 

@@ -10,11 +10,14 @@ from dataclasses import asdict
 
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.line import Line, LineFault
+from tomotactile_ros.devices.text import READ_AS, is_text
 from tomotactile_ros.devices.world import World
 
 ANSWER_TIME = 0.3
 ATTEMPTS, LAST_ATTEMPT = 5, 15
 VERSION_ATTEMPTS = 3
+
+_TOLD_BY = 1024  # bytes: lines of text are shorter
 
 
 class Conversation:
@@ -48,11 +51,13 @@ class Conversation:
         self.version = 1
         self.others = 0
         self._world = world
+        self._data = b""  # that came last
         self._tag = world.first_tag()
 
     def listen(self, timeout: float) -> list[protocol.Packet]:
         """Packets that have come, waiting up to `timeout` s for the first byte."""
         data, self.arrival = self._world.read(self.line, timeout)
+        self._data = (self._data + data)[-_TOLD_BY:]
         packets = self.parser.feed(data)
         mine = [packet for packet in packets if packet.address == self.address]
         self.others += len(packets) - len(mine)
@@ -137,11 +142,13 @@ class Conversation:
             return LineFault("refused", f"port: {port} sends packets but does not answer IDENTIFY")
         if since["malformed"]:
             return LineFault("refused", f"port: {port}: {self.parser.last_complaint}")
+        if since["bytes"] and is_text(self._data):
+            return LineFault("garbled", f"port: {port} prints text; {READ_AS}")
         if since["bytes"]:
             return LineFault(
                 "garbled",
                 f"port: {since['bytes']} bytes from {port} at {self.line.baud} bit/s and no valid "
-                "packet; wrong baud rate, lines of text (protocol) or another kind of device",
+                "packet; wrong baud rate or another kind of device",
             )
         return LineFault(
             "silent", f"port: {port} is open but nothing answers; is the sensor powered?"

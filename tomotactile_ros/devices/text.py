@@ -21,11 +21,19 @@ UNITS = {"text-V": 1.0, "text-mV": 1e-3}
 COUNTS = {f"text-{bits}bit": bits for bits in (8, 10, 12, 14, 16)}
 FORMATS = (*UNITS, *COUNTS)
 LONGEST = 1 << 16  # bytes of a line
+# for who asks such a device for packets
+READ_AS = "'tomotactile watch --protocol text-V' (or -mV, -10bit ...) reads what it prints"
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+_LINES = re.compile(rb"([\t -~]*\r?\n)+[\t -~]*")  # noise has other bytes, too
 _NUMBERED = re.compile(r"\s*(\d{1,5})\s*:", re.ASCII)
 # no reading; print() of Arduino writes ovf
 _BLANKS = frozenset(("", "-", "x", "na", "nan", "inf", "-inf", "ovf", "-ovf"))
+
+
+def is_text(data: bytes) -> bool:
+    """Whether a device prints lines."""
+    return _LINES.fullmatch(data) is not None
 
 
 def volts_per_unit(text_format: str, drive_voltage: float) -> float:
