@@ -9,6 +9,7 @@ import pytest
 from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
 
 from tomotactile_ros.learning import findings
+from tomotactile_ros.learning.beside import LearnerBeside
 from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
 from tomotactile_ros.learning.recorded import learn
@@ -33,6 +34,23 @@ def feed(learner, times, touches=16):
         if learner.offer(frame, GROUNDED, DRIVE, 1000.0 + time):
             states.append(learner.work())
     return [state for state in states if state is not None]
+
+
+def test_a_process_beside_learns_the_same_and_another_goes_on_where_it_ended():
+    times = np.arange(0.1, 5.0, 0.2)
+    here, beside = live(), LearnerBeside(layout(), noise=NOISE)
+    try:
+        expected, found = feed(here, times), feed(beside, times)
+        assert len(found) == len(expected) >= 1
+        assert np.array_equal(found[-1].mean, expected[-1].mean)
+        assert beside.unexplained == here.unexplained and beside.findings == here.findings
+        beside._process._process.kill()
+        beside._process._process.wait()
+        later = feed(beside, np.arange(5.1, 9.0, 0.2))
+        assert later and later[-1].touches > found[-1].touches
+    finally:
+        beside.stop()
+    assert not beside._process.runs
 
 
 @cache

@@ -31,7 +31,7 @@ _NUMBERED = re.compile(r"\s*(\d{1,5})\s*:", re.ASCII)
 _BLANKS = frozenset(("", "-", "x", "na", "nan", "inf", "-inf", "ovf", "-ovf"))
 
 
-def is_text(data: bytes) -> bool:
+def is_text(data: bytes | bytearray) -> bool:
     """Whether a device prints lines."""
     return _LINES.fullmatch(data) is not None
 

@@ -22,7 +22,7 @@ from tomotactile_ros.estimation.screening import clipped, dead_channels
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.learning.health import Health
+from tomotactile_ros.learning.health import Finding, Health
 from tomotactile_ros.learning.learner import Learner, surprise
 from tomotactile_ros.learning.readings import (
     are_offsets,
@@ -183,30 +183,41 @@ class LiveLearner:
         """Learn from what was kept; what is known then, None where nothing new is. May take
         seconds."""
         with self._working:
-            return self._work()
+            with self._lock:
+                touched, self._touched = self._touched, []
+                together = self._together < len(TOGETHER)
+                idle = list(self._idle) if together or len(self._idle) >= _IDLE else []
+                if len(self._idle) >= _IDLE:
+                    self._idle = []
+            before = self.state
+            self._learn(touched, idle)
+            if together and self._together == len(TOGETHER):
+                with self._lock:
+                    self._idle = []
+            return None if self.state is before else self.state
 
-    def _work(self) -> SensorState | None:
-        with self._lock:
-            touched, self._touched = self._touched, []
-            together = self._together < len(TOGETHER)
-            idle = list(self._idle) if together or len(self._idle) >= _IDLE else []
-            if len(self._idle) >= _IDLE:
-                self._idle = []
-        before = self.state
-        if together:
+    @property
+    def findings(self) -> list[Finding]:
+        """What is broken, as far as is known."""
+        return self.health.findings
+
+    def stop(self) -> None:
+        """Learn no more."""
+
+    def _learn(self, touched: list[_Frame], idle: list[_Frame]) -> None:
+        if self._together < len(TOGETHER):
             self._first += touched
             self._first_idle = idle or self._first_idle
             self._learn_together()
-        else:
-            if idle:
-                self._learn_offsets(idle)
-            for frame in touched:
-                try:
-                    self._learn_one(frame)
-                except np.linalg.LinAlgError:  # numbers that no sheet has; what is known stays
-                    self._learners = {}
-                    self.unexplained += 1
-        return None if self.state is before else self.state
+            return
+        if idle:
+            self._learn_offsets(idle)
+        for frame in touched:
+            try:
+                self._learn_one(frame)
+            except np.linalg.LinAlgError:  # numbers that no sheet has; what is known stays
+                self._learners = {}
+                self.unexplained += 1
 
     def _are_offsets(self, frame) -> bool:
         """Whether untouched readings are those of channels, not those of a drive that nothing
@@ -268,8 +279,6 @@ class LiveLearner:
         self._adopt(learned.state.at(frames[-1].time))
         if self._together == len(TOGETHER):
             self._first, self._first_idle = [], []
-            with self._lock:
-                self._idle = []
 
     def _learn_offsets(self, idle) -> None:
         learner = self._learner(idle[-1])

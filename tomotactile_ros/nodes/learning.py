@@ -1,7 +1,7 @@
 """Learning while the reconstruction runs: its thread, the topic `sensor_state`, the sensor's file.
 
-Frames are looked at as they come; what is worth learning from is fitted in the thread, and whoever
-uses the sensor is told of what came out. The file is written after the first touches, then at most
+Frames are looked at as they come; what is worth learning from is fitted in a process beside, for which the
+thread waits, and whoever uses the sensor is told of what came out. The file is written after the first touches, then at most
 every half minute, and at the end.
 """
 
@@ -20,6 +20,7 @@ from rclpy.publisher import Publisher
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.learning.beside import LearnerBeside
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.live import KINDS, OFF, LiveLearner
 from tomotactile_ros.learning.state import SensorState
@@ -91,7 +92,7 @@ class Learning:
         state = None
         if values["sensor"] and (values["learn"] == OFF or Path(values["sensor"]).exists()):
             state = load_sensor(values["sensor"], layout, values["model"])
-        self._learner = LiveLearner(
+        self._learner = LearnerBeside(
             layout,
             noise=values["noise"],
             radius=values["contact_radius"],
@@ -119,6 +120,8 @@ class Learning:
             return
         self._ended.set()
         self._wake.set()
+        if self._learner is not None:
+            self._learner.stop()
         self._thread.join(_PATIENCE)
         self._thread = None
         self._save()
@@ -145,7 +148,7 @@ class Learning:
     def troubles(self) -> list[Trouble]:
         """What is wrong with the learning, and with the sensor."""
         found = [Trouble("sensor", False, self._complaint)] if self._complaint else []
-        for each in self._learner.health.findings if self._learner is not None else ():
+        for each in self._learner.findings if self._learner is not None else ():
             since = self._date(each.since)
             sure = f", {each.sure:.0f} standard deviations" if math.isfinite(each.sure) else ""
             text = f"{each.text} (since {since}{sure})"
@@ -168,11 +171,11 @@ class Learning:
             if not woken:
                 self._save()
                 continue
+            state = None
             try:
                 state = learner.work()
-            except InputError as error:
+            except (InputError, ConnectionError) as error:
                 self._complaint = f"nothing can be learned: {error}"
-                continue
             if ended.is_set():
                 return
             if state is None:

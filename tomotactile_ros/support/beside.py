@@ -81,7 +81,10 @@ class Process:
         return True
 
     def ask(self, what: str, *words) -> Any:
-        """What the method `what` of the object returns or raises."""
+        """What the method `what` of the object returns or raises, once it has been made."""
+        if self._prepares:
+            self._prepares = False
+            self._answer()
         self._send(what, *words)
         return self._answer()
 
