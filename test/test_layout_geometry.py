@@ -97,6 +97,7 @@ def test_contains_and_rim_distance():
     ("holes", "line"),
     [
         ([np.array(HOLE) * 5], r"holes\[0\]: does not lie wholly inside"),
+        ([np.array(HOLE) * 1e3], r"holes\[0\]: does not lie wholly inside.*; is it in mm"),
         ([np.array(HOLE) + 0.3], r"holes\[0\]: does not lie wholly inside"),
         ([HOLE, np.array(HOLE) / 2], r"holes\[1\]: touches or overlaps holes\[0\]"),
         ([HOLE[:2]], r"holes\[0\]: 2 points given, at least 3 are needed"),

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout_ids import make_id
 from tomotactile_ros.layouts.outline import Outline, is_usual_size
+from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.layouts.tolerance import Tolerance, read_tolerance
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, complaints_at, doubt
@@ -138,10 +139,12 @@ class Layout:
         if len(outside):
             x, y = self.positions[outside[0]]
             a, b = self.outline.size
-            hole = ", with holes" if self.outline.holes else ""
+            at = f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}]"
+            for i, hole in enumerate(self.outline.holes):
+                if Region(hole).contains(self.positions[outside[:1]])[0]:
+                    raise InputError(f"{at} lies in holes[{i}] of the outline")
             raise InputError(
-                f"electrodes.positions[{outside[0]}]: [{x:g}, {y:g}] lies outside the outline "
-                f"({self.outline.kind}, {a:g} m x {b:g} m around the origin{hole})"
+                f"{at} lies outside the outline ({self.outline.kind}, {a:g} m x {b:g} m around the origin)"
                 + self._what_was_meant(tolerance)
             )
 

@@ -43,8 +43,11 @@ class Region:
         object.__setattr__(self, "shell", shell)
         object.__setattr__(self, "holes", holes)
         for i, hole in enumerate(holes):
-            if not shapely.contains_properly(shapely.Polygon(shell), shapely.Polygon(hole)):
-                raise InputError(f"holes[{i}]: does not lie wholly inside the outline")
+            rim = shapely.Polygon(shell)
+            if not shapely.contains_properly(rim, shapely.Polygon(hole)):
+                fits = shapely.contains_properly(rim, shapely.Polygon(hole / 1e3))
+                meant = "; is it in mm? It must be in m" if fits and np.abs(hole).max() > 1 else ""
+                raise InputError(f"holes[{i}]: does not lie wholly inside the outline{meant}")
             for j in range(i):
                 if shapely.Polygon(holes[j]).intersects(shapely.Polygon(hole)):
                     raise InputError(f"holes[{i}]: touches or overlaps holes[{j}]")
